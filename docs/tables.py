@@ -9,7 +9,7 @@ import ast
 import inspect
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
 
 import typer
 
@@ -49,7 +49,9 @@ def options(command: str, *panels: str, without: Iterable[str] = ()) -> str:
     annotations = inspect.signature(with_groups(COMMANDS[command])).parameters
     for option in typer.main.get_command(app).commands[command].params:  # type: ignore[attr-defined]
         if option.param_type_name == "option" and option.name in annotations:
-            kind = get_args(annotations[option.name].annotation)[0]
+            kind = annotations[option.name].annotation
+            if get_origin(kind) is Annotated:
+                kind = get_args(kind)[0]
             names = ", ".join(f"`{each}`" for each in (*option.opts, *option.secondary_opts))
             tables.setdefault(option.rich_help_panel or "Options", []).append(
                 (names, _value(kind, option.metavar), _default(option), option.help or "")

@@ -355,11 +355,6 @@ def calibrate_arrays(
 
 
 def _part(start: float | None, end: float | None) -> Part | None:
-    """The part of the log that is asked for.
-
-    Raises:
-        ChoiceError: A bound is no number.
-    """
     for name, value in (("start", start), ("end", end)):
         _see_kind(name, value, (int, float))
     return None if start is None and end is None else Part(start=start, end=end)
@@ -418,22 +413,13 @@ _PATH = (str, os.PathLike)
 
 
 def _see_kind(name: str, value: object, kinds: tuple[type, ...]) -> None:
-    """See that an argument is None or of some types.
-
-    Raises:
-        ChoiceError: It is not.
-    """
+    """Raise ChoiceError where an argument is neither None nor of some types."""
     if value is not None and not isinstance(value, kinds):
         wanted = " or ".join(kind.__name__ for kind in kinds)
         raise ChoiceError(f"{name} is of the type {type(value).__name__}: give {wanted}")
 
 
 def _joint_columns(text: str) -> JointColumns:
-    """Which numbers are joints.
-
-    Raises:
-        ChoiceError: The text is not understood.
-    """
     try:
         return joint_columns(text)
     except ValueError as error:
@@ -441,20 +427,11 @@ def _joint_columns(text: str) -> JointColumns:
 
 
 def _one(name: str, value: str | None) -> tuple[str, ...]:
-    """A text, or none.
-
-    Raises:
-        ChoiceError: It is none.
-    """
     return () if value is None else _texts(name, [value])
 
 
 def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[Any, ...]:
-    """The texts of a sequence of them.
-
-    Raises:
-        ChoiceError: It is none.
-    """
+    """The texts of a sequence of them; ChoiceError where it is none."""
     _see_kind(name, values, (list, tuple))
     for value in values or ():
         _see_kind(name, value, kinds)
@@ -462,17 +439,12 @@ def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[An
 
 
 def _path_or_url(name: str, value: Any) -> LogPath:
-    """The same of a path or a URL."""
     _path(name, value)
     return path_or_url(os.fspath(value))
 
 
 def _path(name: str, value: Any) -> Path:
-    """A path that names something.
-
-    Raises:
-        ChoiceError: It does not.
-    """
+    """A path that names something; ChoiceError where it does not."""
     _see_kind(name, value, _PATH)
     text = os.fspath(value)
     if not isinstance(text, str) or not text or "\0" in text:

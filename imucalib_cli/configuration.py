@@ -104,7 +104,6 @@ def build(kind: type[T], raw: object, where: str) -> T:
 
 
 def _convert(hint: Any, value: object, where: str) -> Any:
-    """A value as its field's type wants it."""
     origin, args = get_origin(hint), get_args(hint)
     if origin is UnionType:  # the only unions are "or None"
         return None if value is None and NoneType in args else _convert(args[0], value, where)

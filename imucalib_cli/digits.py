@@ -11,14 +11,9 @@ _LEAST, _MOST = 1e-100, 1e100
 def decimals(std: float) -> int:
     """Decimal places that a value with this 1 sigma deserves.
 
-    The three leading digits of sigma decide: 100 to 354 keeps two digits, 355 to 949 one, and
-    950 to 999 rounds up to 1000 and keeps two (PDG Review of Particle Physics, Introduction).
-
-    Args:
-        std: 1 sigma, positive and finite.
-
-    Returns:
-        Places after the decimal point; negative where even units are noise.
+    The three leading digits of sigma, positive and finite, decide: 100 to 354 keeps two digits, 355
+    to 949 one, and 950 to 999 rounds up to 1000 and keeps two (PDG Review of Particle Physics,
+    Introduction). Negative where even units are noise.
     """
     exponent = math.floor(math.log10(std))
     leading = round(std / 10.0 ** (exponent - 2))
@@ -30,13 +25,7 @@ def decimals(std: float) -> int:
 
 
 def with_std(value: float, std: float | None, *, default: int = 6) -> str:
-    """``value ± std``, both to the same place.
-
-    Args:
-        value: The estimate.
-        std: Its 1 sigma in the same unit; None, zero or not finite where it has none.
-        default: Decimal places then.
-    """
+    """``value ± std``, both to the same place; without a sigma, to ``default`` decimal places."""
     if std is None or not _LEAST < std < _MOST or abs(value) >= _MOST:
         return f"{fixed(value, default)} (no sigma)"
     places = decimals(std)

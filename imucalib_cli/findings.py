@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -52,7 +53,8 @@ class Finding:
         return hash((self.code, self.severity, frozenset(self.values.items())))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _make, (self.code, self.severity, dict(self.values))
+        values = dict(self.values)
+        return partial(Finding, code=self.code, severity=self.severity, values=values), ()
 
     @property
     def message(self) -> str:
@@ -105,10 +107,6 @@ def status(findings: Iterable[Finding]) -> Literal["ok", "untrusted"]:
     """Whether a result of which these were found may be used."""
     grave = any(each.severity is Severity.UNTRUSTED for each in findings)
     return "untrusted" if grave else "ok"
-
-
-def _make(code: str, severity: Severity, values: dict[str, Value]) -> Finding:
-    return Finding(code=code, severity=severity, values=values)
 
 
 def _plain(value: Any) -> Value:

@@ -100,9 +100,7 @@ def load_one(text: str) -> Any:
 def read_bounded(file: BinaryIO, errors: str = "strict") -> str:
     """All of a file as text, unless it is far too much: a log, or an endless device.
 
-    Args:
-        file: Opened.
-        errors: What becomes of bytes that are no text, as decode has it.
+    What becomes of bytes that are no text ``errors`` says, as for decode.
 
     Raises:
         YamlError: It is.

@@ -19,12 +19,9 @@ PACKAGES = {
 
 
 def optional(module: str, need: str, extra: str) -> Any:
-    """Import an optional dependency.
+    """Import a module of PACKAGES, which an extra of imucalib installs.
 
-    Args:
-        module: One of PACKAGES, or a module in one.
-        need: Who needs it, such as "simulation needs".
-        extra: Of imucalib, which installs it.
+    ``need`` says who needs it, such as "simulation needs".
 
     Raises:
         InputError: It is not installed.

@@ -27,8 +27,7 @@ def prepare_to_compute() -> None:
 def fresh_processes(preloaded: Sequence[str] = ()) -> BaseContext:
     """How worker processes are started: not by fork, as a thread may hold a lock at that moment.
 
-    Args:
-        preloaded: Modules that workers need, imported once for all where the system can do that.
+    Where the system can, the modules that workers need are imported once for all.
     """
     import multiprocessing  # not where only a command line starts
 

@@ -504,7 +504,6 @@ Tie = tuple[str, tuple[str, ...], tuple[float, ...], tuple[Detail, ...]]
 def _clauses(
     kind: str, names: tuple[str, ...], sizes: tuple[float, ...], *detail: Detail
 ) -> list[str]:
-    """What is wrong, and the remedy."""
     # links of older results have none that are joined to them
     values: dict[str, Any] = dict(zip(_DETAILS.get(kind, ()), detail, strict=kind != "link"))
     values |= {
@@ -551,7 +550,6 @@ def cause(
 def _unexplained(
     rotation: tuple[float, float] | None, acceleration: tuple[float, float] | None, ratio: float
 ) -> str:
-    """What is left over, before and after."""
     parts = [
         f"{_percent(share[1])} of the {what} instead of {_percent(share[0])}"
         for what, share in (("rotation", rotation), ("acceleration", acceleration))

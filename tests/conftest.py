@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import zlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+from unittest import mock
 
 import numpy as np
 import pytest
 
+from imucalib_cli.cli.main import main
 from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
 
 if TYPE_CHECKING:
@@ -169,6 +172,32 @@ def _upright() -> Any:
 
 def _turned(t: float) -> Any:
     return quaternion((0.0, 0.0, np.sin(t / 2), np.cos(t / 2)))
+
+
+class Printed(NamedTuple):
+    out: str
+    err: str
+
+
+class Imucalib:
+    """Runs a command, expects an exit code, and gives what was printed since the last one."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str], *first: object) -> None:
+        self._capsys, self._first = capsys, first
+
+    def __call__(self, *arguments: object, code: int = 0, stdin: bytes = b"") -> Printed:
+        with mock.patch("sys.stdin", io.TextIOWrapper(io.BytesIO(stdin))):
+            assert main([str(each) for each in (*self._first, *arguments)]) == code
+        return Printed(*self._capsys.readouterr())
+
+    def with_(self, *first: object) -> Imucalib:
+        """The same with these arguments before the others."""
+        return Imucalib(self._capsys, *self._first, *first)
+
+
+@pytest.fixture
+def imucalib(capsys: pytest.CaptureFixture[str]) -> Imucalib:
+    return Imucalib(capsys)
 
 
 @pytest.fixture

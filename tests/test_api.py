@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
-from imucalib_cli.cli.main import main
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.rotations import quaternion_from_matrix
+from tests.processes import python
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.input.reading import Recording
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_data"
@@ -51,12 +51,9 @@ def streams() -> dict[str, Any]:
     }
 
 
-def test_a_call_gives_what_the_command_writes(
-    arm: ic.Calibration, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_call_gives_what_the_command_writes(arm: ic.Calibration, imucalib: Imucalib) -> None:
     for form in ("json", "urdf"):
-        assert main(["run", str(LOG), "--urdf", str(URDF), "-q", "--format", form]) == 0
-        assert arm.render(form) == capsys.readouterr().out
+        assert arm.render(form) == imucalib("run", LOG, "--urdf", URDF, "-q", "--format", form).out
 
 
 def test_a_calibration_has_arrays_residuals_and_words(arm: ic.Calibration) -> None:
@@ -245,13 +242,7 @@ def test_importing_it_takes_no_numpy() -> None:
 def test_the_examples_of_the_page_run() -> None:
     page = (ROOT / "docs" / "python.md").read_text("utf-8")
     code = "\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL))
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-W", "error", "-c", code, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert "give --urdf" in done.stdout.splitlines()[-1]
 

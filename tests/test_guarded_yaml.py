@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.guarded_yaml import YamlError, load_one, load_yaml
 from imucalib_cli.results.codec import PlainDumper, read_results, to_document, to_yaml
+from tests.processes import python
 from tests.results.test_results_documents import make_result
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 MERGES = "m0: &m0 {a: 1}\n" + "".join(
     f"m{n}: &m{n}\n  <<: [{', '.join([f'*m{n - 1}'] * 10)}]\n" for n in range(1, 9)
@@ -92,13 +90,12 @@ def test_every_command_answers_a_bomb_in_one_line(
     command: list[str],
     tmp_path: Path,
     arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     bomb = tmp_path / "bomb.yaml"
     bomb.write_text(content)
     names = {"bomb": bomb, "urdf": arm_urdf, "log": tmp_path / "no.mcap"}
-    assert main([each.format(**names) for each in command]) == 1
-    err = capsys.readouterr().err
+    err = imucalib(*(each.format(**names) for each in command), code=1).err
     assert err.startswith(f"error: {bomb}: ")
     assert err.count("\n") == 1
 
@@ -109,7 +106,6 @@ def test_a_folder_is_read_past_a_bomb_in_its_metadata(content: str, log_writer: 
     folder = log_writer.imu().joints().write().parent
     with (folder / "metadata.yaml").open("a") as file:
         file.write(content)
-    command = [sys.executable, "-m", "imucalib_cli", "inspect", str(folder)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = python("-m", "imucalib_cli", "inspect", folder, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "/imu/data" in done.stdout

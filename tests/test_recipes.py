@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from imucalib_cli.logs.log import open_log
+from tests.processes import python
 
 ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "sample_data"
@@ -25,12 +24,7 @@ def _with_recipe(recipe: str, *arguments: str) -> str:
     (part,) = (each for each in PARTS if each.startswith(f"{recipe}\n"))
     (code,) = re.findall(r"```python\n(.*?)```", part, flags=re.DOTALL)
     start = "import sys\nfrom imucalib_cli.cli.main import main\nsys.exit(main(sys.argv[1:]))"
-    done = subprocess.run(
-        [sys.executable, "-c", f"{code}\n{start}", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", f"{code}\n{start}", *arguments)
     assert (done.returncode, done.stderr) == (0, "")
     return done.stdout
 

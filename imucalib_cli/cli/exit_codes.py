@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 
@@ -83,11 +83,6 @@ _VERDICTS = {
 _CODES = {ChoiceError: EXIT_USAGE, UntrustedError: EXIT_UNTRUSTED}
 
 
-def verdict_code(verdict: str) -> int:
-    """Exit code of the verdict of a comparison."""
-    return _VERDICTS[verdict]
-
-
 def exit_code(error: ImucalibError) -> int:
     """Exit code of an error."""
     return _CODES.get(type(error), EXIT_INPUT)
@@ -97,6 +92,12 @@ def exit_code_of(errors: Iterable[ImucalibError], results: Sequence[Result] = ()
     """Exit code of a log: of why something could not be given, and of what was."""
     untrusted = [EXIT_UNTRUSTED for result in results if result.status != "ok"]
     return worst([*map(exit_code, errors), *untrusted])
+
+
+def exit_code_of_answers(answers: Iterable[Any], failures: Iterable[ImucalibError]) -> int:
+    """Exit code of a comparison: of its verdicts, and of why some IMUs have none."""
+    verdicts = [_VERDICTS[answer.verdict] for answer in answers]
+    return worst([*verdicts, *map(exit_code, failures)])
 
 
 def worst(codes: Iterable[int]) -> int:

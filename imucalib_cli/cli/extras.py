@@ -6,9 +6,9 @@ Another one is a field of ``ExtraFiles`` in cli/options.py and an entry of EXTRA
 from __future__ import annotations
 
 from dataclasses import fields
-from typing import TYPE_CHECKING, get_type_hints
+from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.cli.options import ExtraFiles
+from imucalib_cli.cli.options import ExtraFiles, flag_of
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.optional import optional
@@ -48,13 +48,8 @@ def write_extras(
 ) -> list[ImucalibError]:
     """Write the files that are asked for, each whole or not at all, and say so.
 
-    Args:
-        files: What is asked for.
-        outcome: With details; where nothing could be calibrated, nothing is written.
-        read: Files of the command that must not be written over.
-        written: Files that it has written already.
-        force: Write over logs and URDFs.
-        quiet: Say nothing.
+    Not over what the command has read, or has written already. Where nothing could be calibrated,
+    nothing is written.
 
     Returns:
         Why some could not be written; the others are.
@@ -78,21 +73,17 @@ def write_extras(
 
 
 def for_each_log(names: Iterable[str]) -> tuple[tuple[str, Maker], ...]:
-    """Files of a batch: what follows the log's name in that of each, and what makes it.
-
-    Args:
-        names: Of fields of ExtraFiles.
+    """Of fields of ExtraFiles: what follows the log's name in that of a file, and what makes it.
 
     Raises:
         InputError: What writes them is not installed.
     """
     makers = []
-    hints = get_type_hints(ExtraFiles, include_extras=True)
     for name in names:
-        (option,) = hints[name].__metadata__
+        option: Any = getattr(ExtraFiles, name)
         suffix = option.metavar.removeprefix("FILE").split("|")[0]  # the first that it takes
         _see_installed(name, suffix)
-        makers.append((f".{name.replace('_', '-')}{suffix}", EXTRAS[name]))
+        makers.append((f".{flag_of(name).removeprefix('--')}{suffix}", EXTRAS[name]))
     return tuple(makers)
 
 
@@ -100,11 +91,10 @@ def _see_installed(name: str, suffix: str) -> None:
     """Raise InputError where what writes files of a suffix is not installed."""
     if needed := _NEEDED.get(suffix.lower()):
         module, extra = needed
-        optional(module, f"--{name.replace('_', '-')} needs", extra)
+        optional(module, f"{flag_of(name)} needs", extra)
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:
-    """Paths by the field's name."""
     paths = {each.name: getattr(files, each.name) for each in fields(files)}
     return {name: path for name, path in paths.items() if path is not None}
 
@@ -113,14 +103,14 @@ def _residuals(path: Path, outcome: Outcome) -> Files:
     from imucalib_cli.report.table import as_csv, as_parquet, residual_table
 
     write = as_parquet if path.suffix.lower() == ".parquet" else as_csv
-    for each, windows in _for_each_imu(path, outcome):
+    for each, windows in _windows(path, outcome):
         yield each, write(residual_table(windows, outcome.recording.clock.origin_ns))
 
 
 def _plot(path: Path, outcome: Outcome) -> Files:
     from imucalib_cli.report.paper_plot import draw_residuals
 
-    for each, windows in _for_each_imu(path, outcome):
+    for each, windows in _windows(path, outcome):
         yield each, draw_residuals(windows, path.suffix.lower())
 
 
@@ -146,14 +136,13 @@ def _layout_of(path: Path) -> Path:
     return path.with_suffix(".foxglove.json")
 
 
-def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
-    """The file of each IMU, and its windows."""
-    for own, each in _named_for_each_imu(path, outcome):
+def _windows(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]]:
+    for own, each in _for_each_imu(path, outcome):
         if each.estimate.details is not None:
             yield own, each.estimate.details.windows
 
 
-def _named_for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
+def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
     """The file of each IMU: ``<stem>.<imu><suffix>`` where there are several."""
     from imucalib_cli.results.names import names_of, short
 
@@ -166,7 +155,7 @@ def _named_for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Ca
 def _statistics(path: Path, outcome: Outcome) -> Files:
     from imucalib_cli.results.statistics_file import statistics_bytes
 
-    for own, each in _named_for_each_imu(path, outcome):
+    for own, each in _for_each_imu(path, outcome):
         if each.estimate.statistics is not None:
             yield own, statistics_bytes(each.result, each.estimate.statistics)
 

@@ -35,11 +35,7 @@ def files_of(*named: LogPath | str | None) -> list[Path]:
 
 
 def listed(arguments: Iterable[str], of: str) -> Iterator[str]:
-    """What is named, with that of the list on stdin, which ``-`` names.
-
-    Args:
-        arguments: Names.
-        of: What they are names of.
+    """Names ``of`` something, with those of the list on stdin, which ``-`` names.
 
     Raises:
         ChoiceError: A name is empty.
@@ -186,12 +182,9 @@ def _is_free(path: Path, text: str, result: Result) -> bool:
     try:
         if path.read_bytes() == text.encode():
             return True
-        return [_origin(each) for each in read_result_file(str(path))] == [_origin(result)]
+        there = read_result_file(str(path))
     except (ImucalibError, OSError):  # no result, or none that tells where it comes from
         return False
-
-
-def _origin(result: Result) -> tuple[object, ...]:
-    """What a result is about, wherever its log lies now."""
-    source = result.provenance
-    return source.topics.imu, source.log_identity
+    # wherever the log lies now
+    first, *others = ((each.imu_topic, each.provenance.log_identity) for each in (result, *there))
+    return others == [first]

@@ -47,12 +47,9 @@ _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic cho
 
 
 def schema_command(
-    which: Annotated[
-        Literal["result", "comparison", "record"],
-        typer.Argument(
-            help="Of `run`; of `verify`, `diff`, `trend`, `compare`; of a log of `batch`."
-        ),
-    ] = "result",
+    which: Literal["result", "comparison", "record"] = typer.Argument(
+        "result", help="Of `run`; of `verify`, `diff`, `trend`, `compare`; of a log of `batch`."
+    ),
 ) -> None:
     """Print the JSON Schema (2020-12) of the result, of the answers that compare, or of records."""
     if which == "record":

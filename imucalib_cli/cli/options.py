@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from dataclasses import (
-    MISSING,
-    Field,
-    dataclass,
-    field,
-    fields,
-    is_dataclass,
-    make_dataclass,
-    replace,
-)
+from dataclasses import dataclass, fields, is_dataclass, make_dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
@@ -22,7 +13,9 @@ import typer
 
 from imucalib_cli.cli import complete, parsers
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.logs.remote.file import path_or_url
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.robot.names import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,6 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
     from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
     from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
@@ -58,10 +52,21 @@ _robot = partial(typer.Option, rich_help_panel=ROBOT)
 _known = partial(typer.Option, rich_help_panel=KNOWN)
 _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
-_output = partial(typer.Option, rich_help_panel=OUTPUT)
-_topic = partial(_log, metavar="TOPIC")
-_frame = partial(_robot, metavar="FRAME", parser=parsers.frame, autocompletion=complete.links)
+output_option = partial(typer.Option, rich_help_panel=OUTPUT)
+_frame = partial(_robot, metavar="FRAME", parser=frame_name, autocompletion=complete.links)
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
+
+
+def _topics(kind: Kind, flag: str, **told: Any) -> Any:
+    return _log([], flag, metavar="TOPIC", autocompletion=complete.topics(kind), **told)
+
+
+def file_option(forms: str, *other: str, **told: Any) -> Any:
+    """A file whose suffix says its form: ``FILE.csv|.parquet``, and others that are not told."""
+    suffixes = forms.removeprefix("FILE").split("|")
+    parser = parsers.file_ending(*suffixes, *other)
+    return output_option(None, metavar=forms, parser=parser, show_default="none", **told)
+
 
 CsvColumns = Annotated[
     Names | None,
@@ -72,7 +77,7 @@ CsvColumns = Annotated[
     ),
 ]
 JointColumnsOption = Annotated[
-    list[JointColumns],
+    list[JointColumns] | None,
     _log(
         "--joints",
         metavar="TOPIC:FIELD=NAME,...",
@@ -107,13 +112,9 @@ PLANAR = (2,)
 """Components of the pose that driving on a plane cannot tell, where no motion says which: tz."""
 WORDS_OR_YAML = "summary on a terminal, else yaml"
 """Default of ``--format``, as output.chosen_format has it."""
-AnswerFormat = Annotated[
-    Literal["yaml", "json", "summary"] | None,
-    _output("--format", help="Form of the answer; summary: in words.", show_default=WORDS_OR_YAML),
-]
 FormatOption = Annotated[
     FormatName | None,
-    _output(
+    output_option(
         "--format",
         help="; ".join(f"{name}: {each.words}" for name, each in FORMATS.items() if each.words)
         + ".",
@@ -122,7 +123,7 @@ FormatOption = Annotated[
 ]
 Require = Annotated[
     Tolerance | None,
-    _output(
+    output_option(
         "--require",
         metavar="LENGTH,ANGLE",
         parser=parsers.tolerance,
@@ -132,7 +133,7 @@ Require = Annotated[
 ]
 AnswersFormat = Annotated[
     Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
-    _output(
+    output_option(
         "--format",
         help="Form of the answers; jsonl: a line of JSON for each; csv: a row for each; summary: "
         "in words.",
@@ -141,7 +142,7 @@ AnswersFormat = Annotated[
 ]
 OutputFile = Annotated[
     Path | None,
-    _output(
+    output_option(
         "-o",
         "--output",
         metavar="FILE",
@@ -152,7 +153,7 @@ OutputFile = Annotated[
 ]
 Within = Annotated[
     Tolerance | None,
-    _output(
+    output_option(
         "--within",
         metavar="LENGTH,ANGLE",
         parser=parsers.within,
@@ -165,7 +166,7 @@ Logs = Annotated[
     list[LogPath],
     typer.Argument(
         metavar="LOG",
-        parser=parsers.path_or_url,
+        parser=path_or_url,
         help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, tables; its URL; or the "
         "files of a split one.",
     ),
@@ -177,143 +178,113 @@ AllowRemoteScan = Annotated[
         help="Download a remote log that cannot be read in parts, for the time of the command.",
     ),
 ]
-Verbose = Annotated[bool, _output("-v", "--verbose", help="Say what was read over the network.")]
-Quiet = Annotated[bool, _output("-q", "--quiet", help="Errors only on stderr.")]
+Verbose = Annotated[
+    bool, output_option("-v", "--verbose", help="Say what was read over the network.")
+]
+Quiet = Annotated[bool, output_option("-q", "--quiet", help="Errors only on stderr.")]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
     """What to read and on which robot; the names are those of a CalibrationRequest."""
 
-    imu_topics: Annotated[
-        list[str],
-        _topic(
-            "--imu-topic",
-            autocompletion=complete.topics("imu"),
-            help="IMU to calibrate, repeatable.",
-            show_default="every one in the log",
-        ),
-    ] = field(default_factory=list)
-    gyro_topics: Annotated[
-        list[str],
-        _topic(
-            "--gyro-topic",
-            autocompletion=complete.topics("imu"),
-            help="Gyroscope that is apart from its accelerometer, by which the two are called; "
-            "repeatable.",
-            show_default="found",
-        ),
-    ] = field(default_factory=list)
-    accel_topics: Annotated[
-        list[str],
-        _topic(
-            "--accel-topic",
-            autocompletion=complete.topics("imu"),
-            help="Its accelerometer; repeatable, in the same order.",
-            show_default="found",
-        ),
-    ] = field(default_factory=list)
-    joint_topics: Annotated[
-        list[str],
-        _topic(
-            "--joint-topic",
-            autocompletion=complete.topics("joints"),
-            help="Joint states to use, repeatable.",
-            show_default="all",
-        ),
-    ] = field(default_factory=list)
-    pose_topics: Annotated[
-        list[str],
-        _topic(
-            "--pose-topic",
-            autocompletion=complete.topics("pose"),
-            help="Poses (tf, odometry, motion capture) to use, repeatable.",
-            show_default="found",
-        ),
-    ] = field(default_factory=list)
-    clock: Annotated[
-        Literal["auto", "header", "log"],
-        _log(help="Stamps of the headers, or times of receipt; auto takes headers unless broken."),
-    ] = "auto"
-    accel_unit: Annotated[
-        Literal["auto", "m/s2", "g", "mg"],
-        _log(help="Unit of the accelerometer; auto tells it from gravity at rest."),
-    ] = "auto"
-    gyro_unit: Annotated[
-        Literal["auto", "rad/s", "deg/s"],
-        _log(help="Unit of the gyroscope; auto tells it from how fast the robot turns."),
-    ] = "auto"
-    accel_sign: Annotated[
-        Literal["auto", "up", "down"],
-        _log(
-            help="Where the accelerometer points at rest; auto takes up, as ROS has it, unless "
-            "down fits the motion."
-        ),
-    ] = "auto"
+    imu_topics: list[str] = _topics(
+        "imu",
+        "--imu-topic",
+        help="IMU to calibrate, repeatable.",
+        show_default="every one in the log",
+    )
+    gyro_topics: list[str] = _topics(
+        "imu",
+        "--gyro-topic",
+        help="Gyroscope that is apart from its accelerometer, by which the two are called; "
+        "repeatable.",
+        show_default="found",
+    )
+    accel_topics: list[str] = _topics(
+        "imu",
+        "--accel-topic",
+        help="Its accelerometer; repeatable, in the same order.",
+        show_default="found",
+    )
+    joint_topics: list[str] = _topics(
+        "joints",
+        "--joint-topic",
+        help="Joint states to use, repeatable.",
+        show_default="all",
+    )
+    pose_topics: list[str] = _topics(
+        "pose",
+        "--pose-topic",
+        help="Poses (tf, odometry, motion capture) to use, repeatable.",
+        show_default="found",
+    )
+    clock: Literal["auto", "header", "log"] = _log(
+        "auto", help="Stamps of the headers, or times of receipt; auto takes headers unless broken."
+    )
+    accel_unit: Literal["auto", "m/s2", "g", "mg"] = _log(
+        "auto", help="Unit of the accelerometer; auto tells it from gravity at rest."
+    )
+    gyro_unit: Literal["auto", "rad/s", "deg/s"] = _log(
+        "auto", help="Unit of the gyroscope; auto tells it from how fast the robot turns."
+    )
+    accel_sign: Literal["auto", "up", "down"] = _log(
+        "auto",
+        help="Where the accelerometer points at rest; auto takes up, as ROS has it, unless "
+        "down fits the motion.",
+    )
     csv_columns: CsvColumns = None
-    joint_columns: JointColumnsOption = field(default_factory=list)
+    joint_columns: JointColumnsOption = None
     part_from: PartFrom = None
     part_to: PartTo = None
     allow_remote_scan: AllowRemoteScan = False
-    urdf: Annotated[
-        LogPath | None,
-        _robot(
-            metavar="FILE|URL",
-            parser=parsers.path_or_url,
-            help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
-            "without it the log's /robot_description or its own frames must tell the motion.",
-        ),
-    ] = None
-    description_topics: Annotated[
-        list[str],
-        _robot(
-            "--description-topic",
-            metavar="TOPIC",
-            autocompletion=complete.topics("text"),
-            help="Topic of the URDF in the log, where several fit.",
-            show_default="found",
-        ),
-    ] = field(default_factory=list)
-    joint_prefix: Annotated[
-        str | None,
-        _robot(
-            metavar="PREFIX",
-            help="What the log's joint names have before those of the URDF, or lack.",
-            show_default="found",
-        ),
-    ] = None
-    parents: Annotated[
-        list[str],
-        _frame(
-            "--parent",
-            metavar="FRAME|IMU=FRAME",
-            parser=parsers.parent,
-            help="Link or frame that carries the IMU; of several IMUs that of each, by its topic "
-            "or frame_id, repeatable.",
-            show_default="the one that holds the frame_id of its messages",
-        ),
-    ] = field(default_factory=list)
-    base_imu: Annotated[
-        str | None,
-        _robot(
-            metavar="TOPIC",
-            autocompletion=complete.topics("imu"),
-            help="IMU that tells how a robot without a fixed base moves, or the body that another "
-            "IMU is on; the others are calibrated against it.",
-            show_default="that on the URDF's root, where nothing else tells how it moves",
-        ),
-    ] = None
-    imu_link: Annotated[
-        str | None,
-        _frame(
-            metavar="LINK",
-            help="The IMU's link in the URDF.",
-            show_default="the frame_id of its messages",
-        ),
-    ] = None
-    world: Annotated[
-        str | None, _frame(help="Frame that stands still.", show_default="the root of the frames")
-    ] = None
+    urdf: LogPath | None = _robot(
+        None,
+        metavar="FILE|URL",
+        parser=path_or_url,
+        help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
+        "without it the log's /robot_description or its own frames must tell the motion.",
+    )
+    description_topics: list[str] = _robot(
+        [],
+        "--description-topic",
+        metavar="TOPIC",
+        autocompletion=complete.topics("text"),
+        help="Topic of the URDF in the log, where several fit.",
+        show_default="found",
+    )
+    joint_prefix: str | None = _robot(
+        None,
+        metavar="PREFIX",
+        help="What the log's joint names have before those of the URDF, or lack.",
+        show_default="found",
+    )
+    parents: list[str] = _frame(
+        [],
+        "--parent",
+        metavar="FRAME|IMU=FRAME",
+        parser=parsers.parent,
+        help="Link or frame that carries the IMU; of several IMUs that of each, by its topic "
+        "or frame_id, repeatable.",
+        show_default="the one that holds the frame_id of its messages",
+    )
+    base_imu: str | None = _robot(
+        None,
+        metavar="TOPIC",
+        autocompletion=complete.topics("imu"),
+        help="IMU that tells how a robot without a fixed base moves, or the body that another "
+        "IMU is on; the others are calibrated against it.",
+        show_default="that on the URDF's root, where nothing else tells how it moves",
+    )
+    imu_link: str | None = _frame(
+        None,
+        metavar="LINK",
+        help="The IMU's link in the URDF.",
+        show_default="the frame_id of its messages",
+    )
+    world: str | None = _frame(
+        None, help="Frame that stands still.", show_default="the root of the frames"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -323,233 +294,179 @@ class KnownOptions:
     None leaves a value to the method, or to the run that is solved again.
     """
 
-    accel_bias_std: Annotated[
-        float | None,
-        _bias(
-            "--accel-bias",
-            help="Accelerometer bias: unknown, zero, or zero within STD m/s², 1 sigma.",
-        ),
-    ] = None
-    gyro_bias_std: Annotated[
-        float | None,
-        _bias(
-            "--gyro-bias", help="Gyroscope bias: unknown, zero, or zero within STD rad/s, 1 sigma."
-        ),
-    ] = None
-    time_offset: Annotated[
-        float | None,
-        _known(
-            metavar="auto|none|SECONDS",
-            parser=parsers.time_offset,
-            help="IMU stamp - robot stamp of the same instant: found, zero, or known.",
-            show_default="auto",
-        ),
-    ] = None
-    gravity: Annotated[
-        Gravity | None,
-        _known(
-            metavar="tilt|fixed|none|NORM",
-            parser=parsers.gravity,
-            help="Direction found; along -z of the world; no gravity; or tilt with exactly this "
-            "norm, m/s².",
-            show_default="tilt; fixed with paper",
-        ),
-    ] = None
-    tilt_std: Annotated[
-        float | None,
-        _known(
-            metavar="DEG",
-            parser=parsers.degrees,
-            help="How level the world is known to be, 1 sigma.",
-            show_default="unknown",
-        ),
-    ] = None
-    robot: Annotated[
-        Robot | None,
-        _known(
-            metavar="nominal|exact|DEG,MM",
-            parser=parsers.robot,
-            help="How good the URDF is: learnt from the log; without any error; or its joint "
-            "zeros and lengths good to these, 1 sigma.",
-            show_default="nominal",
-        ),
-    ] = None
-    fix: Annotated[
-        Components | None,
-        _known(
-            metavar="tx,ty,tz,rx,ry,rz",
-            parser=parsers.components,
-            help="Components held at the URDF's pose, or at --initial; parent frame.",
-            show_default="none",
-        ),
-    ] = None
-    planar: Annotated[
-        bool,
-        _known(
-            "--planar",
-            help="The robot drives on a plane and turns about its upright axis alone: holds the "
-            "height, which such motion cannot tell, as --fix tz does where z is upright.",
-        ),
-    ] = False
-    prior_std: Annotated[
-        PoseStd | None,
-        _known(
-            metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
-            parser=parsers.pose_std,
-            help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
-            show_default="unknown",
-        ),
-    ] = None
-    base_std: Annotated[
-        PoseStd | None,
-        _known(
-            metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
-            parser=parsers.pose_std,
-            help="How well the URDF's pose of the --base-imu in its link is known, 1 sigma.",
-            show_default="learnt, as the robot's lengths and zeros",
-        ),
-    ] = None
-    initial: Annotated[
-        Pose | None,
-        _known(
-            metavar='"X Y Z R P Y"',
-            parser=parsers.pose,
-            help="Pose that --fix, --prior-std and the published method begin from, m and rad.",
-            show_default="the URDF's joint",
-        ),
-    ] = None
+    accel_bias_std: float | None = _bias(
+        None,
+        "--accel-bias",
+        help="Accelerometer bias: unknown, zero, or zero within STD m/s², 1 sigma.",
+    )
+    gyro_bias_std: float | None = _bias(
+        None,
+        "--gyro-bias",
+        help="Gyroscope bias: unknown, zero, or zero within STD rad/s, 1 sigma.",
+    )
+    time_offset: float | None = _known(
+        None,
+        metavar="auto|none|SECONDS",
+        parser=parsers.time_offset,
+        help="IMU stamp - robot stamp of the same instant: found, zero, or known.",
+        show_default="auto",
+    )
+    gravity: Gravity | None = _known(
+        None,
+        metavar="tilt|fixed|none|NORM",
+        parser=parsers.gravity,
+        help="Direction found; along -z of the world; no gravity; or tilt with exactly this "
+        "norm, m/s².",
+        show_default="tilt; fixed with paper",
+    )
+    tilt_std: float | None = _known(
+        None,
+        metavar="DEG",
+        parser=parsers.degrees,
+        help="How level the world is known to be, 1 sigma.",
+        show_default="unknown",
+    )
+    robot: Robot | None = _known(
+        None,
+        metavar="nominal|exact|DEG,MM",
+        parser=parsers.robot,
+        help="How good the URDF is: learnt from the log; without any error; or its joint "
+        "zeros and lengths good to these, 1 sigma.",
+        show_default="nominal",
+    )
+    fix: Components | None = _known(
+        None,
+        metavar="tx,ty,tz,rx,ry,rz",
+        parser=parsers.components,
+        help="Components held at the URDF's pose, or at --initial; parent frame.",
+        show_default="none",
+    )
+    planar: bool = _known(
+        False,
+        "--planar",
+        help="The robot drives on a plane and turns about its upright axis alone: holds the "
+        "height, which such motion cannot tell, as --fix tz does where z is upright.",
+    )
+    prior_std: PoseStd | None = _known(
+        None,
+        metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
+        parser=parsers.pose_std,
+        help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
+        show_default="unknown",
+    )
+    base_std: PoseStd | None = _known(
+        None,
+        metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
+        parser=parsers.pose_std,
+        help="How well the URDF's pose of the --base-imu in its link is known, 1 sigma.",
+        show_default="learnt, as the robot's lengths and zeros",
+    )
+    initial: Pose | None = _known(
+        None,
+        metavar='"X Y Z R P Y"',
+        parser=parsers.pose,
+        help="Pose that --fix, --prior-std and the published method begin from, m and rad.",
+        show_default="the URDF's joint",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorOptions(KnownOptions):
     """How to estimate; the names are those of MatchedOptions and PaperOptions, where they agree."""
 
-    imu_model: Annotated[
-        str | None,
-        _known(
-            metavar="NAME|FILE",
-            autocompletion=complete.imu_models,
-            help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
-            "gives weak priors of the biases, and its noise is compared with the log's.",
-        ),
-    ] = None
-    method: Annotated[
-        Literal["matched", "paper"], _estimator(help="Our estimator, or the published one.")
-    ] = "matched"
-    window: Annotated[
-        WindowChoice | None,
-        _estimator(
-            metavar="SAMPLES|DURATION|auto",
-            parser=parsers.window,
-            help="Filter window: 51, 0.2s, 200ms or auto.",
-            show_default="auto; 11 with paper",
-        ),
-    ] = None
-    degree: Annotated[
-        int, _estimator(min=2, max=9, help="Degree of the filters' polynomial, 2 to 9.")
-    ] = 3
-    max_offset: Annotated[
-        float | None,
-        _estimator(
-            metavar="SECONDS",
-            parser=parsers.largest_offset,
-            help="Largest time offset that is looked for, at most 600 s.",
-            show_default="1.0",
-        ),
-    ] = None
-    sensor_model: Annotated[
-        Literal["auto", "ideal"] | None,
-        _estimator(
-            help="Find the sensor's and the clocks' own errors too; or take them not to exist.",
-            show_default="auto",
-        ),
-    ] = None
-    exclusion_threshold: Annotated[
-        float | None,
-        _paper(
-            "--exclude",
-            metavar="THRESHOLD",
-            parser=parsers.threshold,
-            help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
-            show_default="the method's",
-        ),
-    ] = None
-    residual: Annotated[
-        Literal["l1", "components"] | None,
-        _paper(help="One sum for each instant, or its six parts.", show_default="l1"),
-    ] = None
+    imu_model: str | None = _known(
+        None,
+        metavar="NAME|FILE",
+        autocompletion=complete.imu_models,
+        help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
+        "gives weak priors of the biases, and its noise is compared with the log's.",
+    )
+    method: Literal["matched", "paper"] = _estimator(
+        "matched", help="Our estimator, or the published one."
+    )
+    window: WindowChoice | None = _estimator(
+        None,
+        metavar="SAMPLES|DURATION|auto",
+        parser=parsers.window,
+        help="Filter window: 51, 0.2s, 200ms or auto.",
+        show_default="auto; 11 with paper",
+    )
+    degree: int = _estimator(3, min=2, max=9, help="Degree of the filters' polynomial, 2 to 9.")
+    max_offset: float | None = _estimator(
+        None,
+        metavar="SECONDS",
+        parser=parsers.largest_offset,
+        help="Largest time offset that is looked for, at most 600 s.",
+        show_default="1.0",
+    )
+    sensor_model: Literal["auto", "ideal"] | None = _estimator(
+        None,
+        help="Find the sensor's and the clocks' own errors too; or take them not to exist.",
+        show_default="auto",
+    )
+    exclusion_threshold: float | None = _paper(
+        None,
+        "--exclude",
+        metavar="THRESHOLD",
+        parser=parsers.threshold,
+        help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
+        show_default="the method's",
+    )
+    residual: Literal["l1", "components"] | None = _paper(
+        None, help="One sum for each instant, or its six parts.", show_default="l1"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExtraFiles:
     """Files beside the result; what makes each is in cli/extras.py, by the field's name."""
 
-    statistics: Annotated[
-        Path | None,
-        _output(
-            metavar="FILE.npz",
-            parser=parsers.file_ending(".npz"),
-            help="Also write what the log tells, summed: imucalib combine solves it again, alone "
-            "or with other logs.",
-            show_default="none",
-        ),
-    ] = None
-    report: Annotated[
-        Path | None,
-        _output(
-            metavar="FILE.html",
-            parser=parsers.file_ending(".html", ".htm"),
-            help="Also write a page to look at: the verdict, the pose to copy, and plots of all "
-            "that it rests on.",
-            show_default="none",
-        ),
-    ] = None
-    residuals: Annotated[
-        Path | None,
-        _output(
-            metavar="FILE.csv|.parquet",
-            parser=parsers.file_ending(".csv", ".parquet"),
-            help="Also write what was measured and predicted over time; column time_s is the time "
-            "axis.",
-            show_default="none",
-        ),
-    ] = None
-    debug_mcap: Annotated[
-        Path | None,
-        _output(
-            metavar="FILE.mcap",
-            parser=parsers.file_ending(".mcap"),
-            help="Also write measured, predicted, residuals and the moving robot for Foxglove and "
-            "Rerun, with FILE.foxglove.json, a layout.",
-            show_default="none",
-        ),
-    ] = None
-    plot: Annotated[
-        Path | None,
-        _output(
-            metavar="FILE.svg|.pdf|.png",
-            parser=parsers.file_ending(".svg", ".pdf", ".png"),
-            help="Also draw measured against predicted and the residuals, one page for papers.",
-            show_default="none",
-        ),
-    ] = None
+    statistics: Path | None = file_option(
+        "FILE.npz",
+        help="Also write what the log tells, summed: imucalib combine solves it again, alone "
+        "or with other logs.",
+    )
+    report: Path | None = file_option(
+        "FILE.html",
+        ".htm",
+        help="Also write a page to look at: the verdict, the pose to copy, and plots of all "
+        "that it rests on.",
+    )
+    residuals: Path | None = file_option(
+        "FILE.csv|.parquet",
+        help="Also write what was measured and predicted over time; column time_s is the time "
+        "axis.",
+    )
+    debug_mcap: Path | None = file_option(
+        "FILE.mcap",
+        help="Also write measured, predicted, residuals and the moving robot for Foxglove and "
+        "Rerun, with FILE.foxglove.json, a layout.",
+    )
+    plot: Path | None = file_option(
+        "FILE.svg|.pdf|.png",
+        help="Also draw measured against predicted and the residuals, one page for papers.",
+    )
 
 
-def _for_each_log() -> type[Any]:
-    hints = get_type_hints(ExtraFiles, include_extras=True)
-    options = []
-    for each in fields(ExtraFiles):
-        (option,) = hints[each.name].__metadata__
-        words = f"For each log. {option.help}"
-        flag = _output(f"--{each.name.replace('_', '-')}", help=words)
-        options.append((each.name, Annotated[bool, flag], field(default=False)))
-    return make_dataclass("ExtrasForEachLog", options, frozen=True)
+def flag_of(name: str) -> str:
+    """The option of a field of ExtraFiles."""
+    return f"--{name.replace('_', '-')}"
 
 
 if TYPE_CHECKING:
     ExtrasForEachLog = Any
 else:
-    ExtrasForEachLog = _for_each_log()
+    ExtrasForEachLog = make_dataclass(
+        "ExtrasForEachLog",
+        [
+            (
+                each.name,
+                bool,
+                output_option(False, flag_of(each.name), help=f"For each log. {each.default.help}"),
+            )
+            for each in fields(ExtraFiles)
+        ],
+    )
     """The same for many logs: whether each is to have one."""
 
 
@@ -575,6 +492,7 @@ def calibration_request(
         for name, value in vars(recording).items()
     }
     asked["csv_columns"] = recording.csv_columns or ()
+    asked["joint_columns"] = tuple(recording.joint_columns or ())
     units = Units(
         accel=asked.pop("accel_unit"), gyro=asked.pop("gyro_unit"), sign=asked.pop("accel_sign")
     )
@@ -600,11 +518,7 @@ def part_asked(start: float | None, end: float | None) -> Part | None:
 
 
 def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:
-    """The parent of all IMUs, and those of single ones.
-
-    Raises:
-        ChoiceError: An IMU has two.
-    """
+    """The parent of all IMUs, and those of single ones; ChoiceError where one has two."""
     of_all = [text for text in given if "=" not in text]
     of_one = [(imu, frame) for imu, _, frame in (t.rpartition("=") for t in given if "=" in t)]
     if len(of_all) > 1 or len(dict(of_one)) < len(of_one):
@@ -649,6 +563,8 @@ _MATCHED_ONLY = {
 def _estimator_options(
     ctx: typer.Context, estimator: EstimatorOptions
 ) -> MatchedOptions | PaperOptions:
+    from imucalib_cli.estimate.options import MatchedOptions
+
     is_matched = estimator.method == "matched"
     for option, panel in options_given(ctx).items():
         if panel == PAPER if is_matched else option in _MATCHED_ONLY:
@@ -656,7 +572,7 @@ def _estimator_options(
                 f"{option} belongs to --method {'paper' if is_matched else 'matched'}: add that, "
                 f"or leave {option} out"
             )
-    options = _matched(estimator) if is_matched else _published(estimator)
+    options = MatchedOptions(**_given(estimator)) if is_matched else _published(estimator)
     samples = options.window.samples
     if samples is not None and samples <= options.degree:
         raise ChoiceError(
@@ -664,12 +580,6 @@ def _estimator_options(
             f"take at least {(options.degree + 1) | 1} samples"
         )
     return options
-
-
-def _matched(estimator: EstimatorOptions) -> MatchedOptions:
-    from imucalib_cli.estimate.options import MatchedOptions
-
-    return MatchedOptions(**_given(estimator))
 
 
 def changed_options(known: KnownOptions) -> Callable[[MatchedOptions], MatchedOptions]:
@@ -719,11 +629,9 @@ def _named_alike(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
 
 
 def _pose_prior(estimator: KnownOptions, held: Sequence[int]) -> PosePrior | None:
-    """What the user knows of the pose; where it is about may be left to the URDF.
+    """What the user knows of the pose, with components held; it may be left to the URDF where.
 
-    Args:
-        estimator: As given.
-        held: Components; that of --planar is known only with the robot's motion.
+    That of --planar is known only with the robot's motion.
     """
     from imucalib_cli.estimate.options import PosePrior
 
@@ -764,8 +672,7 @@ def _expected_imu(estimator: EstimatorOptions) -> ExpectedImu | None:
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     """A command whose parameters that are dataclasses are replaced by their fields.
 
-    Typer reads a command's options from its signature. The fields are annotated as typer has it;
-    the command is called with the dataclasses.
+    Typer reads a command's options from its signature; the command is called with the dataclasses.
     """
     groups: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []
@@ -773,7 +680,11 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
         kind: Any = parameter.annotation
         if isinstance(kind, type) and is_dataclass(kind):
             groups[parameter.name] = kind
-            parameters += _fields_as_parameters(kind)
+            hints = get_type_hints(kind, include_extras=True)
+            parameters += [
+                parameter.replace(name=each.name, default=each.default, annotation=hints[each.name])
+                for each in fields(kind)
+            ]
         else:
             parameters.append(parameter)
 
@@ -786,22 +697,3 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     ungrouped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     ungrouped.__annotations__ = {p.name: p.annotation for p in parameters}
     return ungrouped
-
-
-def _fields_as_parameters(group: type[Any]) -> list[inspect.Parameter]:
-    hints = get_type_hints(group, include_extras=True)
-    return [
-        inspect.Parameter(
-            each.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=_default(each),
-            annotation=hints[each.name],
-        )
-        for each in fields(group)
-    ]
-
-
-def _default(option: Field[Any]) -> Any:
-    if option.default_factory is not MISSING:
-        return option.default_factory()
-    return option.default

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
+from imucalib_cli.robot.names import frame_name
 from imucalib_cli.shown import without_secrets
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
     from imucalib_cli.logs.messages.columns import JointColumns
-    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -161,9 +161,7 @@ def degrees(text: str) -> float:
 def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
     """A length and an angle with their units, such as ``1mm,0.1deg``, in either order.
 
-    Args:
-        text: What the user wrote; one of the two may be left out.
-        left_out: What that one is then; without it there is no bound.
+    Of the two one may be left out, which then is that of ``left_out``, or else without bound.
     """
     from imucalib_cli.results.comparison.requirement import Tolerance
 
@@ -267,17 +265,10 @@ def scheduler(text: str) -> str:
     return text
 
 
-def frame(text: str) -> str:
-    """The name of a frame, which may be typed with a leading slash."""
-    from imucalib_cli.robot.urdf import frame_name
-
-    return frame_name(text)
-
-
 def parent(text: str) -> str:
     """A frame, or IMU=FRAME."""
     imu, equals, name = text.rpartition("=")
-    return f"{imu}{equals}{frame(name)}"
+    return f"{imu}{equals}{frame_name(name)}"
 
 
 def imu_name(text: str) -> str:
@@ -301,13 +292,6 @@ def joint_columns(text: str) -> JointColumns:
         return joint_columns(text)
     except ValueError as error:
         raise WrongValue(str(error)) from error
-
-
-def path_or_url(text: str) -> LogPath:
-    """A path, or a file behind a URL: a path would lose one of the slashes."""
-    from imucalib_cli.logs.remote.file import path_or_url
-
-    return path_or_url(text)
 
 
 def local_file(text: str) -> Path:

@@ -13,6 +13,8 @@ from imucalib_cli.cli.output import say, takes_codes
 from imucalib_cli.shown import shown
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.progress import Progress, TaskID
     from typing_extensions import Self
 
@@ -98,20 +100,27 @@ class ProgressBar:
 
 
 class CountProgress:
-    """Context manager that is told how many of many alike are done."""
+    """Context manager that is told how many of many alike are done, some at a time.
 
-    def __init__(self, name: str, noun: str, kept: str = "", *, jobs: int, quiet: bool) -> None:
-        """Tell of work.
+    Interrupted, it says how many are kept in a file or a folder, and how to go on. What is kept
+    there, such as rows, is said at the beginning if it is named.
+    """
 
-        Args:
-            name: Of the work.
-            noun: What there are many of.
-            kept: Where what is done is kept, such as "rows in FILE"; nowhere.
-            jobs: How many are done at a time.
-            quiet: Say nothing.
-        """
-        self._name, self._noun, self._kept, self._jobs = name, noun, kept, jobs
+    def __init__(
+        self,
+        name: str,
+        noun: str,
+        place: Path | None,
+        kept: str = "",
+        *,
+        fresh: bool,
+        jobs: int,
+        quiet: bool,
+    ) -> None:
+        self._name, self._noun, self._jobs = name, noun, jobs
+        self._place, self._kept, self._fresh = place, kept, fresh
         self._bar = ProgressBar(quiet=quiet)
+        self._leaving = ExitStack()
         self._lines = not takes_codes(sys.stderr) and not quiet
         self._quiet = quiet
         self._lock = threading.Lock()
@@ -123,15 +132,18 @@ class CountProgress:
         self._timer.daemon = True
 
     def __enter__(self) -> Self:
-        self._bar.__enter__()
+        self._leaving.enter_context(last_words(self._tell_interrupted))
+        self._leaving.enter_context(self._bar)
         if self._lines:
             self._timer.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._timer.cancel()
         self._lines = False
-        self._bar.__exit__()
+        self._leaving.close()
+        if kind is KeyboardInterrupt:
+            self._tell_interrupted()
 
     @property
     def before(self) -> int:
@@ -154,13 +166,12 @@ class CountProgress:
                 self._said = part
                 say(self._name, words)
 
-    def tell_interrupted(self, place: object, *, fresh: bool) -> None:
-        """Say what an interruption leaves in a file or a folder."""
-        if self._quiet or not self._all:
+    def _tell_interrupted(self) -> None:
+        if self._quiet or not self._all or self._place is None:
             return
         self._quiet = True  # once is enough
-        again = f"the same command {'without --fresh ' if fresh else ''}goes on"
-        kept = f"{self._done} of {self._all} {self._noun} are kept in {place}; {again}"
+        again = f"the same command {'without --fresh ' if self._fresh else ''}goes on"
+        kept = f"{self._done} of {self._all} {self._noun} are kept in {self._place}; {again}"
         say("interrupted", kept if self._done else f"none of {self._all} {self._noun} was done")
 
     def _say_begun(self) -> None:
@@ -169,7 +180,7 @@ class CountProgress:
                 return
             self._said = self._done * _LINES // max(self._all, 1)
             before = f", {self._before} of them done before" if self._before else ""
-            kept = f", {self._kept}" if self._kept else ""
+            kept = f", {self._kept} in {self._place}" if self._kept else ""
             say(self._name, f"{self._all} {self._noun}{before}{kept}")
 
     def _left(self) -> str:

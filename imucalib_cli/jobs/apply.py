@@ -72,8 +72,8 @@ def apply(
     Of several results the usable ones are applied; the others are left out and reported.
 
     Args:
-        names: Result files; folders of them; ``-`` reads standard input.
-        urdf: Path of the URDF; it is not changed.
+        names: As of :func:`.result_files.result_names`.
+        urdf: It is not changed.
         imus: Frames or topics of the IMUs to take from the files; empty takes all.
         add: Write the joint and the link of an IMU that the URDF does not have.
         kinematics: Write the errors of the robot that stand clear of zero, too.

@@ -35,7 +35,6 @@ from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.imu.repair import Repaired, repair
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.timing.stamps import usual_interval
@@ -50,6 +49,7 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.mount import Nominal
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.imu.repair import Repaired
     from imucalib_cli.signals.samples import ImuSamples
 
 
@@ -114,17 +114,13 @@ def calibrate_recording(
         try:
             alone.append(_estimate_one(recording, imu, request, progress))
         except ImucalibError as error:
-            failures.append(_about(error, imu, several=len(recording.imus) > 1))
+            is_named = len(recording.imus) == 1 or error.topic == imu.name
+            failures.append(error if is_named else error.about(imu.name))
     found = together([(each.imu.name, each.estimate, each.motion.path) for each in alone])
     calibrated = tuple(
         _calibrated(recording, each, estimate) for each, estimate in zip(alone, found, strict=True)
     )
     return Outcome(recording=recording, calibrated=calibrated, failures=tuple(failures))
-
-
-def _about(error: ImucalibError, imu: ImuStream, *, several: bool) -> ImucalibError:
-    """Name the IMU in its error where there are several."""
-    return error.about(imu.name) if several and error.topic != imu.name else error
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -156,7 +152,7 @@ def _estimate_one(
     check_overlap(samples, motion, recording.clock)
     tracks = {track.name: track.t for track in motion.path.tracks}
     missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
-    repaired = repair_streams(samples, motion.path, request)
+    repaired = request.repaired(samples, motion.path)
     options = with_priors(request.estimator, request.imu)
     if isinstance(options, MatchedOptions):
         options = options.along(motion.path)
@@ -201,28 +197,9 @@ def _calibrated(recording: Recording, alone: _Alone, estimate: Estimate) -> Cali
     return Calibrated(result=result, estimate=estimate, samples=alone.samples, motion=motion)
 
 
-def repair_streams(
-    samples: ImuSamples, path: KinematicPath, request: CalibrationRequest
-) -> Repaired:
-    """Repair one IMU and the streams that move it, with the options of a request.
-
-    Raises:
-        InputError: As :func:`imucalib_cli.signals.imu.repair.repair`.
-    """
-    return repair(
-        samples,
-        path,
-        units=request.units,
-        gravity=request.gravity,
-        max_offset=request.max_offset,
-        accel_ranges=() if request.imu is None else request.imu.model.ranges("accel"),
-    )
-
-
 def _with_repairs(
     estimate: Estimate, repaired: Repaired, of_the_log: tuple[Finding, ...]
 ) -> Estimate:
-    """Add the findings and repairs before the fit to an estimate."""
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
     of_the_log, suspects = (
         tuple(each for each in some if each.code not in blamed)
@@ -272,7 +249,9 @@ def _with_initial(
     prior, unverified = options.pose, request.unverified
     if request.planar:
         height = upright_component(motion.path)
-        prior, unverified = _with_height_held(prior, height), unverified | {height}
+        prior = prior or PosePrior()
+        std = tuple(0.0 if place == height else each for place, each in enumerate(prior.std))
+        prior, unverified = replace(prior, std=std), unverified | {height}
         options = replace(options, pose=prior)
     if prior is None or prior.R_parent_imu is not None:
         return options
@@ -297,12 +276,6 @@ def _with_initial(
     return about_nominal(options, prior, nominal)
 
 
-def _with_height_held(prior: PosePrior | None, height: int) -> PosePrior:
-    known = prior or PosePrior()
-    std = tuple(0.0 if place == height else each for place, each in enumerate(known.std))
-    return replace(known, std=std)
-
-
 def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:
     """Options with a prior of the pose that is about the nominal one."""
     known = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
@@ -310,7 +283,6 @@ def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -
 
 
 def _driven(path: KinematicPath) -> set[str]:
-    """Names of the joints whose values the path takes from the log."""
     return {
         path.tracks[step.track].names[step.column]
         for step in path.steps

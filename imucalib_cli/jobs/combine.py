@@ -110,14 +110,19 @@ def _of_imu(
     logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None, asked: int
 ) -> tree.Result:
     given = len(logs)
-    logs, left_out = _usable(_once(logs))
+    once: dict[tuple[str, ...], StoredLog] = {}  # whatever their files are called
+    for log in logs:
+        once.setdefault(log.result.provenance.log_identity or (log.name,), log)
+    logs, left_out = _usable([*once.values()])
     twice = given - len(logs) - len(left_out)
     _see_one_robot(logs)
     options = [_changed(log, change) for log in logs]
     _see_same_priors(logs, options)
-    estimate, combined = (
-        _one(logs[0], options[0]) if len(logs) == 1 else _several(logs, options, left_out)
-    )
+    combined = None
+    if len(logs) == 1:
+        estimate = _one(logs[0], options[0])
+    else:
+        estimate, combined = _several(logs, options, left_out)
     first = logs[0].result
     told = [warning("logs.twice", count=twice)] if twice else []
     if asked > given:
@@ -141,20 +146,8 @@ def _of_imu(
     )
 
 
-def _once(logs: Sequence[StoredLog]) -> list[StoredLog]:
-    """Each log once, whatever its files are called."""
-    found: dict[tuple[str, ...], StoredLog] = {}
-    for log in logs:
-        found.setdefault(log.result.provenance.log_identity or (log.name,), log)
-    return list(found.values())
-
-
 def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftOut]]:
-    """Logs that nothing contradicts; what their motion did not determine others may tell.
-
-    Raises:
-        UntrustedError: There is none.
-    """
+    """Logs that nothing contradicts; what their motion did not determine others may tell."""
     usable, left_out = [], []
     for log in logs:
         wrong = [
@@ -175,11 +168,7 @@ def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftO
 
 
 def _see_one_robot(logs: Sequence[StoredLog]) -> None:
-    """See that errors of the robot are of one robot.
-
-    Raises:
-        ChoiceError: They are not.
-    """
+    """Raise ChoiceError where errors of the robot are of two robots."""
     robots = [None if (u := log.result.provenance.urdf) is None else u.identity for log in logs]
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
@@ -190,13 +179,13 @@ def _see_one_robot(logs: Sequence[StoredLog]) -> None:
 
 
 def _see_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOptions]) -> None:
-    """See that what is stated of what logs share is stated alike.
-
-    Raises:
-        ChoiceError: It is not.
-    """
+    """Raise ChoiceError where what logs share is not stated alike."""
     stated = [
-        {name: value for name, value in recorded_estimator(each).items() if _is_shared(name)}
+        {
+            name: value
+            for name, value in recorded_estimator(each).items()
+            if name.partition(".")[0] in _SHARED
+        }
         for each in options
     ]
     for log, each in zip(logs, stated, strict=True):
@@ -208,16 +197,8 @@ def _see_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOptions
             )
 
 
-def _is_shared(option: str) -> bool:
-    return option.partition(".")[0] in _SHARED
-
-
 def _changed(log: StoredLog, change: Change) -> MatchedOptions:
-    """Options of a run as they are asked for now.
-
-    Raises:
-        ChoiceError: Its statistics know nothing of what is asked.
-    """
+    """Options of a run as they are asked for now; ChoiceError where its statistics know no such."""
     before = log.statistics.options
     options = change(before)
     if options.has_gravity != before.has_gravity:
@@ -242,22 +223,19 @@ def _changed(log: StoredLog, change: Change) -> MatchedOptions:
     return options
 
 
-def _one(log: StoredLog, options: MatchedOptions) -> tuple[Estimate, None]:
+def _one(log: StoredLog, options: MatchedOptions) -> Estimate:
     """One log again: what its data said still holds, what its unknowns said is said anew."""
     statistics, said = log.statistics, log.result.diagnostics
     answer, found = solve_again(statistics, options)
     of_data = [finding_of(each) for each in said.findings if each.code not in _SAID_ANEW]
     findings = sorted([*of_data, *found], key=lambda each: each.severity is not Severity.UNTRUSTED)
-    return (
-        estimate_of(
-            answer,
-            statistics,
-            window=_window(said.window),
-            residuals=_residuals([said]),
-            findings=tuple(findings),
-            notes=dict(said.notes),
-        ),
-        None,
+    return estimate_of(
+        answer,
+        statistics,
+        window=_window(said.window),
+        residuals=_residuals([said]),
+        findings=tuple(findings),
+        notes=dict(said.notes),
     )
 
 
@@ -364,7 +342,6 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
 
 
 def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Floats]:
-    """Biases, time offset and gravity of one log."""
     layout, state = log.statistics.equations.layout, own.state
     values = {"gravity_world": state.gravity}
     for name, size in (("accel_bias", 3), ("gyro_bias", 3), ("time_offset", 1)):
@@ -380,7 +357,6 @@ def _window(entry: tree.WindowEntry) -> Window:
 
 
 def _residuals(said: Sequence[tree.Diagnostics]) -> Residuals:
-    """Of all windows of all logs."""
     used = np.array([each.windows_used for each in said], dtype=np.float64)
 
     def pooled(parts: Sequence[Any]) -> Any:

@@ -14,7 +14,8 @@ from imucalib_cli.results.kalibr import (
     read_kalibr,
     read_truth,
 )
-from imucalib_cli.robot.urdf import frame_name, load_robot
+from imucalib_cli.robot.names import frame_name
+from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,15 +37,9 @@ def compare_files(
 ) -> tuple[KalibrAnswer, tuple[Block, ...]]:
     """Compare one result with Kalibr's.
 
-    Args:
-        result: File of ``imucalib run``; ``-`` reads standard input.
-        kalibr: Kalibr's camchain-imucam.yaml; ``-`` likewise.
-        urdf: Its fixed joints lead from the result's parent link to the camera.
-        camera: Its name in Kalibr's chain.
-        camera_link: The camera's optical frame in the URDF; default: the only one whose name says
-            so.
-        imu: Frame or topic, if the result file has several IMUs.
-        truth: Truth file of a simulated log; ``-`` likewise.
+    Of the files one may be ``-``, which reads standard input. Without the camera's optical frame in
+    the URDF, ``camera_link``, it is the only one whose name says so. Of several IMUs ``imu`` is the
+    frame or topic of one.
 
     Returns:
         The answer, and its text form of a dozen lines.

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import display_name, read_result_file
-from imucalib_cli.jobs.verify import Answers
 from imucalib_cli.results.comparison.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
@@ -29,18 +28,15 @@ def diff_results(
     *,
     urdf: Path | None = None,
     within: Tolerance | None = None,
-) -> Answers[DiffAnswer]:
+) -> tuple[list[DiffAnswer], list[ImucalibError]]:
     """Compare every IMU of one file with the same IMU of each other file.
 
     IMUs are paired by frame and topic, else by frame, else by topic, where the pair is unique. Of
     two files with one result each these two are compared. A file that cannot be used, or that has
     another IMU, does not stop the others.
 
-    Args:
-        first: A result file; ``-`` reads standard input.
-        others: Likewise, later ones.
-        urdf: Its fixed joints relate the frames, if two results have different ones.
-        within: Tolerance for a movement; None tests for significance instead.
+    Frames that differ are related by fixed joints of the URDF. Without a tolerance a movement is
+    tested for significance. ``-`` reads standard input.
 
     Raises:
         InputError: The first file or the URDF cannot be used.
@@ -67,7 +63,7 @@ def diff_results(
                 answers.append(diff(*sides, _in_the_same_frames(a, b, names, robot), within))
             except ImucalibError as error:
                 failures.append(error)
-    return Answers(answers=tuple(answers), failures=tuple(failures))
+    return answers, failures
 
 
 def _pairs(first: list[Result], second: list[Result]) -> list[Pair]:

@@ -40,15 +40,7 @@ def explain(
     recording: Recording,
     request: CalibrationRequest,
 ) -> Estimate:
-    """Put the cause of a poor fit first, if one cause explains it; a good fit returns at once.
-
-    Args:
-        estimate: Result of the fit.
-        repaired: The streams it was fitted to.
-        motion: As stated by the log and the URDF.
-        recording: The other contents of the log.
-        request: Options and frames.
-    """
+    """Put the cause of a poor fit first, if one cause explains it; a good fit returns at once."""
     options = request.estimator
     if not isinstance(options, MatchedOptions):
         return explained(estimate, repaired.contradicted)
@@ -65,26 +57,32 @@ def explain(
     )
     # A wrong unit explains everything else; any other better fit is chance.
     causes = repaired.contradicted or diagnose(poor)
-    if needs_diagnosis(estimate) and not causes:
-        causes = _base_elsewhere(repaired, motion, recording, request)
-    if needs_diagnosis(estimate) and not causes:
-        # what was found about the sensors before the fit
-        samples = (each for each in estimate.findings if each.code in _SAMPLES)
-        suspects = (*repaired.suspects, *samples)
-        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in suspects)
-    if needs_diagnosis(estimate) and not causes:
-        guessed = (each for each in motion.findings if each.code == "robot.chain_missing")
-        causes = tuple(replace(each, severity=Severity.UNTRUSTED) for each in guessed)
-    if needs_diagnosis(estimate) and not causes and (unread := recording.sources.unread):
-        causes = (untrusted("cause.pose_unread", topics=unread, first=unread[0]),)
+    if needs_diagnosis(estimate):
+        causes = (
+            causes
+            or _base_elsewhere(repaired, motion, recording, request)
+            or _suspected(estimate, repaired, motion, recording.sources.unread)
+        )
     estimate = explained(estimate, causes)
-    if motion.mount.nominal is None or not estimate.trusted:
-        return estimate
     nominal = motion.mount.nominal
+    if nominal is None or not estimate.trusted:
+        return estimate
     inverted = inverted_nominal(estimate, nominal.R_parent_imu, nominal.t_parent_imu, nominal.joint)
     if inverted is None:
         return estimate
     return replace(estimate, findings=(inverted, *estimate.findings))
+
+
+def _suspected(
+    estimate: Estimate, repaired: Repaired, motion: Motion, unread: tuple[str, ...]
+) -> tuple[Finding, ...]:
+    """What was found before the fit about the sensors, else about the chain, else left unread."""
+    samples = (each for each in estimate.findings if each.code in _SAMPLES)
+    guessed = (each for each in motion.findings if each.code == "robot.chain_missing")
+    suspects = (*repaired.suspects, *samples) or tuple(guessed)
+    if not suspects and unread:
+        return (untrusted("cause.pose_unread", topics=unread, first=unread[0]),)
+    return tuple(replace(each, severity=Severity.UNTRUSTED) for each in suspects)
 
 
 def _against(

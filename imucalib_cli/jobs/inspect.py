@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.calibrate import check_overlap, repair_streams
+from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.input.halves import joined
 from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.reading import (
@@ -17,7 +17,6 @@ from imucalib_cli.jobs.input.reading import (
     open_requested,
     robot_and_names,
 )
-from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspection import (
     Health,
     ImuFinding,
@@ -40,50 +39,22 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.motion import Sources
-    from imucalib_cli.jobs.input.request import Progress
+    from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
-    from imucalib_cli.logs.messages.columns import JointColumns
-    from imucalib_cli.logs.part import Part
-    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
     from imucalib_cli.robot.urdf import Robot
 
 
-def inspect(
-    logs: tuple[LogPath, ...],
-    urdf: LogPath | None = None,
-    progress: Progress | None = None,
-    csv_columns: tuple[str, ...] = (),
-    *,
-    joint_columns: tuple[JointColumns, ...] = (),
-    allow_remote_scan: bool = False,
-    part: Part | None = None,
-) -> Inspection:
-    """Describe a recording and find the command that calibrates it.
-
-    Args:
-        logs: One recording, as for calibrate.
-        urdf: Of the robot, to be checked against the log.
-        progress: As for calibrate.
-        csv_columns: Likewise.
-        joint_columns: Likewise.
-        allow_remote_scan: Likewise.
-        part: Of the log; None: all.
+def inspect(request: CalibrationRequest, progress: Progress | None = None) -> Inspection:
+    """Describe the recording of a request and find the command that calibrates it.
 
     Raises:
         InputError: A file cannot be read. A log that cannot be calibrated is no error.
         ChoiceError: The part holds nothing.
     """
-    request = CalibrationRequest(
-        logs=logs,
-        csv_columns=csv_columns,
-        joint_columns=joint_columns,
-        urdf=urdf,
-        allow_remote_scan=allow_remote_scan,
-        part=part,
-    )
+    urdf, part = request.urdf, request.part
     log = open_requested(request, progress)
     names = {
         topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
@@ -92,20 +63,19 @@ def inspect(
     data = log.read(names, None if progress is None else lambda share: progress("reading", share))
     robots = _robots(data, request)
     chosen, request, problem = _chosen(log, request)
-    seen = _seen(robots, chosen, request, problem)
-    if seen.carrier_unknown and chosen is not None and len(chosen.unread) == 1:
+    clock, imus, told = _seen(robots, chosen, request, problem)
+    if _lacks_carrier(imus) and chosen is not None and len(chosen.unread) == 1:
         # perhaps the pose of the base
         with_pose = replace(request, pose_topics=chosen.unread)
         with_base = select_topics(log.topics, pose_topics=chosen.unread)
         other = _seen(robots, with_base, with_pose, problem)
-        if not other.carrier_unknown:
-            seen, request = other, with_pose
-    imus, clock = seen.imus, seen.clock
+        if not _lacks_carrier(other[1]):
+            (clock, imus, told), request = other, with_pose
     hints = [
         *data.findings,
         *log.undefined,
         *(each for one in robots for each in one.findings),
-        *seen.findings,
+        *told,
     ]
     if part is not None:
         data, _ = part_of(data, clock, part)
@@ -114,11 +84,27 @@ def inspect(
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
-        health=_health(data, _counted(log)),
+        health=_health(data, {t.name for t in log.topics if t.reading and t.reading.has_ticks}),
         clock=clock.kind,
         imus=imus,
-        joints=_joints(robots[0].data if robot is not None else data, robot),
-        poses=_poses(data),
+        joints=tuple(
+            JointFinding(
+                topic=joint.topic,
+                names=joint.names,
+                missing=None
+                if robot is None
+                else tuple(name for name in joint.names if name not in robot.joint_by_name),
+            )
+            for joints in (data if robot is None else robots[0].data).joints.values()
+            for joint in joints
+        ),
+        poses=tuple(
+            PoseFinding(
+                topic=pose.topic, parent=pose.parent, child=pose.child, is_static=pose.is_static
+            )
+            for poses in data.poses.values()
+            for pose in poses
+        ),
         urdf=None if urdf is None else str(urdf),
         findings=tuple(dict.fromkeys(hints)),
         command=commands[0] if commands else None,
@@ -127,21 +113,11 @@ def inspect(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Seen:
-    """Every IMU of a log, by the topics of one choice."""
-
-    clock: Clock
-    imus: tuple[ImuFinding, ...]
-    findings: tuple[Finding, ...]
-
-    @property
-    def carrier_unknown(self) -> bool:
-        """Whether there is an IMU of which neither log nor motion tells what carries it."""
-        return any(
-            each.solved_by == "--parent" and not each.moves_like and not each.still
-            for each in self.imus
-        )
+def _lacks_carrier(imus: Sequence[ImuFinding]) -> bool:
+    """Whether there is an IMU of which neither log nor motion tells what carries it."""
+    return any(
+        each.solved_by == "--parent" and not each.moves_like and not each.still for each in imus
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,19 +151,16 @@ def _seen(
     chosen: Selection | None,
     request: CalibrationRequest,
     problem: ImucalibError | None,
-) -> _Seen:
-    """Look at the IMUs of every robot."""
+) -> tuple[Clock, tuple[ImuFinding, ...], list[Finding]]:
     imus: list[ImuFinding] = []
     findings: list[Finding] = []
     for one in robots:
         read = one.data if chosen is None else chosen.of(one.data)
-        clock = choose_clock(moving_streams(read), "auto")
+        clock = choose_clock(moving_streams(read), request.clock)
         read, pairs = joined(read, clock, request)
         if request.part is not None:
             read, _ = part_of(read, clock, request.part)
-        unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
-        sources, duplicates = gather_sources(read, clock, unasked)
-        sources = replace(sources, prefixes=one.prefixes, unread=unread)
+        sources, duplicates = gather_sources(read, clock, chosen, one.prefixes)
         findings += [*clock.findings, *pairs, *duplicates]
         base = None
         unknown = problem or one.problem
@@ -203,7 +176,7 @@ def _seen(
             found = replace(found, base_imu=base)
             imus.append(found)
             findings += problems
-    return _Seen(clock=clock, imus=tuple(imus), findings=tuple(findings))
+    return clock, tuple(imus), findings
 
 
 def _chosen(
@@ -271,7 +244,7 @@ def _imu(
     if found.floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
     try:
-        repaired = repair_streams(samples, motion.path, request)
+        repaired = request.repaired(samples, motion.path)
     except ImucalibError as error:
         return replace(found, problem=str(error)), ()
     if repaired.gyro_unit == "deg/s":
@@ -289,7 +262,12 @@ def _command(
     One for each; one for all where all can by the same options, for what they share is then solved
     together. If none can be without a choice that nothing tells, one that says what is missing.
     """
-    words = ["imucalib", "run", *_inputs(request)]
+    words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
+    if request.part is not None:
+        words.append(str(request.part))
+    if request.csv_columns:
+        words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
+    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
     several = len(findings) > 1
     if not any((*data.joints.values(), *data.poses.values())):
         command = " ".join([*words, "--base-imu IMU"])
@@ -345,23 +323,11 @@ def _options(findings: Sequence[ImuFinding]) -> list[str]:
     return ["--gravity none"] if any(finding.floats for finding in findings) else []
 
 
-def _inputs(request: CalibrationRequest) -> list[str]:
-    words = [shlex.quote(str(path)) for path in request.logs]
-    if request.part is not None:
-        words.append(str(request.part))
-    if request.csv_columns:
-        words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
-    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
-    return words
-
-
-def _counted(log: Log) -> set[str]:
-    """Topics whose stamps are a counter."""
-    return {each.name for each in log.topics if each.reading and each.reading.has_ticks}
-
-
 def _health(data: LogData, counted: Collection[str]) -> tuple[Health, ...]:
-    """Stamps of each stream; of streams that share a topic's messages, once."""
+    """Stamps of each stream; of streams that share a topic's messages, once.
+
+    Those of topics that are ``counted`` are a counter.
+    """
     streams: list[tuple[str, ImuStream | JointStream | PoseStream]] = [
         (imu.name, imu) for imu in data.imus.values()
     ]
@@ -382,27 +348,3 @@ def _health(data: LogData, counted: Collection[str]) -> tuple[Health, ...]:
         for name, stream in streams
     )
     return tuple(dict.fromkeys(found))
-
-
-def _joints(data: LogData, robot: Robot | None) -> tuple[JointFinding, ...]:
-    return tuple(
-        JointFinding(
-            topic=joint.topic,
-            names=joint.names,
-            missing=None
-            if robot is None
-            else tuple(name for name in joint.names if name not in robot.joint_by_name),
-        )
-        for joints in data.joints.values()
-        for joint in joints
-    )
-
-
-def _poses(data: LogData) -> tuple[PoseFinding, ...]:
-    return tuple(
-        PoseFinding(
-            topic=pose.topic, parent=pose.parent, child=pose.child, is_static=pose.is_static
-        )
-        for poses in data.poses.values()
-        for pose in poses
-    )

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
-from imucalib_cli.layout import Table, plain
+from imucalib_cli.layout import Table
 from imucalib_cli.results.codec import to_document
 from imucalib_cli.results.from_estimate import finding_entry
 
@@ -21,12 +21,9 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.imu.units import UnitGuess
 
 _MS = 1e3
-_TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
 _READ_AS: dict[Kind, str] = {"imu": "IMU", "joints": "joints", "pose": "poses", "text": "text"}
-_HEALTH = (
-    *("stream", "Hz", "jitter ms", "gaps", "longest s"),
-    *("same", "bunched", "back", "zero"),
-)
+_TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
+_HEALTH = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "bunched", "back", "zero")
 """Heads of the two tables."""
 
 
@@ -141,10 +138,6 @@ class Inspection:
                 "warnings": imu.units.warnings,
             }
         return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-    def as_text(self) -> str:
-        """Everything, as text for people."""
-        return plain(self.blocks())
 
     def blocks(self) -> Iterator[Block]:
         """Everything, as lines and tables for people."""

@@ -58,7 +58,9 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
     moving = _moving(path)
     for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
-        rows += (_row(entry, name, _what(entry, kind)) for entry in entries)
+        for entry in entries:
+            what = "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
+            rows.append(_row(entry, name, what))
         if len(entries) < (1 if kind == ZERO else len("xyz")):
             some = "zero" if kind == ZERO else "origin" if not entries else "origin, the rest"
             rows.append((name, some, "", "", why))
@@ -84,7 +86,6 @@ def _places(path: KinematicPath, first: int) -> Iterator[tuple[str, str, str]]:
 
 
 def _moving(path: KinematicPath) -> list[int]:
-    """Indices of the steps that move."""
     return [
         place
         for place, step in enumerate(path.steps)
@@ -96,10 +97,6 @@ def _reported(path: KinematicPath, place: int) -> str:
     """Name of the joint whose position moves a step."""
     step = path.steps[place]
     return path.tracks[step.track].names[step.column] if isinstance(step, JointStep) else ""
-
-
-def _what(entry: ParameterEntry, kind: str) -> str:
-    return "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
 
 
 def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
@@ -114,10 +111,5 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
         remark = "the log says nothing of it"
-    return (
-        joint,
-        f"{what}, {unit}",
-        with_std(value, std),
-        f"± {sigma(before)}{learnt}",
-        remark,
-    )
+    told = with_std(value, std), f"± {sigma(before)}{learnt}"
+    return joint, f"{what}, {unit}", *told, remark

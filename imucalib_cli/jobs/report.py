@@ -19,11 +19,7 @@ if TYPE_CHECKING:
 
 
 def report(outcome: Outcome) -> str:
-    """HTML about every IMU that could be calibrated, at least one.
-
-    Args:
-        outcome: Of a request with ``details``.
-    """
+    """HTML about every IMU that could be calibrated, at least one; of a request with details."""
     return page([_material(each) for each in outcome.calibrated])
 
 

@@ -1,11 +1,13 @@
-"""Result files of earlier runs: recognise them among arguments, and read them."""
+"""Files of earlier runs among arguments: results, and statistics beside them; how they are read."""
 
 from __future__ import annotations
 
 import re
 import sys
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile, ZipFile
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
@@ -14,11 +16,13 @@ from imucalib_cli.results.codec import read_results
 from imucalib_cli.shown import natural, without_secrets
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from imucalib_cli.results.result import Result
+    from imucalib_cli.results.statistics_file import StoredLog
 
 _SUFFIXES = {".yaml", ".yml", ".json"}
+_STATISTICS = ".npz"
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
 """First key of a result document, whatever the file's name."""
 _RESULT = re.compile(_OPENING.pattern + rb"[^\n]*?[\s,]\"?status\"?\s*:")
@@ -37,18 +41,13 @@ def is_result(name: str) -> bool:
     try:
         if not path.is_file():  # a pipe cannot be read twice, and opening one may wait
             return path.suffix.lower() in _SUFFIXES
-        with path.open("rb") as file:
-            return path.suffix.lower() in _SUFFIXES or bool(_OPENING.match(file.read(4096)))
+        return path.suffix.lower() in _SUFFIXES or _begins(path, _OPENING)
     except OSError:
         return path.suffix.lower() in _SUFFIXES
 
 
 def result_names(names: Sequence[str]) -> list[str]:
-    """Every result file once, those of a folder by name.
-
-    Args:
-        names: Result files; folders of them, of which other files are passed over; ``-`` is
-            standard input.
+    """Every result file once, those of a folder by name; what else lies in one is passed over.
 
     Raises:
         InputError: There is none, or a folder cannot be read.
@@ -56,29 +55,24 @@ def result_names(names: Sequence[str]) -> list[str]:
     found: dict[str, None] = {}
     for name in names:
         is_folder = name != "-" and Path(name).is_dir()
-        found |= dict.fromkeys(results_in(Path(name)) if is_folder else [name])
+        found |= dict.fromkeys(_results_in(Path(name)) if is_folder else [name])
     if not found:
         raise InputError(f"{', '.join(names)}: no result of imucalib run in it")
     return list(found)
 
 
-def results_in(folder: Path) -> list[str]:
-    """Result files of a folder by name, numbers as numbers; what else lies there is passed over.
-
-    Raises:
-        InputError: The folder cannot be read.
-    """
+def _results_in(folder: Path) -> list[str]:
     try:
         there = (each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
         files = sorted(there, key=lambda each: natural(each.name))
-        return [str(each) for each in files if each.is_file() and _opens_as_result(each)]
+        return [str(each) for each in files if each.is_file() and _begins(each, _RESULT)]
     except OSError as error:
         raise InputError(f"{folder}: cannot be read ({error.strerror}): check the path") from error
 
 
-def _opens_as_result(path: Path) -> bool:
+def _begins(path: Path, pattern: re.Pattern[bytes]) -> bool:
     with path.open("rb") as file:
-        return bool(_RESULT.match(file.read(4096)))
+        return bool(pattern.match(file.read(4096)))
 
 
 def read_result_file(name: str) -> list[Result]:
@@ -94,9 +88,6 @@ def read_result_files(
     names: Sequence[str],
 ) -> tuple[list[tuple[str, Result]], list[ImucalibError]]:
     """Results of several files, each with its file's name in messages, and what cannot be read.
-
-    Args:
-        names: As of :func:`result_names`.
 
     Raises:
         InputError: As :func:`result_names`.
@@ -114,11 +105,7 @@ def read_result_files(
 def results_of(
     found: Sequence[tuple[str, Result]], imus: Sequence[str]
 ) -> list[tuple[str, Result]]:
-    """Select the results of some IMUs by frame (with or without a leading slash) or topic.
-
-    Args:
-        found: Results, each with its file's name.
-        imus: Frames or topics; empty takes all.
+    """The results of some IMUs, by frame (with or without a leading slash) or topic; all of none.
 
     Raises:
         ChoiceError: An IMU is in none of the files.
@@ -140,10 +127,6 @@ def display_name(name: str) -> str:
 def read_text(name: str, expected: str = "a result of imucalib run") -> str:
     """Content of a small text file, or of standard input for ``-``.
 
-    Args:
-        name: Of the file.
-        expected: What it should be, for a message.
-
     Raises:
         InputError: It cannot be read, is not text, or is too large.
     """
@@ -163,3 +146,67 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
         raise InputError(f"{shown}: is not text: it should be {expected}") from error
     except YamlError as error:
         raise InputError(f"{shown}: {error}: it should be {expected}") from error
+
+
+def read_statistics_files(
+    paths: Iterable[Path],
+) -> tuple[list[StoredLog], list[Path], list[ImucalibError]]:
+    """Statistics named themselves, beside a result, or in a folder, whose bad files stop no others.
+
+    Returns:
+        The statistics; archives of something else in folders; why other files there are not used.
+
+    Raises:
+        InputError: A file that is named cannot be used, or a folder or a result has none.
+    """
+    from imucalib_cli.results.statistics_file import read_statistics  # with all of the estimator
+
+    logs: list[StoredLog] = []
+    foreign: list[Path] = []
+    failures: list[ImucalibError] = []
+    for path in paths:
+        if not path.is_dir():
+            logs += _statistics_of(path)
+            continue
+        files = sorted(path.glob(f"*{_STATISTICS}"), key=lambda each: natural(each.name))
+        own = [file for file in files if not _is_foreign(file)]
+        if not own:
+            raise InputError(
+                f"{path}: no statistics in it: `imucalib batch LOGS -o {path} --statistics` writes "
+                "them"
+            )
+        foreign += [file for file in files if file not in own]
+        for file in own:
+            try:
+                logs.append(read_statistics(file))
+            except ImucalibError as error:
+                failures.append(error)
+    return logs, foreign, failures
+
+
+def _is_foreign(file: Path) -> bool:
+    """Whether a file is a sound archive, and of something else; a damaged one may be ours."""
+    try:
+        with ZipFile(file) as archive:
+            return "header.npy" not in archive.namelist()
+    except (OSError, BadZipFile, ValueError):
+        return False
+
+
+def _statistics_of(path: Path) -> list[StoredLog]:
+    from imucalib_cli.results.statistics_file import place_of, read_statistics
+
+    if path.suffix.lower() == _STATISTICS or not path.exists():
+        return [read_statistics(path)]
+    beside = place_of(path)
+    results = read_result_file(str(path))
+    near = sorted({beside, *path.parent.glob(f"{escape(path.name.split('.')[0])}*{_STATISTICS}")})
+    # Those of several IMUs have the frame in their name, and a batch names them after the log.
+    logs = [read_statistics(file) for file in near if file.exists()]
+    own = [log for log in logs if log.result in results]
+    if not own:
+        raise InputError(
+            f"{path}: no statistics of this result beside it: `imucalib run LOG -o {path} "
+            f"--statistics {beside}` writes both"
+        )
+    return own

@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.several_imus import (
-    OnRobot,
-    groups,
-    solve_agreeing,
-)
+from imucalib_cli.estimate.several_imus import OnRobot, groups, solve_agreeing
 from imucalib_cli.findings import Severity, note, warning
 
 if TYPE_CHECKING:
@@ -22,13 +18,7 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
     from imucalib_cli.robot.path import KinematicPath
 
-_KEPT: Final = (
-    "window",
-    "residuals",
-    "consistency",
-    "imu_check",
-    "notes",
-)
+_KEPT: Final = ("window", "residuals", "consistency", "imu_check", "notes")
 """What an estimate says of the data, which other IMUs do not change."""
 _UNEXPLAINED: Final = {"window.dependent", "residual.beyond_noise"}
 """Codes of findings on what no unknown explains: it may look like an error of the robot."""
@@ -38,10 +28,8 @@ def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estima
     """Solve IMUs again with what is the robot's in common, where their chains share any of it.
 
     Those that cannot be trusted, or hang on something that no unknown explains, stay as they are,
-    and so do those that do not agree with the others, which is told.
-
-    Args:
-        imus: Name, what it says by itself, and what carries it.
+    and so do those that do not agree with the others, which is told. Of each IMU its name, what it
+    says by itself, and what carries it.
     """
     found = [estimate for _, estimate, _ in imus]
     # In an order of their own, whatever that of the log.

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from imucalib_cli.jobs.result_files import read_result_files
-from imucalib_cli.jobs.verify import Answers
 from imucalib_cli.results.trend.trend import trend
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from datetime import datetime
 
+    from imucalib_cli.errors import ImucalibError
     from imucalib_cli.results.comparison.answers import TrendAnswer
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.result import Result
@@ -19,14 +19,13 @@ if TYPE_CHECKING:
 
 def trend_of(
     names: Sequence[str], within: Tolerance | None = None, since: datetime | None = None
-) -> Answers[TrendAnswer]:
+) -> tuple[list[TrendAnswer], list[ImucalibError]]:
     """Decide for every IMU of some results whether its mount has moved.
 
     Results are of one mount if parent, child and topic are the same.
 
     Args:
-        names: Result files; folders of them, of which other files are passed over; ``-`` reads
-            standard input.
+        names: As of :func:`.result_files.result_names`.
         within: How far a mount may move; None makes an alarm of every decisive change.
         since: Recordings from before that count no more.
 
@@ -37,5 +36,4 @@ def trend_of(
     mounts: dict[tuple[str, str, str], list[tuple[str, Result]]] = {}
     for name, result in found:
         mounts.setdefault(result.mount, []).append((name, result))
-    answers = tuple(trend(results, within, since) for results in mounts.values())
-    return Answers(answers=answers, failures=tuple(failures))
+    return [trend(results, within, since) for results in mounts.values()], failures

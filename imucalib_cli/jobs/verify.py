@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Generic, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.comparison.answers import VerifyAnswer
     from imucalib_cli.results.comparison.requirement import Tolerance
 
-Answer = TypeVar("Answer")
-
-
-@dataclass(frozen=True, kw_only=True)
-class Answers(Generic[Answer]):
-    """An answer for each IMU that could be checked, an error for each other one."""
-
-    answers: tuple[Answer, ...]
-    failures: tuple[ImucalibError, ...] = ()
-
 
 def verify_recording(
     request: CalibrationRequest,
@@ -40,18 +30,15 @@ def verify_recording(
     progress: Progress | None = None,
     *,
     ignored: frozenset[int] = frozenset(),
-) -> Answers[VerifyAnswer]:
+) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
     """Calibrate every IMU of a recording and compare each with its nominal pose.
 
-    Args:
-        request: As for calibrate.
-        within: Tolerance.
-        progress: As for calibrate.
-        ignored: Of the six components of the pose those that need not be right.
+    Of the six components of a pose those that are ``ignored`` need not be right. An IMU that could
+    not be checked has an error in place of an answer.
 
     Raises:
-        InputError, ChoiceError: As :func:`imucalib_cli.jobs.calibrate.calibrate`; and ChoiceError
-            if the nominal pose of an IMU is not known.
+        InputError, ChoiceError: As :func:`.calibrate.calibrate`; and ChoiceError if the nominal
+            pose of an IMU is not known.
     """
     outcome = calibrate(replace(request, needs_nominal=True, unverified=ignored), progress)
     answers = []
@@ -63,7 +50,7 @@ def verify_recording(
         if nominal is None:  # needs_nominal excludes this
             raise ChoiceError(no_nominal(result.parent, result.child))
         answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=left))
-    return Answers(answers=tuple(answers), failures=outcome.failures)
+    return answers, list(outcome.failures)
 
 
 def verify_results(
@@ -74,11 +61,11 @@ def verify_results(
     imu_link: str | None = None,
     imu_topics: Sequence[str] = (),
     ignored: frozenset[int] = frozenset(),
-) -> Answers[VerifyAnswer]:
+) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
     """Compare results of earlier runs with the poses in a URDF.
 
     Args:
-        names: Result files; ``-`` reads standard input.
+        names: As of :func:`.result_files.result_names`.
         urdf: To be checked.
         within: Tolerance.
         imu_link: The IMU's link in the URDF, if it is not the result's child.
@@ -113,4 +100,4 @@ def verify_results(
             failures.append(error.about(name))
         else:
             answers.append(verify(result, nominal, within, source, name, ignored=ignored))
-    return Answers(answers=tuple(answers), failures=tuple(failures))
+    return answers, failures

@@ -92,10 +92,8 @@ def find_base(edges: Sequence[Edge], robot: Robot) -> Edge | None:
     """Find the edge that connects the robot's base with a frame in which it moves.
 
     Its child is a link of the URDF, its parent is not, and it or an edge above it is dynamic. Edges
-    between two links of the URDF come from a robot_state_publisher and are ignored.
-
-    Returns:
-        The edge, or None if nothing in the log moves the robot's base.
+    between two links of the URDF come from a robot_state_publisher and are ignored. None if nothing
+    in the log moves the robot's base.
 
     Raises:
         ChoiceError: Several edges qualify; the error lists them.
@@ -132,13 +130,12 @@ def moving_base_path(
         edges: Poses; those between two links of the URDF are left to its joints.
         robot: The tree that ``base`` and ``parent`` belong to.
         parent: Link that carries the IMU.
-        tracks: Joint positions, as for :func:`joint_path`.
-        base: Link of the URDF whose pose the edges contain, for instance ``find_base(...).child``.
+        tracks: As for :func:`joint_path`.
+        base: Link of the URDF whose pose the edges contain, as :func:`find_base` finds it.
         world: Frame in which the path starts; default: the root of the base's tree.
 
     Raises:
-        ChoiceError, InputError: As :func:`joint_path` and
-            :func:`imucalib_cli.robot.frames.frame_path`.
+        ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
     to_base = frame_path(_outside(edges, set(robot.links)), base, world=world)
     arm = joint_path(robot, parent, tracks, world=base)
@@ -182,12 +179,11 @@ def base_imu_path(
         base: The IMU.
         parent: Link that carries the other IMU.
         robot: The tree that both links belong to; None: frames of the log.
-        tracks: Joint positions, as for :func:`joint_path`.
+        tracks: As for :func:`joint_path`.
         edges: Poses of the log's frames, where there is no robot.
 
     Raises:
-        ChoiceError, InputError: As :func:`joint_path` and
-            :func:`imucalib_cli.robot.frames.frame_path`.
+        ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
     if parent == base.link:
         behind = KinematicPath(world=parent, parent=parent, steps=(), tracks=())
@@ -214,19 +210,18 @@ def _moved_on(steps: Sequence[Step], tracks: int) -> list[Step]:
 
 
 def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:
-    """Edges that are not already joints of the URDF."""
     return [edge for edge in edges if not (edge.parent in links and edge.child in links)]
 
 
 def is_still(path: KinematicPath) -> bool:
     """Whether nothing on the path ever moves, so that no log can determine the IMU's pose."""
-    driven = [step for step in path.steps if not isinstance(step, FixedStep)]
-    return not any(_moves(step, path.tracks[step.track]) for step in driven)
-
-
-def _moves(step: JointStep | PoseStep, track: Track) -> bool:
-    values = track.values if isinstance(step, PoseStep) else track.values[:, step.column]
-    return bool(np.any(values != values[:1]))
+    for step in path.steps:
+        if not isinstance(step, FixedStep):
+            values = path.tracks[step.track].values
+            driving = values if isinstance(step, PoseStep) else values[:, step.column]
+            if np.any(driving != driving[:1]):
+                return False
+    return True
 
 
 def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, float]:
@@ -247,13 +242,11 @@ def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, fl
 def _columns(
     robot: Robot, needed: tuple[str, ...], tracks: Sequence[Track]
 ) -> dict[str, tuple[int, int]]:
-    """For each needed joint its (track, column)."""
     ranked = sorted(
         range(len(tracks)),
         key=lambda index: (
             -len(set(needed) & set(tracks[index].names)),
             -len(tracks[index].t),
-            index,
         ),
     )
     columns: dict[str, tuple[int, int]] = {}
@@ -298,33 +291,18 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
 
 def _affix(missing: list[str], known: tuple[str, ...]) -> str | None:
     """The prefix or suffix by which the log's joint names differ from the URDF's, if it is one."""
-    first = missing[0]
-    remedy = "(xacro: its prefix argument), or choose another --joint-topic"
-    for name in known:
-        if not name or not first:
-            continue
-        longer = len(name) > len(first)
-        whole, part = (name, first) if longer else (first, name)
-        for what, fits in (("prefix", whole.endswith(part)), ("suffix", whole.startswith(part))):
-            end = whole.removesuffix(part) if what == "prefix" else whole.removeprefix(part)
-            if not fits or not end:
-                continue
-            if not all(_named(m, end, what, longer=longer) in known for m in missing):
-                continue
-            if longer:
+    for name in filter(None, known):
+        is_added = len(name) > len(missing[0])
+        whole, part = (name, missing[0]) if is_added else (missing[0], name)
+        for what, end, add, take in (
+            ("prefix", whole.removesuffix(part), "{1}{0}".format, str.removeprefix),
+            ("suffix", whole.removeprefix(part), "{0}{1}".format, str.removesuffix),
+        ):
+            logged = add if is_added else take
+            if end not in {"", whole} and all(logged(each, end) in known for each in missing):
+                has, remedy = ("with", "give it to") if is_added else ("without", "take it off")
                 return (
-                    f"which has them with the {what} '{end}' ('{name}'): give it to the URDF's "
-                    f"joints {remedy}"
+                    f"which has them {has} the {what} '{end}' ('{name}'): {remedy} the URDF's "
+                    "joints (xacro: its prefix argument), or choose another --joint-topic"
                 )
-            return (
-                f"which has them without the {what} '{end}' ('{name}'): take it off the URDF's "
-                f"joints {remedy}"
-            )
     return None
-
-
-def _named(name: str, end: str, what: str, *, longer: bool) -> str:
-    """A URDF's joint name with the log's prefix or suffix added or removed."""
-    if longer:
-        return end + name if what == "prefix" else name + end
-    return name.removeprefix(end) if what == "prefix" else name.removesuffix(end)

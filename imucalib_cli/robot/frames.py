@@ -36,6 +36,12 @@ class Edge:
     is_static: bool = False
     """From /tf_static: the last value holds for the whole log."""
 
+    @property
+    def last(self) -> FixedStep:
+        """The last pose."""
+        values = self.track.values[-1]
+        return FixedStep(R=matrix_from_quaternion(values[3:7]), p=values[:3].copy())
+
 
 def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
     """A robot with the frames that the log's static edges hang on its links, by nameless joints.
@@ -54,7 +60,6 @@ def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
     while fitting := [edge for edge in hanging.values() if edge.parent in links]:
         for edge in fitting:
             del hanging[edge.child]
-            last = edge.track.values[-1]
             links.append(edge.child)
             joints.append(
                 Joint(
@@ -62,8 +67,8 @@ def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
                     kind="fixed",
                     parent=edge.parent,
                     child=edge.child,
-                    R_origin=matrix_from_quaternion(last[3:7]),
-                    p_origin=last[:3].copy(),
+                    R_origin=edge.last.R,
+                    p_origin=edge.last.p,
                     axis=np.array([1.0, 0.0, 0.0]),
                 )
             )
@@ -79,11 +84,10 @@ def frame_path(
 ) -> KinematicPath:
     """Build the path from ``world`` to ``parent`` over pose edges.
 
-    Edges are passed in either direction. Static edges become fixed steps; fixed joints of
-    ``robot`` supply edges the log lacks.
+    Edges of a tree are passed in either direction; static ones become fixed steps.
 
     Args:
-        edges: Of a tree, static and dynamic.
+        edges: Static and dynamic.
         parent: Frame that carries the IMU.
         world: Frame in which the path starts; default: the root of the parent's tree.
         robot: Its fixed joints are used as edges where the log has none to their child.
@@ -122,11 +126,8 @@ def frame_path(
 def has_motion_above(frame: str, edges: Sequence[Edge]) -> bool:
     """Whether a dynamic edge lies between a frame and the root of its tree."""
     above = _tree(edges, None)
-    return any(
-        not above[ancestor][0].is_static
-        for ancestor in _ancestors(frame, above)
-        if ancestor in above
-    )
+    *below_root, _ = _ancestors(frame, above)
+    return any(not above[ancestor][0].is_static for ancestor in below_root)
 
 
 def _tree(edges: Sequence[Edge], robot: Robot | None) -> Tree:
@@ -137,7 +138,10 @@ def _tree(edges: Sequence[Edge], robot: Robot | None) -> Tree:
             candidates.append(edge)
     for joint in () if robot is None else robot.joints:
         if joint.kind == "fixed" and joint.child not in above:
-            above[joint.child] = [_fixed_edge(joint)]
+            pose = np.concatenate((joint.p_origin, quaternion_from_matrix(joint.R_origin)))[None]
+            track = Track(name="URDF", kind="pose", t=np.zeros(1), values=pose)
+            edge = Edge(parent=joint.parent, child=joint.child, track=track, is_static=True)
+            above[joint.child] = [edge]
     return above
 
 
@@ -145,18 +149,10 @@ def _is_repeated(edge: Edge, known: Edge) -> bool:
     """Keep one of equal static transforms: they are published again whenever a process starts."""
     if not (edge.is_static and known.is_static and edge.parent == known.parent):
         return False
-    a, b = edge.track.values[-1:], known.track.values[-1:]
-    return bool(np.array_equal(a, b))
-
-
-def _fixed_edge(joint: Joint) -> Edge:
-    pose = np.concatenate((joint.p_origin, quaternion_from_matrix(joint.R_origin)))[None]
-    track = Track(name="URDF", kind="pose", t=np.zeros(1), values=pose)
-    return Edge(parent=joint.parent, child=joint.child, track=track, is_static=True)
+    return np.array_equal(edge.track.values[-1:], known.track.values[-1:])
 
 
 def _ancestors(frame: str, above: Tree) -> list[str]:
-    """The frame and its ancestors, up to the root."""
     path = [frame]
     while path[-1] in above:
         candidates = above[path[-1]]
@@ -178,16 +174,6 @@ def _ancestors(frame: str, above: Tree) -> list[str]:
 
 
 def _step(edge: Edge, tracks: list[Track], *, inverse: bool) -> Step:
-    _require_poses(edge)
-    if edge.is_static:
-        last = edge.track.values[-1]
-        step = FixedStep(R=matrix_from_quaternion(last[3:7]), p=last[:3].copy())
-        return fixed_inverse(step) if inverse else step
-    tracks.append(edge.track)
-    return PoseStep(track=len(tracks) - 1, inverse=inverse)
-
-
-def _require_poses(edge: Edge) -> None:
     values = edge.track.values
     what = f"{edge.track.name}: the pose of '{edge.child}' in '{edge.parent}'"
     if len(values) == 0:
@@ -196,3 +182,7 @@ def _require_poses(edge: Edge) -> None:
         raise InputError(f"{what} is not finite in some messages: repair the recording")
     if not np.any(values[:, 3:] != 0.0, axis=1).all():
         raise InputError(f"{what} has a quaternion of zeros in some messages: fix its publisher")
+    if edge.is_static:
+        return fixed_inverse(edge.last) if inverse else edge.last
+    tracks.append(edge.track)
+    return PoseStep(track=len(tracks) - 1, inverse=inverse)

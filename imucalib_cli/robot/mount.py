@@ -29,12 +29,11 @@ class Nominal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """The parent link, the IMU's frame, and the nominal pose of the frame in the link."""
+    """The parent link, the IMU's frame, and the frame's nominal pose in the link, if known."""
 
     parent: str
     child: str
     nominal: Nominal | None
-    """None if it is not known."""
 
 
 def find_mount(
@@ -121,9 +120,8 @@ def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
 
 def _nominal(robot: Robot, parent: str, child: str, R: Floats, t: Floats) -> Nominal:
     joint = robot.joint_above.get(child)
-    single = joint is not None and joint.kind == "fixed" and joint.parent == parent
-    name = joint.name if joint is not None and single else ""
-    return Nominal(joint=name, R_parent_imu=R, t_parent_imu=t)
+    is_single = joint is not None and joint.kind == "fixed" and joint.parent == parent
+    return Nominal(joint=joint.name if joint and is_single else "", R_parent_imu=R, t_parent_imu=t)
 
 
 def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:

@@ -17,6 +17,11 @@ _SEPARATORS = ("/", "_", "-", ".", ":")
 """A prefix ends with one of these: without, `joint` would be a prefixed `t`."""
 
 
+def frame_name(name: str) -> str:
+    """Name of a frame or link without the leading slash that ROS 1 allowed."""
+    return name.removeprefix("/")
+
+
 def renamed(names: Collection[str], known: Collection[str], prefix: str) -> dict[str, str]:
     """Known names of those that differ from one by a prefix, which either may have."""
     found = {}

@@ -22,13 +22,6 @@ _HEAD = 1 << 16
 """Bytes of a package.xml that are looked at: its name stands first."""
 
 
-def _manifests(folder: Path) -> Iterator[Path]:
-    """Files package.xml of a folder, and of those in it."""
-    yield folder / "package.xml"
-    with suppress(OSError):
-        yield from sorted(folder.glob("*/package.xml"))
-
-
 def _name_in(manifest: Path) -> str:
     """The name of a package, which need not be that of its folder; empty if there is none."""
     with suppress(OSError), manifest.open("rb") as file:
@@ -60,9 +53,11 @@ def packages_near(path: Path) -> Iterator[list[str]]:
         for place in (place for folder in folders for place in (folder, folder / package)):
             if place.name == package and place.is_dir():
                 return str(place)
-        for manifest in (found for folder in folders for found in _manifests(folder)):
-            if _name_in(manifest) == package:
-                return str(manifest.parent)
+        for folder in folders:
+            with suppress(OSError):
+                for manifest in (folder / "package.xml", *sorted(folder.glob("*/package.xml"))):
+                    if _name_in(manifest) == package:
+                        return str(manifest.parent)
         missing.append(package)
         raise LookupError(package)
 

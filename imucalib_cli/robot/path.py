@@ -97,15 +97,11 @@ class KinematicPath:
 
     @property
     def base_step(self) -> int:
-        """Index of the step of that IMU; the next one leads from it to its link.
-
-        Raises:
-            StopIteration: There is none.
-        """
+        """Index of the step of that IMU, which is there; the next one leads to its link."""
         return next(
             index
             for index, step in enumerate(self.steps)
-            if isinstance(step, PoseStep) and self.tracks[step.track].kind == "imu"
+            if isinstance(step, PoseStep) and step.track == self.base_imu
         )
 
     def poses(self, values: tuple[Floats, ...]) -> tuple[Floats, Floats]:
@@ -140,13 +136,9 @@ class KinematicPath:
         return R_world_parent, p_world_parent
 
     def frames(self, values: tuple[Floats, ...]) -> tuple[tuple[Floats, Floats], ...]:
-        """Poses in the world: of the frame in which each step begins, and last of the parent link.
+        """Poses in the world of the frame in which each step begins, and last of the parent link.
 
-        Args:
-            values: As for :meth:`poses`.
-
-        Returns:
-            Pairs (R (M, 3, 3), p (M, 3), m), one more than there are steps.
+        Pairs (R (M, 3, 3), p (M, 3), m), one more than there are steps; values as of :meth:`poses`.
         """
         count = len(values[0]) if values else 1
         found: list[tuple[Floats, Floats]] = []
@@ -159,14 +151,8 @@ def parallel_joints(path: KinematicPath, moving: Container[int]) -> tuple[tuple[
     """Pairs of turning joints, one after the other, whose axes are parallel.
 
     A wrong zero of the one looks like the opposite zero of the other and a displaced origin
-    between them.
-
-    Args:
-        path: The chain.
-        moving: Indices of the steps that move; others are parts of what carries them.
-
-    Returns:
-        Indices of their steps.
+    between them. Steps are told by their indices; those that do not move are parts of what
+    carries them.
     """
     nowhere = np.eye(1, 7, 6)
     frames = path.frames(

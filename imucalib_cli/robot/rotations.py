@@ -21,14 +21,7 @@ _GIMBAL_LOCK = 1e-14
 
 
 def skew(v: ArrayLike) -> Floats:
-    """Give the matrix [v]x of the cross product: [v]x u = v x u.
-
-    Args:
-        v: (..., 3).
-
-    Returns:
-        (..., 3, 3).
-    """
+    """Matrix [v]x of the cross product, [v]x u = v x u: of (..., 3), (..., 3, 3)."""
     v = np.asarray(v, dtype=np.float64)
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 2, 1] = v[..., 0]
@@ -41,15 +34,7 @@ def skew(v: ArrayLike) -> Floats:
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """Give the cross product a x b of stacks that broadcast; several times numpy's own speed.
-
-    Args:
-        a: (..., 3).
-        b: (..., 3).
-
-    Returns:
-        (..., 3).
-    """
+    """Cross product a x b of (..., 3) that broadcast; several times numpy's own speed."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
     product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
@@ -58,14 +43,7 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 
 def vee(A: ArrayLike) -> Floats:
-    """Give the axial vector of a matrix's skew part, the inverse of ``skew``.
-
-    Args:
-        A: (..., 3, 3).
-
-    Returns:
-        (..., 3).
-    """
+    """Axial vector of a matrix's skew part, the inverse of ``skew``: of (..., 3, 3), (..., 3)."""
     A = np.asarray(A, dtype=np.float64)
     odd = 0.5 * (A - np.swapaxes(A, -1, -2))
     return np.stack([odd[..., 2, 1], odd[..., 0, 2], odd[..., 1, 0]], axis=-1)
@@ -77,9 +55,6 @@ def nearest_rotation(M: ArrayLike) -> Floats:
     Args:
         M: (3, 3); the sum of b a' over pairs of vectors gives the R of least sum |b - R a|².
 
-    Returns:
-        (3, 3).
-
     Source:
         Schönemann, Psychometrika 31(1), 1966; Markley, J. Astronautical Sciences 36(3), 1988.
     """
@@ -88,14 +63,7 @@ def nearest_rotation(M: ArrayLike) -> Floats:
 
 
 def matrix_from_rotvec(rotvec: ArrayLike) -> Floats:
-    """Exponential map of SO(3), exp([rotvec]x), by Rodrigues' formula.
-
-    Args:
-        rotvec: (..., 3), axis times angle, rad.
-
-    Returns:
-        (..., 3, 3).
-    """
+    """Exponential map of SO(3) by Rodrigues' formula: of (..., 3), rad, (..., 3, 3)."""
     rotvec = np.asarray(rotvec, dtype=np.float64)
     angle = np.sqrt(np.sum(rotvec * rotvec, axis=-1))[..., None, None]
     K = skew(rotvec)
@@ -107,14 +75,7 @@ def matrix_from_rotvec(rotvec: ArrayLike) -> Floats:
 
 
 def rotvec_from_matrix(R: ArrayLike) -> Floats:
-    """Logarithm of SO(3): the rotation vector of angle at most pi.
-
-    Args:
-        R: (..., 3, 3).
-
-    Returns:
-        (..., 3), rad.
-    """
+    """Logarithm of SO(3), of angle at most pi: of (..., 3, 3), (..., 3), rad."""
     quaternion = quaternion_from_matrix(R)
     v, w = quaternion[..., :3], quaternion[..., 3:]
     sine = np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
@@ -146,14 +107,7 @@ def left_jacobian_inverse(rotvec: ArrayLike) -> Floats:
 
 
 def rotation_angle(R: ArrayLike) -> Floats:
-    """Geodesic distance from the identity, exact for tiny angles too.
-
-    Args:
-        R: (..., 3, 3).
-
-    Returns:
-        (...), rad, in [0, pi].
-    """
+    """Geodesic distance from the identity, exact for tiny angles: of (..., 3, 3), (...), rad."""
     quaternion = quaternion_from_matrix(R)
     sine = np.sqrt(np.sum(quaternion[..., :3] ** 2, axis=-1))
     angle: Floats = 2.0 * np.arctan2(sine, quaternion[..., 3])
@@ -161,14 +115,7 @@ def rotation_angle(R: ArrayLike) -> Floats:
 
 
 def matrix_from_quaternion(quaternion_xyzw: ArrayLike) -> Floats:
-    """Rotation matrix of a quaternion, which need not have unit norm.
-
-    Args:
-        quaternion_xyzw: (..., 4), not zero.
-
-    Returns:
-        (..., 3, 3).
-    """
+    """Rotation matrix of a quaternion of any norm but zero: of (..., 4), (..., 3, 3)."""
     q = np.asarray(quaternion_xyzw, dtype=np.float64)
     x, y, z, w = np.moveaxis(q, -1, 0)
     s = 2.0 / np.sum(q * q, axis=-1)
@@ -186,16 +133,10 @@ def matrix_from_quaternion(quaternion_xyzw: ArrayLike) -> Floats:
 
 
 def quaternion_from_matrix(R: ArrayLike) -> Floats:
-    """Unit quaternion of a rotation matrix, with w >= 0.
+    """Unit quaternion of a rotation matrix, with w >= 0: of (..., 3, 3), (..., 4), x y z w.
 
     4 q qᵀ is linear in R; its row with the largest diagonal is q times a number far from zero,
     so no angle loses digits.
-
-    Args:
-        R: (..., 3, 3).
-
-    Returns:
-        (..., 4), x y z w.
     """
     R = np.asarray(R, dtype=np.float64)
     m = np.moveaxis(R, (-2, -1), (0, 1))
@@ -220,14 +161,7 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
 
 
 def matrix_from_rpy(rpy: ArrayLike) -> Floats:
-    """Rotation matrix of URDF's roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll).
-
-    Args:
-        rpy: (..., 3), rad, about the fixed axes x, y, z in this order.
-
-    Returns:
-        (..., 3, 3).
-    """
+    """Rotation matrix of URDF's roll, pitch, yaw, Rz(yaw) Ry(pitch) Rx(roll): of (..., 3), rad."""
     rpy = np.asarray(rpy, dtype=np.float64)
     sr, sp, sy = np.moveaxis(np.sin(rpy), -1, 0)
     cr, cp, cy = np.moveaxis(np.cos(rpy), -1, 0)
@@ -245,16 +179,10 @@ def matrix_from_rpy(rpy: ArrayLike) -> Floats:
 
 
 def rpy_from_matrix(R: ArrayLike) -> Floats:
-    """URDF's roll, pitch, yaw of a rotation matrix; pitch in [-pi/2, pi/2].
+    """URDF's roll, pitch, yaw of (..., 3, 3): (..., 3), rad, pitch in [-pi/2, pi/2].
 
     Roll is computed after yaw is removed, so that the three reproduce R to rounding even close to
     gimbal lock; at gimbal lock yaw is zero.
-
-    Args:
-        R: (..., 3, 3).
-
-    Returns:
-        (..., 3), rad.
     """
     R = np.asarray(R, dtype=np.float64)
     m = np.moveaxis(R, (-2, -1), (0, 1))

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.names import frame_name
 from imucalib_cli.robot.packages import packages_near
 from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
@@ -107,7 +108,6 @@ class Robot:
         )
 
     def _ancestors(self, link: str) -> list[str]:
-        """The link and its ancestors, up to the root."""
         self.require_link(link)
         path = [link]
         while path[-1] in self.joint_above:
@@ -128,11 +128,6 @@ class Robot:
                 f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
                 "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
             )
-
-
-def frame_name(name: str) -> str:
-    """Name of a frame or link without the leading slash that ROS 1 allowed."""
-    return name.removeprefix("/")
 
 
 def load_robot(path: Path) -> Robot:

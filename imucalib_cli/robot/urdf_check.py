@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 FARTHEST = 1e4
 """m between links: larger values are millimetres or damage, and would cost digits of the pose."""
-KINDS = ("fixed", "revolute", "continuous", "prismatic", "floating", "planar")
 _MOVING = ("revolute", "continuous", "prismatic")
+_KINDS = ("fixed", *_MOVING, "floating", "planar")
 _SHOWN = 3
 _LONGEST = 80
 """Most characters shown of a word in a message."""
@@ -42,7 +42,7 @@ def check_urdf(data: bytes, path: Path | str) -> bytes:
     """
     root = parse_xml(data, path)
     faults = _Faults()
-    links = _links(root, faults)
+    links = _by_name(root.findall("link"), faults)
     joints = _joints(root, faults)
     if not faults.found:
         _check_tree(links, joints, faults)
@@ -64,10 +64,6 @@ class _Faults:
             word if len(word) <= _LONGEST else word[:_LONGEST] + "…" for word in text.split()
         )
         self.found.append(text if element is None else f"line {element.line}: {text}")
-
-
-def _links(root: Element, faults: _Faults) -> dict[str, Element]:
-    return _by_name(root.findall("link"), faults)
 
 
 def _by_name(elements: list[Element], faults: _Faults) -> dict[str, Element]:
@@ -92,9 +88,9 @@ def _joints(root: Element, faults: _Faults) -> dict[str, Element]:
     joints = _by_name(root.findall("joint"), faults)
     for name, joint in joints.items():
         kind = joint.attributes.get("type")
-        if kind not in KINDS:
+        if kind not in _KINDS:
             said = "no type" if kind is None else f"the unknown type '{kind}'"
-            faults.add(joint, f"joint '{name}' has {said}, not one of {', '.join(KINDS)}")
+            faults.add(joint, f"joint '{name}' has {said}, not one of {', '.join(_KINDS)}")
         for tag in ("parent", "child"):
             end = joint.find(tag)
             if end is None or not end.attributes.get("link"):

@@ -40,10 +40,6 @@ class Element:
         return [child for child in self.children if child.tag == tag]
 
 
-class _Refused(Exception):  # noqa: N818 - carries a fault out of an expat callback
-    pass
-
-
 def parse_xml(data: bytes, path: Path | str) -> Element:
     """Read a URDF's elements.
 
@@ -54,11 +50,8 @@ def parse_xml(data: bytes, path: Path | str) -> Element:
         raise InputError(f"{path}: more than {SIZE_LIMIT >> 20} MB are no URDF: check --urdf")
     if not data.strip():
         raise InputError(f"{path}: the file is empty: check --urdf")
-    reader = _Reader(path)
     try:
-        root = reader.read(data)
-    except _Refused as refused:
-        raise InputError(f"{path}: {refused}") from None
+        root = _Reader(path).read(data)
     except expat.ExpatError as error:
         raise InputError(
             f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno}, "
@@ -91,23 +84,26 @@ class _Reader:
     def read(self, data: bytes) -> Element:
         self._parser.Parse(data, True)
         if self._root is None:
-            raise _Refused("has no element: give a URDF")
+            raise self._refused("has no element: give a URDF")
         return self._root
+
+    def _refused(self, why: str) -> InputError:
+        return InputError(f"{self._path}: {why}")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, self._parser.CurrentLineNumber)
         xacro = f"<{tag}>" if tag.startswith("xacro:") else _xacro_in(element)
         if xacro:
-            raise _Refused(
+            raise self._refused(
                 f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
                 f"`xacro {self._path} > robot.urdf` and give robot.urdf"
             )
         self._count += 1
         if self._count > ELEMENT_LIMIT:
-            raise _Refused(f"has more than {ELEMENT_LIMIT} elements: give a URDF")
+            raise self._refused(f"has more than {ELEMENT_LIMIT} elements: give a URDF")
         depth = len(self._stack)
         if depth >= DEPTH_LIMIT:
-            raise _Refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
+            raise self._refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
         if depth == 0:
             self._root = element
         elif depth < 3:
@@ -118,7 +114,7 @@ class _Reader:
         self._stack.pop()
 
     def _doctype(self, *_args: object) -> None:
-        raise _Refused(
+        raise self._refused(
             "has a DOCTYPE, which a URDF does not need and which may hide entities: remove it"
         )
 

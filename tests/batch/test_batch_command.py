@@ -22,7 +22,7 @@ from imucalib_cli.cli.extras import EXTRAS
 from imucalib_cli.cli.main import main
 from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
-from tests.cli.test_cli_run import Estimator
+from tests.cli.stand_in import Estimator
 from tests.conftest import LogWriter
 from tests.web_server import serving
 from tools.fuzz import seeds

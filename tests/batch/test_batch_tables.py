@@ -203,5 +203,5 @@ def test_markdown_begins_with_the_worst_and_has_an_end() -> None:
 
 def test_the_command_offers_every_form() -> None:
     annotation = inspect.signature(batch_command).parameters["fmt"].annotation
-    (literal, _) = get_args(get_args(annotation)[0])
+    (literal, _) = get_args(annotation)
     assert {*get_args(literal)} == {*TABLES, "summary"}

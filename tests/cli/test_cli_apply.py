@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 from hashlib import sha256
-from io import BytesIO
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.results.result import Result
+    from tests.conftest import Imucalib, Printed
 
 URDF = """<robot name="r"><link name="hand"/><link name="left"/><link name="right"/>
 <joint name="left_joint" type="fixed"><parent link="hand"/><child link="left"/>
@@ -43,11 +42,11 @@ def urdf(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def apply(urdf: Path, tmp_path: Path) -> Any:
-    def apply(results: list[Result], *options: str) -> int:
+def apply(urdf: Path, tmp_path: Path, imucalib: Imucalib) -> Any:
+    def apply(results: list[Result], *options: object, code: int = 0) -> Printed:
         result = tmp_path / "result.yaml"
         result.write_text(to_yaml(results))
-        return main(["apply", str(result), "--urdf", str(urdf), *options])
+        return imucalib("apply", result, "--urdf", urdf, *options, code=code)
 
     return apply
 
@@ -55,61 +54,47 @@ def apply(urdf: Path, tmp_path: Path) -> Any:
 MOVED = '<origin xyz="0.1 0.2 0.3" rpy="0 0 0"/>'
 
 
-def test_every_imu_is_applied_and_told(apply: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    assert apply([imu("left"), imu("right")]) == 0
-    out, err = capsys.readouterr()
+def test_every_imu_is_applied_and_told(apply: Any) -> None:
+    out, err = apply([imu("left"), imu("right")])
     assert out.count(MOVED) == 2
     assert err.splitlines() == [
         "applied: joint 'left_joint' (left on hand): its origin moved by 3 mm and 0 deg",
         "applied: joint 'right_joint' (right on hand): its origin moved by 374 mm and 0 deg",
     ]
-    assert apply([imu("left"), imu("right")], "-q") == 0
-    assert capsys.readouterr() == (out, "")
+    assert apply([imu("left"), imu("right")], "-q") == (out, "")
 
 
-def test_one_that_is_untrusted_does_not_keep_the_other_back(
-    apply: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_that_is_untrusted_does_not_keep_the_other_back(apply: Any) -> None:
     pair = [imu("left"), imu("right", findings=texts(Severity.UNTRUSTED, ["it wobbles"]))]
-    assert apply(pair) == 3
-    out, err = capsys.readouterr()
+    out, err = apply(pair, code=3)
     assert out == URDF.replace('<origin xyz="0.1 0.2 0.303" rpy="0 0 0"/>', MOVED)
     assert "error: right in hand: result is untrusted (it wobbles), so no URDF" in err
-    assert apply(pair, "--imu", "left", "-q") == 0
-    assert capsys.readouterr() == (out, "")
-    assert apply(pair, "--imu", "/right", "-q") == 3
-    assert capsys.readouterr().out == ""
-    assert apply(pair, "--force") == 0
-    assert capsys.readouterr().out.count(MOVED) == 2
+    assert apply(pair, "--imu", "left", "-q") == (out, "")
+    assert apply(pair, "--imu", "/right", "-q", code=3).out == ""
+    assert apply(pair, "--force").out.count(MOVED) == 2
 
 
-def test_one_without_a_joint_gives_its_snippet(
-    apply: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert apply([imu("left"), imu("nowhere")], "-q") == 1
-    out, err = capsys.readouterr()
+def test_one_without_a_joint_gives_its_snippet(apply: Any) -> None:
+    out, err = apply([imu("left"), imu("nowhere")], "-q", code=1)
     assert out.count(MOVED) == 1
     assert "no fixed joint holds 'nowhere'" in err
     assert '<joint name="nowhere_joint" type="fixed">' in err
 
 
-def test_choices_that_are_the_users(
-    apply: Any, urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert apply([imu("left"), imu("right")], "--imu", "front") == 2
-    assert "there are: left (/left), right (/right)" in capsys.readouterr().err
+def test_choices_that_are_the_users(apply: Any, urdf: Path) -> None:
+    said = apply([imu("left"), imu("right")], "--imu", "front", code=2)
+    assert "there are: left (/left), right (/right)" in said.err
     twice = make(child="left", topic="/other")
-    assert apply([imu("left"), twice]) == 2
-    out, err = capsys.readouterr()
+    out, err = apply([imu("left"), twice], code=2)
     assert out == ""
     assert "two results are for joint 'left_joint': choose one with --imu, of: /left, /other" in err
-    assert apply([imu("left"), twice], "--imu", "/other", "-q") == 0
-    assert apply([imu("left")], "-o", str(urdf)) == 2
+    apply([imu("left"), twice], "--imu", "/other", "-q")
+    apply([imu("left")], "-o", urdf, code=2)
     assert urdf.read_text() == URDF
 
 
 def test_a_folder_of_results_is_applied_at_once(
-    tmp_path: Path, urdf: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, urdf: Path, imucalib: Imucalib
 ) -> None:
     folder = tmp_path / "results"
     folder.mkdir()
@@ -117,20 +102,16 @@ def test_a_folder_of_results_is_applied_at_once(
         (folder / f"log.{child}.yaml").write_text(to_yaml([imu(child)]))
     (folder / "log.report.html").write_text("<html/>")
     files = [str(path) for path in sorted(folder.glob("*.yaml"))]
-    assert main(["apply", *files, "--urdf", str(urdf), "-q"]) == 0
-    out, _ = capsys.readouterr()
+    out, _ = imucalib("apply", *files, "--urdf", urdf, "-q")
     assert out.count(MOVED) == 2
-    assert main(["apply", str(folder), "--urdf", str(urdf), "-q"]) == 0
-    assert capsys.readouterr() == (out, "")
+    assert imucalib("apply", folder, "--urdf", urdf, "-q") == (out, "")
     (folder / "other.left.yaml").write_text(to_yaml([imu("left", log="b")]))
-    assert main(["apply", str(folder), "--urdf", str(urdf)]) == 2
-    said = capsys.readouterr().err
+    said = imucalib("apply", folder, "--urdf", urdf, code=2).err
     assert f"{files[0]}, {folder}/other.left.yaml: two results are for joint 'left_joint'" in said
     assert "give one of them" in said
     # what cannot be read does not keep the others back
     (folder / "other.left.yaml").write_text("schema: 1\nstatus: ok\n")
-    assert main(["apply", str(folder), "--urdf", str(urdf)]) == 1
-    out, err = capsys.readouterr()
+    out, err = imucalib("apply", folder, "--urdf", urdf, code=1)
     assert out.count(MOVED) == 2
     assert "error: " in err
 
@@ -146,7 +127,7 @@ TWO_ARMS = """<robot name="r"><link name="base"/><link name="body"/>
 
 
 def test_what_several_imus_tell_of_the_robot(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], imucalib: Imucalib
 ) -> None:
     """Each its own arm; of a joint that carries both only what both take to be so."""
     urdf, file = tmp_path / "robot.urdf", tmp_path / "result.yaml"
@@ -186,28 +167,20 @@ def test_what_several_imus_tell_of_the_robot(
     assert turned(*arms) == ["left_arm", "right_arm"]
     assert turned(told("left", yaw=0.01), told("right", yaw=0.01 + 1e-12)) == ["yaw"]
     assert turned(told("left", yaw=0.01), told("right")) == ["yaw"]
-    assert "--kinematics: joint 'yaw' carries several IMUs" in kinematics_error(capsys, file, urdf)
+    said = imucalib("apply", file, "--urdf", urdf, "--kinematics", "--force", code=2)
+    assert "--kinematics: joint 'yaw' carries several IMUs" in said.err
 
 
-def kinematics_error(capsys: pytest.CaptureFixture[str], file: Path, urdf: Path) -> str:
-    assert main(["apply", str(file), "--urdf", str(urdf), "--kinematics", "--force"]) == 2
-    return capsys.readouterr().err
-
-
-def test_the_turn_is_told_in_degrees(apply: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_turn_is_told_in_degrees(apply: Any) -> None:
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    assert apply([imu("left", R_parent_imu=R)]) == 0
-    assert "moved by 3 mm and 90 deg" in capsys.readouterr().err
+    assert "moved by 3 mm and 90 deg" in apply([imu("left", R_parent_imu=R)]).err
 
 
-def test_a_missing_joint_is_added(
-    apply: Any, urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_joint_is_added(apply: Any, urdf: Path) -> None:
     results = [imu("left"), imu("tête")]
-    assert apply(results) == 1
-    assert "add one (--add)" in capsys.readouterr().err
-    assert apply(results, "--add", "-o", str(urdf.with_name("new.urdf"))) == 0
-    assert "a joint that holds 'tête' on 'hand' was added" in capsys.readouterr().err
+    assert "add one (--add)" in apply(results, code=1).err
+    said = apply(results, "--add", "-o", urdf.with_name("new.urdf"))
+    assert "a joint that holds 'tête' on 'hand' was added" in said.err
     robot = load_robot(urdf.with_name("new.urdf"))
     joint = robot.joint_above["tête"]
     assert (joint.parent, joint.kind, joint.name) == ("hand", "fixed", "tête_joint")
@@ -216,20 +189,16 @@ def test_a_missing_joint_is_added(
     assert urdf.with_name("new.urdf").read_text().startswith(before.removesuffix("</robot>"))
 
 
-def test_in_place_writes_the_urdf_itself(
-    apply: Any, urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert apply([imu("left")], "-o", str(urdf)) == 2
+def test_in_place_writes_the_urdf_itself(apply: Any, urdf: Path) -> None:
+    apply([imu("left")], "-o", urdf, code=2)
     assert urdf.read_text() == URDF
-    assert apply([imu("left")], "--in-place", "-o", "x.urdf") == 2
-    assert "leave -o out" in capsys.readouterr().err
-    assert apply([imu("left")], "--in-place") == 0
+    assert "leave -o out" in apply([imu("left")], "--in-place", "-o", "x.urdf", code=2).err
+    assert apply([imu("left")], "--in-place").out == ""
     assert urdf.read_text() == URDF.replace("0.303", "0.3")
-    assert capsys.readouterr().out == ""
 
 
 def test_the_origin_of_a_xacro_is_changed_where_it_is_a_number(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, imucalib: Imucalib
 ) -> None:
     pytest.importorskip("xacro")
     xacro = tmp_path / "robot.urdf.xacro"
@@ -239,20 +208,15 @@ def test_the_origin_of_a_xacro_is_changed_where_it_is_a_number(
     result = tmp_path / "result.yaml"
     result.write_text(to_yaml([imu("left")]))
     command = ["apply", str(result), "--urdf", str(xacro)]
-    assert main(command) == 0
-    assert capsys.readouterr().out == text.replace("0.303", "0.3")
+    assert imucalib(*command).out == text.replace("0.303", "0.3")
     xacro.write_text(text.replace('xyz="0.1 0.2 0.303"', 'xyz="${d} 0.2 0.303"'))
-    assert main(command) == 1
-    said = capsys.readouterr().err
+    said = imucalib(*command, code=1).err
     assert "the origin of joint 'left_joint' is computed by xacro" in said
     assert "--format xacro" in said
 
 
-def test_a_urdf_from_stdin_is_written_to_stdout(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_urdf_from_stdin_is_written_to_stdout(tmp_path: Path, imucalib: Imucalib) -> None:
     result = tmp_path / "result.yaml"
     result.write_text(to_yaml([imu("left")]))
-    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=BytesIO(URDF.encode())))
-    assert main(["apply", str(result), "--urdf", "-"]) == 0
-    assert capsys.readouterr().out == URDF.replace("0.303", "0.3")
+    said = imucalib("apply", result, "--urdf", "-", stdin=URDF.encode())
+    assert said.out == URDF.replace("0.303", "0.3")

@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import io
 import json
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jsonschema
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial import transform
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_yaml
+from tests.cli.stand_in import ANSWERS
 from tests.results.test_results_documents import UP, make_result
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from imucalib_cli.results.result import Result
+    from tests.conftest import Imucalib, Printed
 
 if not hasattr(transform, "RigidTransform"):
     pytest.skip("RigidTransform, the truth here, needs scipy 1.16", allow_module_level=True)
 RigidTransform = transform.RigidTransform
 
-ROOT = Path(__file__).parents[2]
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/comparison.schema.json").read_text())
-)
 URDF = """<?xml version="1.0"?>
 <robot name="arm">
   <link name="base"/> <link name="hand"/> <link name="imu_link"/>
@@ -113,15 +108,20 @@ def files(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def compare(files: Path, *more: str, result: str = "", kalibr: str = "") -> int:
-    arguments = [result or str(files / "result.yaml")]
-    arguments += ["--kalibr", kalibr or str(files / "kalibr.yaml")]
-    return main(["compare", *arguments, "--urdf", str(files / "robot.urdf"), *more])
+@pytest.fixture
+def compare(files: Path, imucalib: Imucalib) -> Any:
+    def compare(
+        *more: object, result: object = "", kalibr: object = "", **expected: Any
+    ) -> Printed:
+        read = (result or files / "result.yaml", "--kalibr", kalibr or files / "kalibr.yaml")
+        return imucalib("compare", *read, "--urdf", files / "robot.urdf", *more, **expected)
+
+    return compare
 
 
-def answer(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    document: dict[str, Any] = yaml.safe_load(capsys.readouterr().out)
-    SCHEMA.validate(document)
+def answer(printed: Printed) -> dict[str, Any]:
+    document: dict[str, Any] = yaml.safe_load(printed.out)
+    ANSWERS.validate(document)
     return document
 
 
@@ -135,9 +135,8 @@ def assert_same(entry: dict[str, Any], expected: RigidTransform) -> None:
     np.testing.assert_allclose(pose(entry).as_matrix(), expected.as_matrix(), atol=1e-12)
 
 
-def test_both_stand_in_both_frames(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert compare(files) == 0
-    document = answer(capsys)
+def test_both_stand_in_both_frames(compare: Any) -> None:
+    document = answer(compare())
     assert document["camera_link"] == "camera_optical_frame"
     assert_same(document["imucalib"]["T_parent_imu"], OURS)
     assert_same(document["imucalib"]["T_camera_imu"], HAND_CAMERA.inv() * OURS)
@@ -149,9 +148,8 @@ def test_both_stand_in_both_frames(files: Path, capsys: pytest.CaptureFixture[st
     assert document["truth"] is document["kalibr"]["error"] is None
 
 
-def test_the_difference_has_our_sigma(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert compare(files) == 0
-    document = answer(capsys)
+def test_the_difference_has_our_sigma(compare: Any) -> None:
+    document = answer(compare())
     moved, turned = document["translation"], document["rotation"]
     np.testing.assert_allclose(moved["vector_mm"], APART * 1e3, atol=1e-9)
     assert moved["difference_mm"] == pytest.approx(np.linalg.norm(APART) * 1e3)
@@ -165,11 +163,8 @@ def test_the_difference_has_our_sigma(files: Path, capsys: pytest.CaptureFixture
     assert off["angle_deg"] == pytest.approx(np.degrees(THEIRS.rotation.magnitude()))
 
 
-def test_errors_are_of_both_and_in_both_metrics(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
-    document = answer(capsys)
+def test_errors_are_of_both_and_in_both_metrics(files: Path, compare: Any) -> None:
+    document = answer(compare("--truth", files / "truth.yaml"))
     for name, estimate in (("imucalib", OURS), ("kalibr", THEIRS)):
         delta = TRUE.inv() * estimate
         error = document[name]["error"]
@@ -184,25 +179,20 @@ def test_errors_are_of_both_and_in_both_metrics(
     assert document["imucalib"]["error"]["distance_mm"] > 0.1
 
 
-def test_a_camera_drawn_wrong_does_not_count_against_kalibr(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_camera_drawn_wrong_does_not_count_against_kalibr(files: Path, compare: Any) -> None:
     truth = yaml.safe_load((files / "truth.yaml").read_text())
     elsewhere = fixed([0.03, 0.1, 0.0], [0.5, 0.3, -1.0])
     T_cam_imu = (elsewhere.inv() * TRUE).as_matrix().tolist()
     truth["camera"] = {"T_cam_imu": T_cam_imu, "timeshift_cam_imu": 0.0124}
     (files / "truth.yaml").write_text(yaml.safe_dump(truth))
     (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain(T_cam_imu=T_cam_imu)}))
-    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
-    document = answer(capsys)
+    document = answer(compare("--truth", files / "truth.yaml"))
     assert document["kalibr"]["error"]["distance_mm"] == pytest.approx(0.0, abs=1e-9)
     assert document["truth"]["timeshift_cam_imu"] == 0.0124
     assert document["translation"]["difference_mm"] > 5.0  # through the URDF
 
 
-def test_time_shifts_tell_the_cameras_clock(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_time_shifts_tell_the_cameras_clock(files: Path, compare: Any) -> None:
     """As docs/simulation.md defines them: shift = IMU - camera, offset = IMU - robot.
 
     An IMU that is 20 ms late and a camera that is 15 ms early are 35 ms apart.
@@ -210,8 +200,7 @@ def test_time_shifts_tell_the_cameras_clock(
     result = to_yaml([ours(time_offset=0.020, time_offset_std=1e-4)])
     (files / "result.yaml").write_text(result)
     (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain(timeshift_cam_imu=0.035)}))
-    assert compare(files) == 0
-    document = answer(capsys)
+    document = answer(compare())
     assert document["time"] == {
         "difference_ms": pytest.approx(15.0),
         "sigma_ms": pytest.approx(0.1),
@@ -222,29 +211,23 @@ def test_time_shifts_tell_the_cameras_clock(
     assert "the camera's stamps are 15 ms early against the robot's" in document["reason"]
     truth = yaml.safe_load((files / "truth.yaml").read_text()) | {"time_offset": 0.0203}
     (files / "truth.yaml").write_text(yaml.safe_dump(truth))
-    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
-    times = answer(capsys)["time"]
+    times = answer(compare("--truth", files / "truth.yaml"))["time"]
     assert times["imucalib_error_ms"] == pytest.approx(-0.3)
     assert times["kalibr_error_ms"] is None  # that truth knows no camera
     truth["camera"] = {"T_cam_imu": chain()["T_cam_imu"], "timeshift_cam_imu": 0.0348}
     (files / "truth.yaml").write_text(yaml.safe_dump(truth))
-    assert compare(files, "--truth", str(files / "truth.yaml")) == 0
-    assert answer(capsys)["time"]["kalibr_error_ms"] == pytest.approx(0.2)
+    said = answer(compare("--truth", files / "truth.yaml"))
+    assert said["time"]["kalibr_error_ms"] == pytest.approx(0.2)
     unshifted = chain()
     del unshifted["timeshift_cam_imu"]
     (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": unshifted}))
-    assert compare(files) == 0
-    assert answer(capsys)["time"] is None
+    assert answer(compare())["time"] is None
 
 
-def test_a_frame_that_is_not_optical_is_asked_about(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert compare(files, "-o", str(files / "answer.yaml")) == 0
-    assert "warning" not in capsys.readouterr().err
+def test_a_frame_that_is_not_optical_is_asked_about(files: Path, compare: Any) -> None:
+    assert "warning" not in compare("-o", files / "answer.yaml").err
     assert yaml.safe_load((files / "answer.yaml").read_text())["warnings"] == []
-    assert compare(files, "--camera-link", "camera_link") == 0
-    out, err = capsys.readouterr()
+    out, err = compare("--camera-link", "camera_link")
     (warning,) = yaml.safe_load(out)["warnings"]
     assert warning.endswith(
         "is camera_link the camera's optical frame (z forward, x right, y down)? --camera-link "
@@ -258,15 +241,11 @@ def test_a_frame_that_is_not_optical_is_asked_about(
             OURS.translation + away.translation, away.rotation * OURS.rotation
         )
         (files / "kalibr.yaml").write_text(yaml.safe_dump({"cam0": chain(far)}))
-        assert compare(files) == 0
-        assert bool(answer(capsys)["warnings"]) == odd
+        assert bool(answer(compare())["warnings"]) == odd
 
 
-def test_the_summary_says_what_the_document_does(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert compare(files, "--format", "summary", "--truth", str(files / "truth.yaml")) == 0
-    out, err = capsys.readouterr()
+def test_the_summary_says_what_the_document_does(files: Path, compare: Any) -> None:
+    out, err = compare("--format", "summary", "--truth", files / "truth.yaml")
     assert err == ""
     lines = {line[2:17].strip(): line[19:] for line in out.splitlines() if line.startswith("  ")}
     ours, theirs = (lines["xyz"][at : at + 30].split() for at in (0, 32))
@@ -277,66 +256,53 @@ def test_the_summary_says_what_the_document_does(
     distance = 1e3 * np.linalg.norm(TRUE.inv().apply(OURS.translation))
     assert lines["off the truth"].split()[0] in {f"{distance:.3f}", f"{distance:.2f}"}
     assert "Kalibr's - ours  0.37 ± 0.10 mm" in out  # the root of 0.3² + 0.2² + 0.1²
-    assert compare(files, "--format", "words") == 2
+    compare("--format", "words", code=2)
 
 
-def test_a_log_is_no_file_of_kalibrs(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_log_is_no_file_of_kalibrs(files: Path, compare: Any) -> None:
     for content in (b"#ROSBAG V2.0\n\xff", bytes((1 << 24) + 1)):
         (files / "log.bag").write_bytes(content)
-        assert compare(files, kalibr=str(files / "log.bag")) == 1
-        assert "it should be the -camchain-imucam.yaml that kalibr" in capsys.readouterr().err
-    assert compare(files, "--truth", str(files / "log.bag")) == 1
-    assert "it should be the truth.yaml that imucalib simulate" in capsys.readouterr().err
+        said = compare(kalibr=str(files / "log.bag"), code=1)
+        assert "it should be the -camchain-imucam.yaml that kalibr" in said.err
+    said = compare("--truth", files / "log.bag", code=1)
+    assert "it should be the truth.yaml that imucalib simulate" in said.err
 
 
-def test_another_camera_of_the_chain(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_camera_of_the_chain(files: Path, compare: Any) -> None:
     cameras = {"cam0": chain(OURS), "cam1": chain(T_cn_cnm1=np.eye(4).tolist())}
     (files / "kalibr.yaml").write_text(yaml.safe_dump(cameras))
     arguments = ["--camera", "cam1", "--camera-link", "camera_optical_frame", "--format", "json"]
-    assert compare(files, *arguments) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(compare(*arguments).out)
     assert document["kalibr"]["camera"] == "cam1"
     assert_same(document["kalibr"]["T_parent_imu"], THEIRS)
-    assert compare(files, "--camera", "cam2") == 2
-    assert "has cam0, cam1" in capsys.readouterr().err
+    assert "has cam0, cam1" in compare("--camera", "cam2", code=2).err
 
 
-def test_stdin_output_and_quiet(
-    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stdin_output_and_quiet(files: Path, compare: Any) -> None:
     content = (files / "kalibr.yaml").read_bytes()
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
-    assert compare(files, "-q", "-o", str(files / "answer.yaml"), kalibr="-") == 0
-    out, err = capsys.readouterr()
+    out, err = compare("-q", "-o", files / "answer.yaml", kalibr="-", stdin=content)
     assert out == err == ""
     document = yaml.safe_load((files / "answer.yaml").read_text())
     assert document["kalibr"]["file"] == "standard input"
-    assert compare(files, result="-", kalibr="-") == 2
-    assert "standard input can be one" in capsys.readouterr().err
-    assert compare(files, "-o", str(files / "kalibr.yaml")) == 2  # an input
+    assert "standard input can be one" in compare(result="-", kalibr="-", code=2).err
+    compare("-o", files / "kalibr.yaml", code=2)  # an input
     assert content == (files / "kalibr.yaml").read_bytes()
 
 
-def test_an_untrusted_result_is_compared_with_a_warning(
-    files: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_untrusted_result_is_compared_with_a_warning(files: Path, compare: Any) -> None:
     (files / "result.yaml").write_text(to_yaml([ours(unobservable=(UP,))]))
-    assert compare(files) == 3
-    out, err = capsys.readouterr()
+    out, err = compare(code=3)
     assert yaml.safe_load(out)["translation"]["unknown_directions"] == [[0.0, 0.0, 1.0]]
     assert "should not be trusted" in err
 
 
-def test_one_of_several_imus(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_of_several_imus(files: Path, compare: Any) -> None:
     other = ours(child="other_link", topic="/other")
     (files / "result.yaml").write_text(to_yaml([other, ours()]))
-    assert compare(files) == 2
-    assert "choose one with --imu" in capsys.readouterr().err
-    assert compare(files, "--imu", "imu_link") == 0
-    assert answer(capsys)["child"] == "imu_link"
-    assert compare(files, "--imu", "/other") == 0
-    assert answer(capsys)["nominal"] is None  # no such link in the URDF
-    assert compare(files, "--imu", "/none") == 2
+    assert "choose one with --imu" in compare(code=2).err
+    assert answer(compare("--imu", "imu_link"))["child"] == "imu_link"
+    assert answer(compare("--imu", "/other"))["nominal"] is None  # no such link in the URDF
+    compare("--imu", "/none", code=2)
 
 
 @pytest.mark.parametrize(
@@ -358,11 +324,10 @@ def test_one_of_several_imus(files: Path, capsys: pytest.CaptureFixture[str]) ->
     ],
 )
 def test_a_bad_file_of_kalibrs_is_named(
-    files: Path, capsys: pytest.CaptureFixture[str], content: str, words: str
+    files: Path, compare: Any, content: str, words: str
 ) -> None:
     (files / "kalibr.yaml").write_text(content)
-    assert compare(files) == 1
-    err = capsys.readouterr().err
+    err = compare(code=1).err
     assert words in err
     assert "kalibr.yaml" in err
     assert err.count("\n") == 1
@@ -377,23 +342,17 @@ def test_a_bad_file_of_kalibrs_is_named(
         (": [", "not YAML"),
     ],
 )
-def test_a_bad_truth_is_named(
-    files: Path, capsys: pytest.CaptureFixture[str], content: str, words: str
-) -> None:
+def test_a_bad_truth_is_named(files: Path, compare: Any, content: str, words: str) -> None:
     (files / "truth.yaml").write_text(content)
-    assert compare(files, "--truth", str(files / "truth.yaml")) == 1
-    assert words in capsys.readouterr().err
+    assert words in compare("--truth", files / "truth.yaml", code=1).err
 
 
-def test_frames_that_do_not_fit_are_named(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert compare(files, "--camera-link", "base") == 2
-    assert "the revolute joint 'pan' is between them" in capsys.readouterr().err
-    assert compare(files, "--camera-link", "camera") == 2
-    assert "did you mean 'camera_link'" in capsys.readouterr().err
+def test_frames_that_do_not_fit_are_named(files: Path, compare: Any) -> None:
+    said = compare("--camera-link", "base", code=2)
+    assert "the revolute joint 'pan' is between them" in said.err
+    assert "did you mean 'camera_link'" in compare("--camera-link", "camera", code=2).err
     truth = (files / "truth.yaml").read_text().replace("parent: hand", "parent: base")
     (files / "truth.yaml").write_text(truth)
-    assert compare(files, "--truth", str(files / "truth.yaml")) == 2
-    assert "is of imu_link in base" in capsys.readouterr().err
+    assert "is of imu_link in base" in compare("--truth", files / "truth.yaml", code=2).err
     (files / "robot.urdf").write_text(URDF.replace("camera_optical_frame", "camera_eye"))
-    assert compare(files) == 2
-    assert "--camera-link, one of: base, hand" in capsys.readouterr().err
+    assert "--camera-link, one of: base, hand" in compare(code=2).err

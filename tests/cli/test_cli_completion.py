@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from imucalib_cli.cli.main import main
+from tests.processes import python
 
 SAMPLE = Path(__file__).parents[2] / "sample_data"
 LOG, URDF = str(SAMPLE / "rihibot.mcap"), str(SAMPLE / "rihibot.urdf")
@@ -63,13 +62,7 @@ def test_completion(
 
 def test_a_completion_is_soon_there() -> None:
     """Of a whole process, as a shell starts one for each Tab."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        env={**os.environ, **_asked("run", LOG, "--imu-topic", "")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = python("-c", PROGRAM, env={**os.environ, **_asked("run", LOG, "--imu-topic", "")})
     assert done.stdout.split() == ["/imu/data"]
     seconds = float(done.stderr)  # no word beside the time
     assert seconds < 1.5  # of a busy machine; half of it is typer's own

@@ -8,28 +8,20 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import jsonschema
 import numpy as np
 import pytest
-import yaml
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_json, to_yaml
+from tests.cli.stand_in import ANSWERS, answers
 from tests.results.test_results_documents import UP, make_result
 
 if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
+    from tests.conftest import Imucalib
 
 ROOT = Path(__file__).parents[2]
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/comparison.schema.json").read_text())
-)
 SMALL = np.diag([1e-8] * 3 + [1e-10] * 3)
 HERE = np.array([0.1, 0.2, 0.3])
-
-
-def diff(*arguments: object) -> int:
-    return main(["diff", *(str(argument) for argument in arguments)])
 
 
 def make(
@@ -56,58 +48,46 @@ def write(tmp_path: Path) -> Any:
     return write
 
 
-def answers(capsys: pytest.CaptureFixture[str]) -> tuple[list[dict[str, Any]], str]:
-    out, err = capsys.readouterr()
-    documents = list(yaml.safe_load_all(out))
-    for document in documents:
-        SCHEMA.validate(document)
-    return documents, err
-
-
-def test_moved_and_not(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_moved_and_not(write: Any, imucalib: Imucalib) -> None:
     first = write("a.yaml", make())
-    assert diff(first, write("b.json", make([0.0, 0.001, 0.0], log="b"))) == 4
-    (document,), err = answers(capsys)
+    (document,), err = answers(
+        imucalib("diff", first, write("b.json", make([0.0, 0.001, 0.0], log="b")), code=4)
+    )
     assert document["verdict"] == "moved"
     np.testing.assert_allclose(document["translation"]["vector_mm"], [0, 1, 0], atol=1e-9)
     np.testing.assert_allclose(document["translation"]["std_mm"], np.full(3, 0.1 * 2**0.5))
     assert document["test"]["chi2"] == pytest.approx(50.0)
     assert document["test"]["degrees_of_freedom"] == 6
     assert err.startswith("moved: imu_link in hand has moved: 1.00 ± 0.14 mm")
-    assert diff(first, write("c.yaml", make([1e-5, 0.0, 0.0], log="b"))) == 0
-    assert answers(capsys)[1].startswith("not moved: imu_link in hand has not moved: ")
-    assert diff(first, write("d.yaml", make(log="b", unobservable=(UP,)))) == 3
-    (document,), err = answers(capsys)
+    said = answers(imucalib("diff", first, write("c.yaml", make([1e-5, 0.0, 0.0], log="b"))))
+    assert said[1].startswith("not moved: imu_link in hand has not moved: ")
+    (document,), err = answers(
+        imucalib("diff", first, write("d.yaml", make(log="b", unobservable=(UP,))), code=3)
+    )
     assert document["translation"]["unknown_directions"] == [[0.0, 0.0, 1.0]]
     assert document["test"]["degrees_of_freedom"] == 5
     assert "unknown: cannot tell whether" in err
 
 
-def test_within_asks_for_a_size_instead(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_within_asks_for_a_size_instead(write: Any, imucalib: Imucalib) -> None:
     first, second = write("a.yaml", make()), write("b.yaml", make([0.001, 0.0, 0.0], log="b"))
-    assert diff(first, second, "--within", "2mm", "-q") == 0
-    (document,), err = answers(capsys)
+    (document,), err = answers(imucalib("diff", first, second, "--within", "2mm", "-q"))
     assert err == ""
     assert document["within"] == {"translation_mm": 2.0, "rotation_deg": 0.5}
-    assert diff(first, second, "--within", "0.5mm") == 4
-    assert diff(first, second, "--within", "1mm") == 3
+    imucalib("diff", first, second, "--within", "0.5mm", code=4)
+    imucalib("diff", first, second, "--within", "1mm", code=3)
 
 
-def test_one_of_them_from_stdin(
-    write: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_of_them_from_stdin(write: Any, imucalib: Imucalib) -> None:
     first, second = write("a.yaml", make()), write("b.yaml", make())
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(first.read_bytes())))
-    assert diff("-", second) == 0
-    (document,), err = answers(capsys)
+    (document,), err = answers(imucalib("diff", "-", second, stdin=first.read_bytes()))
     assert document["first"]["file"] == "standard input"
     assert "warning: standard input and " in err
     assert "were computed from the same log" in err
-    assert diff("-", "-") == 2
-    assert "one of the results, not two" in capsys.readouterr().err
+    assert "one of the results, not two" in imucalib("diff", "-", "-", code=2).err
 
 
-def test_imus_are_paired_by_frame_and_topic(write: Any, capsys: pytest.CaptureFixture[str]) -> None:
+def test_imus_are_paired_by_frame_and_topic(write: Any, imucalib: Imucalib) -> None:
     # c kept its frame, d its topic; a and b share a frame and are told apart by topic
     one = [
         make([i * 0.1, 0, 0], child=child, topic=topic)
@@ -117,11 +97,13 @@ def test_imus_are_paired_by_frame_and_topic(write: Any, capsys: pytest.CaptureFi
         make([i * 0.1, 0, 0], child=child, topic=topic, log="b")
         for i, (child, topic) in enumerate([("x", "/a"), ("x", "/b"), ("c", "/new"), ("d", "/d")])
     ]
-    assert diff(write("a.yaml", *one), write("b.json", *reversed(other))) == 0
-    documents, _ = answers(capsys)
+    documents, _ = answers(
+        imucalib("diff", write("a.yaml", *one), write("b.json", *reversed(other)))
+    )
     assert [d["second"]["imu"] for d in documents] == ["/a", "/b", "/new", "/d"]
-    assert diff(write("a.yaml", *one), write("b.yaml", *other[:3])) == 2
-    documents, err = answers(capsys)
+    documents, err = answers(
+        imucalib("diff", write("a.yaml", *one), write("b.yaml", *other[:3]), code=2)
+    )
     assert len(documents) == 3
     assert "a.yaml has a result of d (/d), " in err
     assert "b.yaml has none to go with it" in err
@@ -138,9 +120,7 @@ URDF = """<robot name="r"><link name="hand"/><link name="plate"/><link name="imu
 </robot>"""
 
 
-def test_other_frames_need_the_urdf(
-    write: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_frames_need_the_urdf(write: Any, tmp_path: Path, imucalib: Imucalib) -> None:
     urdf = tmp_path / "r.urdf"
     urdf.write_text(URDF)
     first = write("a.yaml", make())
@@ -149,70 +129,60 @@ def test_other_frames_need_the_urdf(
     in_plate = R.T @ (HERE - [0.1, 0.0, 0.0]) + [0.0, 0.0, 0.02]
     moved = make(in_plate - HERE, parent="plate", child="chip", log="b", R_parent_imu=R.T)
     second = write("b.yaml", moved)
-    assert diff(first, second) == 2
-    assert "is of imu_link in hand, " in (err := capsys.readouterr().err)
+    assert "is of imu_link in hand, " in (err := imucalib("diff", first, second, code=2).err)
     assert "b.yaml of chip in plate: give --urdf" in err
     assert err.count("\n") == 1
-    assert diff(first, second, "--urdf", urdf) == 0
-    (document,), _ = answers(capsys)
+    (document,), _ = answers(imucalib("diff", first, second, "--urdf", urdf))
     np.testing.assert_allclose(document["translation"]["vector_mm"], np.zeros(3), atol=1e-9)
     assert document["rotation"]["difference_deg"] == pytest.approx(0.0, abs=1e-9)
     stranger = write("c.yaml", make(child="other", log="c"))
-    assert diff(first, stranger, "--urdf", urdf) == 2
-    assert "two mounts: compare results of the same IMU" in capsys.readouterr().err
+    said = imucalib("diff", first, stranger, "--urdf", urdf, code=2)
+    assert "two mounts: compare results of the same IMU" in said.err
 
 
-def test_what_is_no_result_is_one_line(
-    write: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_result_is_one_line(write: Any, tmp_path: Path, imucalib: Imucalib) -> None:
     first = write("a.yaml", make())
-    assert diff(first, tmp_path / "none.yaml") == 1
-    assert "cannot be read" in capsys.readouterr().err
-    assert diff(first, first, "-o", first) == 2
-    assert "is an input and would be overwritten" in capsys.readouterr().err
+    assert "cannot be read" in imucalib("diff", first, tmp_path / "none.yaml", code=1).err
+    said = imucalib("diff", first, first, "-o", first, code=2)
+    assert "is an input and would be overwritten" in said.err
 
 
 @pytest.mark.parametrize("damage", ["one-sided", "impossible"])
-def test_a_covariance_that_is_none_is_refused(
-    damage: str, write: Any, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_covariance_that_is_none_is_refused(damage: str, write: Any, imucalib: Imucalib) -> None:
     """It would pass for certainty: a negative variance is not a small one."""
     covariance = SMALL.copy()
     covariance[0, 1] = 2e-8
     if damage == "impossible":
         covariance[1, 0] = 2e-8
     first, second = write("a.yaml", make()), write("b.yaml", make(covariance=covariance))
-    assert diff(first, second) == 1
-    err = capsys.readouterr().err
+    err = imucalib("diff", first, second, code=1).err
     assert "b.yaml: covariance of imu_link in hand is not symmetric" in err
     assert err.count("\n") == 1
 
 
 def test_later_results_are_each_compared_with_the_first(
-    write: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    write: Any, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     first, same = write("a.yaml", make()), write("b.yaml", make(log="b"))
     moved = write("c.yaml", make([0.0, 0.001, 0.0], log="c"))
     broken = tmp_path / "d.yaml"
     broken.write_text("schema: 1\n")
-    assert diff(first, same, moved) == 4
-    documents, err = answers(capsys)
+    documents, err = answers(imucalib("diff", first, same, moved, code=4))
     assert [each["second"]["file"] for each in documents] == [str(same), str(moved)]
     assert [each["verdict"] for each in documents] == ["not moved", "moved"]
     assert f"not moved: {same}: imu_link in hand has not moved" in err
     assert f"moved: {moved}: imu_link in hand has moved" in err
-    assert diff(first, broken, same, "--format", "jsonl", "-q") == 1
-    out, err = capsys.readouterr()
+    out, err = imucalib("diff", first, broken, same, "--format", "jsonl", "-q", code=1)
     (line,) = out.splitlines()
-    SCHEMA.validate(json.loads(line))
+    ANSWERS.validate(json.loads(line))
     assert err.startswith(f"error: {broken}: status is missing")
-    assert diff(first, same, moved, "--format", "csv", "-q") == 4
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    said = imucalib("diff", first, same, moved, "--format", "csv", "-q", code=4)
+    rows = list(csv.DictReader(io.StringIO(said.out)))
     assert [(row["file"], row["first"]) for row in rows] == [
         (str(same), str(first)),
         (str(moved), str(first)),
     ]
     assert float(rows[1]["distance_mm"]) == pytest.approx(1.0)
     assert float(rows[1]["distance_sigma_mm"]) == pytest.approx(0.1 * 2**0.5, rel=1e-3)
-    assert diff(first, same, moved, "--format", "summary") == 4
-    assert capsys.readouterr().out.splitlines()[1].startswith(f"moved: {moved}: imu_link")
+    said = imucalib("diff", first, same, moved, "--format", "summary", code=4)
+    assert said.out.splitlines()[1].startswith(f"moved: {moved}: imu_link")

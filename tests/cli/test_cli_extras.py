@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.estimate.details import WindowSeries
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 ARM = (SAMPLES / "rihibot.mcap", "--urdf", SAMPLES / "rihibot.urdf")
@@ -73,7 +73,7 @@ def windows_of(outcome: Outcome) -> WindowSeries:
 
 
 def write(outcome: Outcome, *, written: Sequence[Path] = (), **files: Path) -> None:
-    extras = ExtraFiles(**files)
+    extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
     for failure in write_extras(
         extras, outcome, read=[], written=written, force=False, quiet=False
     ):
@@ -275,13 +275,9 @@ def test_rosbags_reads_the_same(arm: Outcome, tmp_path: Path) -> None:
     assert seen == sum(map(len, ours.values()))
 
 
-def test_inspect_reads_the_mcap(
-    arm: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_reads_the_mcap(arm: Outcome, tmp_path: Path, imucalib: Imucalib) -> None:
     write(arm, debug_mcap=tmp_path / "out.mcap")
-    capsys.readouterr()
-    assert main(["inspect", str(tmp_path / "out.mcap")]) == 0
-    out = capsys.readouterr().out
+    out = imucalib("inspect", tmp_path / "out.mcap").out
     assert "/imucalib/imu_link/measured" in out
     assert "imu_link_nominal in wrist_3_link (static)" in out
 
@@ -384,12 +380,10 @@ def test_what_was_left_out_is_shaded(arm: Outcome) -> None:
 # The command line, before anything is computed.
 
 
-def test_the_published_method_has_no_series(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_the_published_method_has_no_series(imucalib: Imucalib, tmp_path: Path) -> None:
     told = ["--method", "paper", "--residuals", tmp_path / "out.csv"]
-    assert main(["run", *map(str, (*ARM, *told))]) == 2
-    assert capsys.readouterr().err.startswith("error: --residuals belongs to --method matched")
+    said = imucalib("run", *(*ARM, *told), code=2)
+    assert said.err.startswith("error: --residuals belongs to --method matched")
 
 
 @pytest.mark.parametrize(
@@ -397,16 +391,12 @@ def test_the_published_method_has_no_series(
     [("--residuals a.parquet", "pyarrow", "parquet"), ("--plot a.svg", "matplotlib", "plot")],
 )
 def test_what_is_not_installed_is_said_at_once(
-    told: str,
-    module: str,
-    extra: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    told: str, module: str, extra: str, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     option, name = told.split()
-    assert main(["run", *map(str, ARM), option, name]) == 1
-    assert capsys.readouterr().err == (
+    said = imucalib("run", *ARM, option, name, code=1)
+    assert said.err == (
         f"error: {option} needs {module}, which is not installed: pip install 'imucalib[{extra}]'\n"
     )
 
@@ -419,11 +409,8 @@ def test_what_is_not_installed_is_said_at_once(
         ("--plot", "", "is empty"),
     ],
 )
-def test_the_suffix_says_the_form(
-    option: str, name: str, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["run", *map(str, ARM), option, name]) == 2
-    err = capsys.readouterr().err
+def test_the_suffix_says_the_form(option: str, name: str, words: str, imucalib: Imucalib) -> None:
+    err = imucalib("run", *ARM, option, name, code=2).err
     assert option in err
     assert words in err
 
@@ -451,13 +438,14 @@ def test_no_input_and_no_other_output_is_written_over(
 
 def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path) -> None:
     taken = tmp_path / "out.foxglove.json"  # a result that was written before
-    extras = ExtraFiles(debug_mcap=tmp_path / "out.mcap", residuals=tmp_path / "out.csv")
+    files = {"debug_mcap": tmp_path / "out.mcap", "residuals": tmp_path / "out.csv"}
+    extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
     (failure,) = write_extras(extras, arm, read=[], written=[taken], force=False, quiet=True)
     assert "would be written twice" in str(failure)
     assert [each.name for each in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_a_run_writes_all_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_writes_all_of_them(tmp_path: Path, imucalib: Imucalib) -> None:
     files = {
         "-o": "result.yaml",
         "--report": "out.html",
@@ -466,10 +454,8 @@ def test_a_run_writes_all_of_them(tmp_path: Path, capsys: pytest.CaptureFixture[
         "--plot": "out.svg",
     }
     given = [str(part) for option, name in files.items() for part in (option, tmp_path / name)]
-    assert main(["run", *map(str, ARM), *given]) == 0
-    capsys.readouterr()
-    assert main(["run", *map(str, ARM), *given]) == 0  # and again over its own files
-    err = capsys.readouterr().err
+    imucalib("run", *ARM, *given)
+    err = imucalib("run", *ARM, *given).err  # again over its own files
     for name in ("out.html", "out.csv", "out.mcap", "out.foxglove.json", "out.svg"):
         assert f"wrote: {tmp_path / name}\n" in err
         assert (tmp_path / name).stat().st_size > 1000

@@ -14,7 +14,7 @@ from imucalib_cli.cli.output import say
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.results.fields import summarise
 from imucalib_cli.results.formats import FORMATS
-from tests.conftest import LogWriter
+from tests.conftest import Imucalib, LogWriter
 from tests.results.test_results_documents import make_result
 
 if TYPE_CHECKING:
@@ -28,17 +28,16 @@ def test_nothing_a_terminal_obeys_comes_from_a_log(capsys: pytest.CaptureFixture
 
 @pytest.mark.parametrize("command", ["run", "inspect", "verify"])
 def test_a_pipe_for_a_log_is_one_line_at_once(
-    command: str, tmp_path: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    command: str, tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    assert main([command, str(pipe), "--urdf", str(arm_urdf)]) == 1
-    assert "is a pipe or a device" in capsys.readouterr().err
+    assert "is a pipe or a device" in imucalib(command, pipe, "--urdf", arm_urdf, code=1).err
 
 
-def test_an_endless_result_is_refused(arm_urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["apply", "/dev/zero", "--urdf", str(arm_urdf)]) == 1
-    assert "more than 4 MB: it should be a result of imucalib run" in capsys.readouterr().err
+def test_an_endless_result_is_refused(arm_urdf: Path, imucalib: Imucalib) -> None:
+    said = imucalib("apply", "/dev/zero", "--urdf", arm_urdf, code=1)
+    assert "more than 4 MB: it should be a result of imucalib run" in said.err
 
 
 HOSTILE = "/imu\x1b[2J\x1b]0;owned\x07\u202e"

@@ -4,148 +4,74 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
-from imucalib_cli.errors import InputError
-
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.estimate.options import MatchedOptions, PosePrior
-    from tests.conftest import LogWriter
+    from tests.cli.stand_in import Estimator
+    from tests.conftest import Imucalib, LogWriter
 
 INF = math.inf
 ELSEWHERE = "-1 2 3 0 0 1.5707963267948966"
 
 
-class Asked:
-    """Stands in for the estimator: remembers the options and goes no further."""
-
-    def __init__(self) -> None:
-        self.options: MatchedOptions | None = None
-
-    def __call__(self, _samples: Any, _path: Any, options: MatchedOptions, **_: Any) -> None:
-        self.options = options
-        raise InputError("was asked")
-
-    @property
-    def pose(self) -> PosePrior:
-        assert self.options is not None
-        assert self.options.pose is not None
-        return self.options.pose
+def test_a_pose_is_known_from_the_urdf(estimator: Estimator, run_arm: Imucalib) -> None:
+    run_arm("--fix", "tx,rz")
+    assert estimator.options.pose.std == (0.0, INF, INF, INF, INF, 0.0)
+    np.testing.assert_array_equal(estimator.options.pose.t_parent_imu, [0.05, 0.0, 0.0])
+    np.testing.assert_array_equal(estimator.options.pose.R_parent_imu, np.eye(3))
 
 
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
-    fake = Asked()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
+def test_a_fix_is_stronger_than_a_prior(estimator: Estimator, run_arm: Imucalib) -> None:
+    run_arm("--prior-std", "2mm,ry=0.5deg", "--fix", "tz")
+    assert estimator.options.pose.std == pytest.approx(
+        (2e-3, 2e-3, 0.0, INF, math.radians(0.5), INF)
+    )
 
 
-@pytest.fixture
-def arm_log(log_writer: LogWriter) -> Path:
-    return log_writer.imu().joints().write()
-
-
-def run(*arguments: object, command: str = "run") -> int:
-    return main([command, *(str(argument) for argument in arguments)])
-
-
-def test_a_pose_is_known_from_the_urdf(asked: Asked, arm_log: Path, arm_urdf: Path) -> None:
-    run(arm_log, "--urdf", arm_urdf, "--fix", "tx,rz")
-    assert asked.pose.std == (0.0, INF, INF, INF, INF, 0.0)
-    assert asked.pose.t_parent_imu is not None
-    assert asked.pose.R_parent_imu is not None
-    np.testing.assert_array_equal(asked.pose.t_parent_imu, [0.05, 0.0, 0.0])
-    np.testing.assert_array_equal(asked.pose.R_parent_imu, np.eye(3))
-
-
-def test_a_fix_is_stronger_than_a_prior(asked: Asked, arm_log: Path, arm_urdf: Path) -> None:
-    run(arm_log, "--urdf", arm_urdf, "--prior-std", "2mm,ry=0.5deg", "--fix", "tz")
-    assert asked.pose.std == pytest.approx((2e-3, 2e-3, 0.0, INF, math.radians(0.5), INF))
-
-
-def test_a_pose_told_goes_before_the_urdf(asked: Asked, arm_log: Path, arm_urdf: Path) -> None:
-    run(arm_log, "--urdf", arm_urdf, "--fix", "ty", "--initial", ELSEWHERE)
-    assert asked.pose.t_parent_imu is not None
-    assert asked.pose.R_parent_imu is not None
-    np.testing.assert_array_equal(asked.pose.t_parent_imu, [-1.0, 2.0, 3.0])
+def test_a_pose_told_goes_before_the_urdf(estimator: Estimator, run_arm: Imucalib) -> None:
+    run_arm("--fix", "ty", "--initial", ELSEWHERE)
+    np.testing.assert_array_equal(estimator.options.pose.t_parent_imu, [-1.0, 2.0, 3.0])
     quarter = Rotation.from_euler("z", 90, degrees=True).as_matrix()
-    np.testing.assert_allclose(asked.pose.R_parent_imu, quarter, atol=1e-15)
+    np.testing.assert_allclose(estimator.options.pose.R_parent_imu, quarter, atol=1e-15)
 
 
 def test_a_pose_told_is_needed_where_no_joint_tells_it(
-    asked: Asked, log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(frame="elsewhere").joints().write()
     told = ("--urdf", arm_urdf, "--parent", "hand", "--prior-std", "1mm")
-    assert run(log, *told) == 2
-    err = capsys.readouterr().err
-    assert 'give --initial "X Y Z R P Y"' in err
-    assert asked.options is None
-    assert run(log, *told, "--initial", ELSEWHERE) == 1
-    assert "was asked" in capsys.readouterr().err
+    assert 'give --initial "X Y Z R P Y"' in imucalib("run", log, *told, code=2).err
+    assert not estimator.calls
+    imucalib("run", log, *told, "--initial", ELSEWHERE)
+    assert estimator.calls
 
 
 def test_what_is_verified_cannot_be_what_is_known(
-    asked: Asked, arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, arm_log: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "--fix", "tx", command="verify") == 2
-    assert "which is what verify is to check" in capsys.readouterr().err
-    assert asked.options is None
+    said = imucalib("verify", arm_log, "--urdf", arm_urdf, "--fix", "tx", code=2)
+    assert "which is what verify is to check" in said.err
+    assert not estimator.calls
 
 
-@pytest.mark.usefixtures("asked")
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--fix", "x"], "--fix x: 'x' is no component"),
-        (["--prior-std", "2"], "--prior-std 2:"),
-        (["--initial", ELSEWHERE], "--initial belongs to --fix, --prior-std or --method paper"),
-        (["--fix", "tx", "--initial", "1 2 3"], "expected six numbers"),
-        (["--fix", "tx", "--method", "paper"], "--fix belongs to --method matched"),
-        (["--prior-std", "1mm", "--method", "paper"], "--prior-std belongs to --method matched"),
-        (["--sensor-model", "ideal", "--method", "paper"], "--sensor-model belongs to --method"),
-        (["--sensor-model", "none"], "'none' is not one of 'auto', 'ideal'"),
-    ],
-)
-def test_what_makes_no_sense_is_one_line(
-    options: list[str],
-    words: str,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, *options) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert words in err
-    assert len(err.splitlines()) == 1
-
-
-def test_the_sensor_model_reaches_the_estimator(
-    asked: Asked, arm_log: Path, arm_urdf: Path
-) -> None:
+def test_the_sensor_model_reaches_the_estimator(estimator: Estimator, run_arm: Imucalib) -> None:
     for model in ("ideal", "auto"):
-        run(arm_log, "--urdf", arm_urdf, "--sensor-model", model)
-        assert asked.options is not None
-        assert asked.options.sensor_model == model
-        assert asked.options.pose is None
+        run_arm("--sensor-model", model)
+        assert estimator.options.sensor_model == model
+        assert estimator.options.pose is None
 
 
 @pytest.mark.slow
-def test_a_result_says_what_was_held(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_says_what_was_held(run_arm: Imucalib) -> None:
     """With the estimator itself, on a log that fits no pose: the answer is still what was held."""
     options = ("--format", "json", "--fix", "tx,ty,tz,rx,ry,rz", "--sensor-model", "ideal")
-    assert run(arm_log, "--urdf", arm_urdf, *options) == 3
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(run_arm(*options, code=3).out)
     assert document["transform"]["translation"] == [0.05, 0.0, 0.0]
     np.testing.assert_array_equal(document["covariance"], np.zeros((6, 6)))
     told = document["provenance"]["options"]

@@ -19,7 +19,8 @@ from imucalib_cli import __version__
 from imucalib_cli.cli.exit_codes import worst
 from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_yaml
-from tests.conftest import LogWriter
+from tests.conftest import Imucalib, LogWriter
+from tests.processes import python
 from tests.results.test_results_documents import make_result
 
 ROOT = Path(__file__).parents[2]
@@ -35,47 +36,38 @@ def test_help_imports_nothing_heavy() -> None:
         f"[main([name, '--help']) for name in {commands!r}]\n"
         f"print('HEAVY', [name for name in {HEAVY!r} if name in sys.modules], set(codes))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "HEAVY [] {0}"
+    assert python("-c", program).stdout.splitlines()[-1] == "HEAVY [] {0}"
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"imucalib {__version__}\n"
+def test_version(imucalib: Imucalib) -> None:
+    assert imucalib("--version").out == f"imucalib {__version__}\n"
 
 
 def test_the_package_runs_as_the_command_does() -> None:
     """Where pip's scripts are not on the PATH."""
-    command = [sys.executable, "-m", "imucalib_cli", "schema", "moon"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = python("-m", "imucalib_cli", "schema", "moon")
     assert done.returncode == 2
     assert "'moon' is not one of 'result', 'comparison'" in done.stderr
 
 
-def test_no_arguments_show_the_help_and_exit_2(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([]) == 2
-    captured = capsys.readouterr()
+def test_no_arguments_show_the_help_and_exit_2(imucalib: Imucalib) -> None:
+    captured = imucalib(code=2)
     assert "inspect" in captured.out + captured.err
     assert "error:" not in captured.err
 
 
-def test_unknown_command_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["calibrate"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
+def test_unknown_command_is_wrong_usage(imucalib: Imucalib) -> None:
+    assert imucalib("calibrate", code=2).err.count("\n") == 1
 
 
-def test_schema_is_a_valid_schema(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["schema"]) == 0
-    schema = json.loads(capsys.readouterr().out)
+def test_schema_is_a_valid_schema(imucalib: Imucalib) -> None:
+    schema = json.loads(imucalib("schema").out)
     jsonschema.Draft202012Validator.check_schema(schema)
     assert schema["$defs"]["Result"]["properties"]["schema"] == {"enum": [1]}
-    assert main(["schema", "comparison"]) == 0
-    schema = json.loads(capsys.readouterr().out)
+    schema = json.loads(imucalib("schema", "comparison").out)
     jsonschema.Draft202012Validator.check_schema(schema)
     assert set(schema["$defs"]) >= {"VerifyAnswer", "DiffAnswer", "KalibrAnswer"}
-    assert main(["schema", "log"]) == 2
+    imucalib("schema", "log", code=2)
 
 
 def _explode(*_: object, **__: object) -> None:
@@ -83,12 +75,11 @@ def _explode(*_: object, **__: object) -> None:
 
 
 def test_unexpected_errors_are_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
     monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", _explode)
     monkeypatch.delenv("IMUCALIB_TRACEBACK", raising=False)
-    assert main(["inspect", "x.mcap"]) == 1
-    err = capsys.readouterr().err
+    err = imucalib("inspect", "x.mcap", code=1).err
     assert err.startswith("internal error: ZeroDivisionError: an accident with two lines")
     assert err.count("\n") == 1
     monkeypatch.setenv("IMUCALIB_TRACEBACK", "1")
@@ -100,12 +91,9 @@ def _interrupt(*_: object, **__: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_interruption_exits_130(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_interruption_exits_130(monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib) -> None:
     monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", _interrupt)
-    assert main(["inspect", "x.mcap"]) == 130
-    assert "Traceback" not in capsys.readouterr().err
+    assert "Traceback" not in imucalib("inspect", "x.mcap", code=130).err
 
 
 def test_last_words_are_said_where_the_process_ends_at_once() -> None:
@@ -115,25 +103,17 @@ def test_last_words_are_said_where_the_process_ends_at_once() -> None:
         "    with entry.last_words(lambda: sys.stderr.write(kept)):\n"
         "        if kept == 'second': entry._leave(0, None)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=False
-    )
+    done = python("-c", program)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "second")
 
 
 def test_a_closed_pipe_is_quiet() -> None:
-    read, write = os.pipe()
-    os.close(read)
-    program = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
-    with os.fdopen(write, "wb") as stdout:
-        done = subprocess.run(
-            [sys.executable, "-c", program, "schema"],
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            check=False,
-        )
-    assert done.returncode == 141
-    assert done.stderr == b""
+    for arguments in (["schema"], ["run", "--help"]):  # typer prints the help in its own way
+        read, write = os.pipe()
+        os.close(read)
+        with os.fdopen(write, "wb") as stdout:
+            done = python("-m", "imucalib_cli", *arguments, stdout=stdout)
+        assert (done.returncode, done.stderr) == (141, "")
 
 
 PROGRAM = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
@@ -256,47 +236,20 @@ def test_an_interrupted_simulation_leaves_nothing(number: int, tmp_path: Path) -
 
 
 def test_an_import_that_was_broken_off_is_no_missing_package(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
     monkeypatch.setattr("imucalib_cli.cli.main.was_interrupted", lambda: True)
-    assert main(["inspect", "nowhere.mcap"]) == 130
-    assert capsys.readouterr().err == ""
+    assert imucalib("inspect", "nowhere.mcap", code=130).err == ""
 
 
-def test_a_lack_of_memory_is_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_lack_of_memory_is_one_line(monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib) -> None:
     def full(*_: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", full)
-    assert main(["inspect", "log.mcap"]) == 1
-    err = capsys.readouterr().err
+    err = imucalib("inspect", "log.mcap", code=1).err
     assert err.startswith("error: not enough memory: ")
     assert err.count("\n") == 1
-
-
-def test_help_that_nobody_reads_to_its_end() -> None:
-    read, write = os.pipe()
-    os.close(read)
-    try:
-        command = [sys.executable, "-m", "imucalib_cli", "run", "--help"]
-        done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, check=False)
-    finally:
-        os.close(write)
-    assert (done.returncode, done.stderr) == (141, b"")
-
-
-def _limited(program: str, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """In a process that may write files of 1000 bytes at most, as on a disk that is full."""
-    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000));"
-    return subprocess.run(
-        [sys.executable, "-B", "-c", limit + program, *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @pytest.mark.slow
@@ -322,7 +275,10 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(
     folder = tmp_path / "here"
     folder.mkdir()
     named = {"LOG": log, "URDF": urdf, "RESULT": str(result)}
-    done = _limited(PROGRAM, folder, *(named.get(word, word) for word in arguments))
+    # files of 1000 bytes at most, as on a disk that is full
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000));"
+    words = (named.get(word, word) for word in arguments)
+    done = python("-B", "-c", limit + PROGRAM, *words, cwd=folder)
     assert done.returncode == 1
     assert done.stderr.startswith("error: out")
     # SQLite has words of its own
@@ -335,7 +291,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(
 @pytest.mark.parametrize(
     ("output", "code", "words"),
     [
-        ("nowhere/x.yaml", 1, "nowhere; make it, or name another"),
+        ("nowhere/x.yaml", 1, "cannot be written: there is no folder {}/nowhere; make it, or name"),
         ("arm.urdf/x.yaml", 1, "cannot be written: Not a directory"),
         ("arm.urdf/x/", 1, "cannot be written: Not a directory"),
         ("arm.urdf", 2, "is an input and would be overwritten"),
@@ -349,13 +305,14 @@ def test_an_output_that_cannot_be_written_is_told_before_computing(
     log_writer: LogWriter,
     arm_urdf: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     monkeypatch.setattr("imucalib_cli.jobs.calibrate.read_recording", _explode)
     log = str(log_writer.imu(seconds=0.1).write())
     target = f"{arm_urdf.parent}/{output}"
-    assert main(["run", log, "--urdf", str(arm_urdf), "-o", target]) == code
-    assert words in (err := capsys.readouterr().err)
+    assert words.format(arm_urdf.parent) in (
+        err := imucalib("run", log, "--urdf", arm_urdf, "-o", target, code=code).err
+    )
     assert err.count("\n") == 1
 
 
@@ -367,64 +324,52 @@ def test_no_result_is_worse_than_an_untrusted_one() -> None:
     assert worst([3, 1, 4, 2]) == 4
 
 
-def test_groups_of_the_help_come_as_a_user_needs_them(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "--help"]) == 0
+def test_groups_of_the_help_come_as_a_user_needs_them(imucalib: Imucalib) -> None:
     order = ["Arguments", "Options", "Log and topics", "Robot", "Known beforehand", "Estimator"]
     order += ["Only with --method paper", "Output"]
-    assert re.findall(r"╭─ (.+?) ─", capsys.readouterr().out) == order
+    assert re.findall(r"╭─ (.+?) ─", imucalib("run", "--help").out) == order
 
 
-def test_imu_means_one_thing(capsys: pytest.CaptureFixture[str]) -> None:
+def test_imu_means_one_thing(imucalib: Imucalib) -> None:
     """One of several, by frame or topic; where it meant the kind of IMU, what took its place."""
     for arguments in (["run", "x.mcap"], ["simulate", "barbot", "-o", "x.mcap"]):
-        assert main([*arguments, "--imu", "bmi088"]) == 2
-        assert "--imu-model says which kind of IMU it is" in capsys.readouterr().err
+        said = imucalib(*arguments, "--imu", "bmi088", code=2)
+        assert "--imu-model says which kind of IMU it is" in said.err
 
 
 def test_inspect_names_the_command_that_then_runs(
-    log_writer: LogWriter,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(accel=0.01).joints().text().write()
-    assert main(["inspect", str(log), "--urdf", str(arm_urdf)]) == 0
-    out = capsys.readouterr().out
+    out = imucalib("inspect", log, "--urdf", arm_urdf).out
     assert "/chatter" in out
     assert "carried by hand, moved in base by /joint_states" in out
     assert out.endswith(f"    imucalib run {log} --urdf {arm_urdf} --gravity none\n")
 
 
-def test_inspect_says_what_is_missing(
-    log_writer: LogWriter, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_says_what_is_missing(log_writer: LogWriter, imucalib: Imucalib) -> None:
     log = log_writer.imu().joints().write()
-    assert main(["inspect", str(log)]) == 0
-    out = capsys.readouterr().out
+    out = imucalib("inspect", log).out
     assert "give --urdf" in out
     assert f"imucalib run {log} --urdf ROBOT.urdf\n" in out
-    assert main(["inspect", str(log), "--format", "json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads(imucalib("inspect", log, "--format", "json").out)
     assert found["imus"][0]["units"]["accel_unit"] == "m/s²"
     assert found["joints"][0]["names"] == ["pan", "lift"]
 
 
 def test_inspect_describes_a_log_that_cannot_be_calibrated(
-    log_writer: LogWriter, capsys: pytest.CaptureFixture[str]
+    log_writer: LogWriter, imucalib: Imucalib
 ) -> None:
     log = log_writer.text().write()
-    assert main(["inspect", str(log)]) == 0
-    out = capsys.readouterr().out
+    out = imucalib("inspect", log).out
     assert "imu       none" in out
     assert "There is nothing to run on this log" in out
 
 
-def test_apply_needs_a_result(
-    arm_urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_apply_needs_a_result(arm_urdf: Path, tmp_path: Path, imucalib: Imucalib) -> None:
     result = tmp_path / "result.yaml"
     result.write_text("status: fine\n")
-    assert main(["apply", str(result), "--urdf", str(arm_urdf)]) == 1
-    out, err = capsys.readouterr()
+    out, err = imucalib("apply", result, "--urdf", arm_urdf, code=1)
     assert out == ""
     assert err == (f"error: {result}: schema is missing; is this a result of `imucalib run`?\n")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -12,9 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imucalib_cli.cli import parsers
-from imucalib_cli.cli.main import main
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.robot.rotations import matrix_from_rpy
+
+if TYPE_CHECKING:
+    from tests.conftest import Imucalib
 
 WRONG = {
     "--max-offset": ("", "soon", "1h", "1 2", "nan", "inf", "1e999", "--", "0x10", "0", "601"),
@@ -48,22 +51,12 @@ WRONG = {
 
 
 @pytest.mark.parametrize("option", WRONG)
-def test_what_makes_no_sense_is_refused_by_name(
-    option: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_makes_no_sense_is_refused_by_name(option: str, imucalib: Imucalib) -> None:
     for text in WRONG[option]:
-        assert main(["run", "nowhere.mcap", option, text]) == 2
-        err = capsys.readouterr().err
+        err = imucalib("run", "nowhere.mcap", option, text, code=2).err
         assert err.startswith("error: ")
         assert option in err
         assert err.count("\n") == 1
-
-
-def test_what_is_expected_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["run", "nowhere.mcap", "--fix", "roll"])
-    assert "expected some of tx, ty, tz, rx, ry, rz" in capsys.readouterr().err
-    main(["run", "nowhere.mcap", "--clock", "sun"])
-    assert "'auto', 'header', 'log'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

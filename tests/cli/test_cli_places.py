@@ -5,37 +5,26 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.places import see_places
-from tests.conftest import LogWriter
+from tests.conftest import Imucalib, LogWriter
+from tests.processes import python
 from tests.results.test_results_documents import make_estimate, make_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from tests.cli.test_cli_run import Estimator
+    from tests.cli.stand_in import Estimator
 
 SHORT = ("--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50")
-
-
-@pytest.fixture
-def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
-    from tests.cli.test_cli_run import Estimator as Fake
-
-    fake = Fake()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
 
 
 @pytest.fixture
@@ -63,10 +52,7 @@ def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Pat
 
 @pytest.fixture
 def refused(
-    estimator: Estimator,
-    house: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    estimator: Estimator, house: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> Callable[[str], str]:
     """What a command in the house says that is wrong usage."""
     del estimator
@@ -74,8 +60,7 @@ def refused(
 
     def said(arguments: str) -> str:
         short = SHORT if arguments.startswith("simulate") else ()
-        assert main([*arguments.split(), *short]) == 2
-        return capsys.readouterr().err
+        return imucalib(*arguments.split(), *short, code=2).err
 
     return said
 
@@ -142,58 +127,60 @@ def test_logs_and_urdfs_of_others_are_not_written_over(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_force_writes_over_them(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_force_writes_over_them(
+    house: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
+) -> None:
     monkeypatch.chdir(house)
     for name in ("a.mcap", "b.mcap"):
         shutil.copy("log.mcap", name)
     shutil.copy("real.urdf", "c.urdf")
-    assert main(["run", "log.mcap", "--urdf", "real.urdf", "-o", "a.mcap", "--force"]) == 0
-    assert main(["simulate", "barbot", *SHORT, "-o", "b.mcap", "--urdf", "c.urdf", "--force"]) == 0
+    imucalib("run", "log.mcap", "--urdf", "real.urdf", "-o", "a.mcap", "--force")
+    imucalib("simulate", "barbot", *SHORT, "-o", "b.mcap", "--urdf", "c.urdf", "--force")
     assert Path("a.mcap").read_text().startswith("schema:")
     assert "Made by imucalib simulate" in Path("c.urdf").read_text()
 
 
-def test_a_simulation_may_be_repeated(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_simulation_may_be_repeated(tmp_path: Path, imucalib: Imucalib) -> None:
     command = ["simulate", "barbot", *SHORT, "-o", str(tmp_path / "a.mcap")]
     for _ in range(2):
-        assert main([*command, "--urdf", str(tmp_path / "a.urdf")]) == 0, capsys.readouterr().err
+        imucalib(*command, "--urdf", tmp_path / "a.urdf")
 
 
 @pytest.mark.parametrize("urdf", ["sim.mcap", "sim.truth.yaml"])
-def test_a_simulation_writes_no_file_twice(
-    urdf: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_simulation_writes_no_file_twice(urdf: str, tmp_path: Path, imucalib: Imucalib) -> None:
     places = ["-o", str(tmp_path / "sim.mcap"), "--urdf", str(tmp_path / urdf)]
-    assert main(["simulate", "barbot", *SHORT, *places]) == 2
-    assert "would be written twice: name two files" in capsys.readouterr().err
+    said = imucalib("simulate", "barbot", *SHORT, *places, code=2)
+    assert "would be written twice: name two files" in said.err
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("place", ["sim.truth.yaml", "out.urdf"])
-def test_a_simulation_sees_all_its_places_before_it_begins(place: str, tmp_path: Path) -> None:
+def test_a_simulation_sees_all_its_places_before_it_begins(
+    place: str, tmp_path: Path, imucalib: Imucalib
+) -> None:
     (tmp_path / place).mkdir()
     log = tmp_path / "sim.mcap"
     log.write_bytes(b"old")
     places = ["-o", str(log), "--urdf", str(tmp_path / "out.urdf")]
-    assert main(["simulate", "barbot", *SHORT, *places]) == 1
+    imucalib("simulate", "barbot", *SHORT, *places, code=1)
     assert log.read_bytes() == b"old"
 
 
-def test_a_simulated_log_keeps_link_and_permissions(tmp_path: Path) -> None:
+def test_a_simulated_log_keeps_link_and_permissions(tmp_path: Path, imucalib: Imucalib) -> None:
     real, link = tmp_path / "real.mcap", tmp_path / "link.mcap"
     real.write_bytes(b"old")
     real.chmod(0o600)
     link.symlink_to(real)
-    assert main(["simulate", "barbot", *SHORT, "-o", str(link)]) == 0
+    imucalib("simulate", "barbot", *SHORT, "-o", link)
     assert link.is_symlink()
     assert real.stat().st_mode & 0o777 == 0o600
     assert real.read_bytes().startswith(b"\x89MCAP")
 
 
-def test_a_pipe_takes_no_simulated_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pipe_takes_no_simulated_log(tmp_path: Path, imucalib: Imucalib) -> None:
     os.mkfifo(tmp_path / "pipe.mcap")
-    assert main(["simulate", "barbot", *SHORT, "-o", str(tmp_path / "pipe.mcap")]) == 1
-    assert "is a pipe or a device; name a file" in capsys.readouterr().err
+    said = imucalib("simulate", "barbot", *SHORT, "-o", tmp_path / "pipe.mcap", code=1)
+    assert "is a pipe or a device; name a file" in said.err
 
 
 def test_inputs_are_known_by_any_name(tmp_path: Path) -> None:
@@ -229,30 +216,25 @@ def test_the_file_behind_stdin_is_an_input(
     result.write_text(to_yaml([to_document(make_result(parent="hand", child="imu_link"))]))
     before = result.read_text()
     with result.open("rb") as file:
-        done = subprocess.run(
-            [sys.executable, "-m", "imucalib_cli", *command, "-", "--urdf", arm_urdf, "-o", result],
-            stdin=file,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        arguments = (*command, "-", "--urdf", arm_urdf, "-o", result)
+        done = python("-m", "imucalib_cli", *arguments, stdin=file)
     assert done.returncode == 2, done.stderr
     assert "is an input and would be overwritten" in done.stderr
     assert result.read_text() == before
 
 
 @pytest.mark.parametrize("command", ["run log.mcap", "inspect log.mcap", "diff a b"])
-def test_an_empty_output_is_no_place(
-    command: str, house: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*command.replace("log", str(house / "log")).split(), "-o", ""]) == 2
-    assert "-o is empty, as of a variable that is not set" in capsys.readouterr().err
+def test_an_empty_output_is_no_place(command: str, house: Path, imucalib: Imucalib) -> None:
+    said = imucalib(*command.replace("log", str(house / "log")).split(), "-o", "", code=2)
+    assert "-o is empty, as of a variable that is not set" in said.err
 
 
 @pytest.mark.usefixtures("estimator")
-def test_a_file_may_be_called_minus(house: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_may_be_called_minus(
+    house: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
+) -> None:
     monkeypatch.chdir(house)
-    assert main(["run", "log.mcap", "--urdf", "arm.urdf", "-o", "./-"]) == 0
+    imucalib("run", "log.mcap", "--urdf", "arm.urdf", "-o", "./-")
     assert Path("./-").read_text().startswith("schema:")
 
 
@@ -272,7 +254,7 @@ def test_no_two_results_share_a_file(
     second: tuple[str, str],
     tmp_path: Path,
     arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     writer = LogWriter(tmp_path / "rec").joints()
     for topic, frame in (first, second):
@@ -280,8 +262,7 @@ def test_no_two_results_share_a_file(
     log = writer.write()
     command = ["run", str(log), "--urdf", str(arm_urdf), "--parent", "hand", "-o"]
     for _ in range(2):  # the second time each goes over its own
-        assert main([*command, f"{tmp_path}/out/"]) == 0
-        err = capsys.readouterr().err
+        err = imucalib(*command, f"{tmp_path}/out/").err
         files = sorted((tmp_path / "out").iterdir())
         topics = [yaml.safe_load(file.read_text())["provenance"]["topics"]["imu"] for file in files]
         assert sorted(topics) == sorted((first[0], second[0]))
@@ -291,52 +272,48 @@ def test_no_two_results_share_a_file(
 @pytest.mark.usefixtures("estimator")
 @pytest.mark.parametrize("fmt", ["yaml", "json", "summary"])
 def test_results_of_two_logs_of_one_name_are_both_kept(
-    fmt: str, tmp_path: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    fmt: str, tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     for place, topic in (("d1", "/one"), ("d2", "/two")):
         (tmp_path / place).mkdir()
         log = LogWriter(tmp_path / place / "rosbag").imu(topic).joints().write()
         command = ["run", str(log), "--urdf", str(arm_urdf), "--format", fmt]
-        assert main([*command, "-o", f"{tmp_path}/col/"]) == 0
+        said = imucalib(*command, "-o", f"{tmp_path}/col/")
     names = sorted(path.name for path in (tmp_path / "col").iterdir())
     assert len(names) == 2
     assert "rosbag.imu_link.2" in names[0]
-    assert "rosbag.imu_link.2" in capsys.readouterr().err
+    assert "rosbag.imu_link.2" in said.err
 
 
 @pytest.mark.usefixtures("estimator")
-def test_a_long_frame_has_a_file_too(tmp_path: Path, arm_urdf: Path) -> None:
+def test_a_long_frame_has_a_file_too(tmp_path: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
     log = LogWriter(tmp_path / "rec").imu(frame="\u00e9" * 200).joints().write()
     command = ["run", str(log), "--urdf", str(arm_urdf), "--parent", "hand", "-o"]
-    assert main([*command, f"{tmp_path}/out/"]) == 0
+    imucalib(*command, f"{tmp_path}/out/")
     assert len(list((tmp_path / "out").iterdir())) == 1
     name = "x" * 250 + ".yaml"
-    assert main([*command, str(tmp_path / name)]) == 0
+    imucalib(*command, tmp_path / name)
 
 
 def test_a_failed_run_tells_of_an_older_result(
-    estimator: Estimator, house: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, house: Path, imucalib: Imucalib
 ) -> None:
     target = house / "older.yaml"
     command = ["run", str(house / "log.mcap"), "--urdf", str(house / "arm.urdf"), "-o"]
-    assert main([*command, str(target)]) == 0
-    assert main([*command, f"{house}/out/"]) == 0
-    capsys.readouterr()
+    imucalib(*command, target)
+    imucalib(*command, f"{house}/out/")
     estimator.fail_on = 3
-    assert main([*command, str(target)]) == 1
     words = "is of an earlier run: this one has not written it"
-    assert f"{target} {words}" in capsys.readouterr().err
+    assert f"{target} {words}" in imucalib(*command, target, code=1).err
     estimator.fail_on = 4
-    assert main([*command, f"{house}/out/"]) == 1
-    err = capsys.readouterr().err
+    err = imucalib(*command, f"{house}/out/", code=1).err
     assert f"{house / 'out' / 'log.imu_link.yaml'} {words}" in err
     estimator.fail_on = None
-    assert main([*command, str(target)]) == 0
-    assert words not in capsys.readouterr().err
+    assert words not in imucalib(*command, target).err
 
 
 def test_apply_repeats_itself_and_spares_other_urdfs(
-    tmp_path: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     result, target = tmp_path / "result.yaml", tmp_path / "calibrated.urdf"
     command = ["apply", str(result), "--urdf", str(arm_urdf), "-o", str(target)]
@@ -344,23 +321,23 @@ def test_apply_repeats_itself_and_spares_other_urdfs(
         moved = make_estimate(t_parent_imu=make_estimate().t_parent_imu + x)
         found = make_result(estimate=moved, parent="hand", child="imu_link")
         result.write_text(to_yaml([to_document(found)]))
-        assert main(command) == 0, capsys.readouterr().err
+        imucalib(*command)
     target.write_text(target.read_text().replace("keep me", "changed by hand"))
-    capsys.readouterr()
-    assert main(command) == 2
-    assert "is a URDF and would be overwritten" in capsys.readouterr().err
+    assert "is a URDF and would be overwritten" in imucalib(*command, code=2).err
     assert "changed by hand" in target.read_text()
-    assert main([*command, "--force"]) == 0
+    imucalib(*command, "--force")
     assert "keep me" in target.read_text()
 
 
-def test_files_beside_the_results_may_lie_in_the_folder_that_is_made(tmp_path: Path) -> None:
+def test_files_beside_the_results_may_lie_in_the_folder_that_is_made(
+    tmp_path: Path, imucalib: Imucalib
+) -> None:
     samples = Path(__file__).parents[2] / "sample_data"
     log, urdf = samples / "rihibot.mcap", samples / "rihibot.urdf"
     folder = tmp_path / "new" / "results"
     page, table = folder / "page.html", folder / "table.csv"
     extras = ["--report", str(page), "--residuals", str(table)]
-    assert main(["run", str(log), "--urdf", str(urdf), "-o", f"{folder}/", *extras, "-q"]) == 0
+    imucalib("run", log, "--urdf", urdf, "-o", f"{folder}/", *extras, "-q")
     assert {path.name for path in folder.iterdir()} == {
         "rihibot.imu_link.yaml",
         page.name,
@@ -369,5 +346,5 @@ def test_files_beside_the_results_may_lie_in_the_folder_that_is_made(tmp_path: P
     # another folder is nobody's to make
     page = tmp_path / "nowhere" / "page.html"
     command = ["run", str(log), "--urdf", str(urdf), "-o", f"{tmp_path}/b/", "--report", str(page)]
-    assert main(command) == 1
+    imucalib(*command, code=1)
     assert not (tmp_path / "b").exists()

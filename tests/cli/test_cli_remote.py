@@ -19,6 +19,8 @@ from tests.web_server import WebServer, serving
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from tests.conftest import Imucalib
+
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 URDF = SAMPLES / "rihibot.urdf"
 
@@ -39,16 +41,14 @@ def parts(text: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 def test_a_result_is_that_of_the_file_on_disk(
-    web: WebServer, capsys: pytest.CaptureFixture[str], tmp_path: Path
+    web: WebServer, imucalib: Imucalib, tmp_path: Path
 ) -> None:
     url = web.url("rihibot.mcap?signature=hidden", user="me:secret")
     web.behaviour.asks_for = "me:secret"
-    assert main(["run", url, "--urdf", str(URDF), "-v"]) == 0
-    seen = capsys.readouterr()
+    seen = imucalib("run", url, "--urdf", URDF, "-v")
     sent = web.sent
     (tmp_path / "rihibot.imu_link.yaml").write_text(seen.out.replace("-0.0225", "-0.0226", 1))
-    assert main(["run", str(SAMPLES / "rihibot.mcap"), "--urdf", str(URDF), "-v"]) == 0
-    here = capsys.readouterr()
+    here = imucalib("run", SAMPLES / "rihibot.mcap", "--urdf", URDF, "-v")
     result, files = parts(seen.out)
     expected, local = parts(here.out)
     assert result == expected
@@ -67,18 +67,17 @@ def test_a_result_is_that_of_the_file_on_disk(
     (read,) = read_results(seen.out, "stdout")
     assert read.provenance.files[0].identity == f'{path} {size} bytes, version "first"'
     # a result of the same log is replaced
-    assert main(["run", url, "--urdf", str(URDF), "-o", f"{tmp_path}/"]) == 0
+    imucalib("run", url, "--urdf", URDF, "-o", f"{tmp_path}/")
     assert [each.name for each in tmp_path.iterdir()] == ["rihibot.imu_link.yaml"]
 
 
-def test_inspect_says_the_same_and_shows_no_secret(
-    web: WebServer, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_inspect_says_the_same_and_shows_no_secret(web: WebServer, imucalib: Imucalib) -> None:
     url = web.url("rihibot.mcap?signature=hidden", user="me:secret")
     path = str(SAMPLES / "rihibot.mcap")
-    for log in (url, path):
-        assert main(["inspect", log, "--urdf", str(URDF), "--format", "json"]) == 0
-    found, expected = map(json.loads, capsys.readouterr().out.replace("}\n{", "}\0{").split("\0"))
+    found, expected = (
+        json.loads(imucalib("inspect", log, "--urdf", URDF, "--format", "json").out)
+        for log in (url, path)
+    )
     assert "secret" not in json.dumps(found)
     assert "hidden" not in json.dumps(found)
     assert f"'{web.url('rihibot.mcap?…')}'" in found["command"]
@@ -87,54 +86,41 @@ def test_inspect_says_the_same_and_shows_no_secret(
     assert found == expected
 
 
-def test_verify_takes_urls_of_log_and_urdf(
-    web: WebServer, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_takes_urls_of_log_and_urdf(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.ranges = True
     log, urdf = web.url("rihibot.mcap"), web.url("rihibot.urdf")
-    assert main(["verify", log, "--urdf", urdf, "--within", "5mm,1.5deg", "-v"]) == 0
-    seen = capsys.readouterr()
+    seen = imucalib("verify", log, "--urdf", urdf, "--within", "5mm,1.5deg", "-v")
     assert f"path: {urdf}\n" in seen.out
     assert f"read: {urdf}: 5.1 kB of 5.1 kB (5119 bytes) in 1 request\n" in seen.err
 
 
-def test_a_urdf_needs_no_server_with_ranges(
-    web: WebServer, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_urdf_needs_no_server_with_ranges(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.ranges = False
     log = str(SAMPLES / "rihibot.mcap")
-    assert main(["inspect", log, "--urdf", web.url("rihibot.urdf")]) == 0
-    assert f"urdf      {web.url('rihibot.urdf')}\n" in capsys.readouterr().out
-    assert main(["inspect", log, "--urdf", web.url("robot.urdf")]) == 1
-    assert "robot.urdf does not exist (404 Not Found): check the URL" in capsys.readouterr().err
+    said = imucalib("inspect", log, "--urdf", web.url("rihibot.urdf"))
+    assert f"urdf      {web.url('rihibot.urdf')}\n" in said.out
+    said = imucalib("inspect", log, "--urdf", web.url("robot.urdf"), code=1)
+    assert "robot.urdf does not exist (404 Not Found): check the URL" in said.err
 
 
 def test_what_would_be_read_whole_is_refused_and_then_downloaded(
-    web: WebServer,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    web: WebServer, imucalib: Imucalib, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     web.behaviour.ranges = False
     arguments = ["run", web.url("rihibot.mcap"), "--urdf", str(URDF), "--format", "yaml"]
-    assert main(arguments) == 2
-    said = capsys.readouterr().err
+    said = imucalib(*arguments, code=2).err
     assert said.startswith(f"error: {web.url('rihibot.mcap')} would have to be read whole, 2.2 MB")
-    assert main([*arguments, "--allow-remote-scan"]) == 0
-    _, (file,) = parts(capsys.readouterr().out)
-    assert main(["run", str(SAMPLES / "rihibot.mcap"), *arguments[2:]]) == 0
-    _, (local,) = parts(capsys.readouterr().out)
+    _, (file,) = parts(imucalib(*arguments, "--allow-remote-scan").out)
+    _, (local,) = parts(imucalib("run", SAMPLES / "rihibot.mcap", *arguments[2:]).out)
     assert file["sha256"] == local["sha256"]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_was_read_is_told_of_a_failure_too(
-    web: WebServer, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_was_read_is_told_of_a_failure_too(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.changes_after = 4
-    assert main(["run", web.url("rihibot.mcap"), "--urdf", str(URDF), "-v"]) == 1
-    *_, first, second = capsys.readouterr().err.splitlines()
+    said = imucalib("run", web.url("rihibot.mcap"), "--urdf", URDF, "-v", code=1)
+    *_, first, second = said.err.splitlines()
     assert first.startswith("read: http://")
     assert second.startswith(f"error: {web.url('rihibot.mcap')} changed while it was read: ")
 

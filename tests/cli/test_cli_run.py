@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,90 +12,22 @@ import numpy as np
 import pytest
 import yaml
 
-from imucalib_cli.cli.main import main
-from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.estimate import (
-    Estimate,
-    Residuals,
-    UnobservableDirection,
-    Window,
-)
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Severity, texts
+from tests.cli.stand_in import ESTIMATE, SIDEWAYS, Estimator
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
-ESTIMATE = Estimate(
-    method="matched",
-    R_parent_imu=np.eye(3),
-    t_parent_imu=np.array([0.06, 0.0, 0.0]),
-    covariance=np.diag([1e-8] * 3 + [1e-10] * 3),
-    time_offset=0.012,
-    time_offset_std=1e-5,
-    accel_bias=np.zeros(3),
-    accel_bias_std=np.ones(3),
-    gyro_bias=np.zeros(3),
-    gyro_bias_std=np.ones(3),
-    gravity_world=np.array([0.0, 0.0, -9.80665]),
-    window=Window(samples=51, seconds=0.5, reason="so it was told"),
-    residuals=Residuals(
-        accel_rms=np.ones(3),
-        gyro_rms=np.ones(3),
-        windows_used=10,
-        windows_dropped=0,
-        samples_replaced=0,
-        gaps=0,
-    ),
-    findings=texts(Severity.WARNING, ["the moon is full"]),
-)
-SIDEWAYS = UnobservableDirection(
-    kind="translation", direction_parent=np.array([0.0, 1.0, 0.0]), std=None, motion="roll"
-)
-
-
-class Estimator:
-    """Stands in for the estimators and remembers what it was asked."""
-
-    def __init__(self) -> None:
-        self.estimate = ESTIMATE
-        self.calls: list[tuple[Any, Any, Any]] = []
-        self.fail_on: int | None = None
-
-    def __call__(self, samples: Any, path: Any, options: Any, **_: Any) -> Estimate:
-        self.calls.append((samples, path, options))
-        if self.fail_on == len(self.calls):
-            raise InputError("too short")
-        return self.estimate
-
-    @property
-    def options(self) -> Any:
-        return self.calls[-1][2]
-
-
-@pytest.fixture
-def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
-    fake = Estimator()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
-
-
-@pytest.fixture
-def arm_log(log_writer: LogWriter) -> Path:
-    return log_writer.imu().joints().text().write()
-
-
-def run(*arguments: object) -> int:
-    return main(["run", *(str(argument) for argument in arguments)])
+pytestmark = pytest.mark.usefixtures("estimator")
 
 
 def test_a_document_on_stdout_and_warnings_on_stderr(
-    estimator: Estimator, arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, run_arm: Imucalib
 ) -> None:
-    assert run(arm_log, "--urdf", arm_urdf) == 0
-    out, err = capsys.readouterr()
+    out, err = run_arm()
     document = yaml.safe_load(out)
     assert document["transform"]["parent"] == "hand"
     assert document["transform"]["child"] == "imu_link"
@@ -108,108 +41,60 @@ def test_a_document_on_stdout_and_warnings_on_stderr(
     assert path.parent == "hand"
 
 
-@pytest.mark.usefixtures("estimator")
 def test_fingerprints_are_those_of_sha256sum(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    arm_log: Path, arm_urdf: Path, run_arm: Imucalib
 ) -> None:
     import hashlib
 
-    assert run(arm_log, "--urdf", arm_urdf, "--format", "json") == 0
-    provenance = json.loads(capsys.readouterr().out)["provenance"]
+    said = run_arm("--format", "json")
+    provenance = json.loads(said.out)["provenance"]
     assert provenance["files"] == [
         {"path": str(arm_log), "sha256": hashlib.sha256(arm_log.read_bytes()).hexdigest()}
     ]
     assert provenance["urdf"]["sha256"] == hashlib.sha256(arm_urdf.read_bytes()).hexdigest()
 
 
-@pytest.mark.usefixtures("estimator")
-def test_quiet_leaves_stderr_empty(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "-q") == 0
-    assert capsys.readouterr().err == ""
+def test_quiet_leaves_stderr_empty(run_arm: Imucalib) -> None:
+    assert run_arm("-q").err == ""
 
 
-@pytest.mark.usefixtures("estimator")
-def test_output_file_leaves_stdout_empty(
-    arm_log: Path,
-    arm_urdf: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_output_file_leaves_stdout_empty(tmp_path: Path, run_arm: Imucalib) -> None:
     target = tmp_path / "result.json"
-    assert run(arm_log, "--urdf", arm_urdf, "--format", "json", "-o", target) == 0
-    assert capsys.readouterr().out == ""
+    assert run_arm("--format", "json", "-o", target).out == ""
     assert json.loads(target.read_text())["schema"] == 1
     assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 
 
-@pytest.mark.usefixtures("estimator")
 def test_output_folder_gets_a_file_for_each_imu(
-    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path
+    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/a").imu("/b", frame="hand").joints().write()
     folder = tmp_path / "new"
-    assert run(log, "--urdf", arm_urdf, "-o", f"{folder}/") == 0
+    imucalib("run", log, "--urdf", arm_urdf, "-o", f"{folder}/")
     names = sorted(path.name for path in folder.iterdir())
     assert names == [f"{log.stem}.hand.yaml", f"{log.stem}.imu_link.yaml"]
 
 
-@pytest.mark.usefixtures("estimator")
-def test_a_joint_alone_is_not_called_a_urdf(arm_log: Path, arm_urdf: Path, tmp_path: Path) -> None:
+def test_a_joint_alone_is_not_called_a_urdf(
+    arm_log: Path, tmp_path: Path, run_arm: Imucalib
+) -> None:
     folder = tmp_path / "new"
-    assert run(arm_log, "--urdf", arm_urdf, "--format", "urdf", "-q", "-o", f"{folder}/") == 0
+    run_arm("--format", "urdf", "-q", "-o", f"{folder}/")
     assert [path.name for path in folder.iterdir()] == [f"{arm_log.stem}.imu_link.joint.xml"]
 
 
-@pytest.mark.usefixtures("estimator")
 def test_imus_of_one_frame_do_not_overwrite_each_other(
-    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path
+    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/a/imu").imu("/b/imu").joints().write()
-    assert run(log, "--urdf", arm_urdf, "-o", f"{tmp_path}/new/") == 0
+    imucalib("run", log, "--urdf", arm_urdf, "-o", f"{tmp_path}/new/")
     names = sorted(path.name for path in (tmp_path / "new").iterdir())
     assert names == [f"{log.stem}.a_imu.yaml", f"{log.stem}.b_imu.yaml"]
 
 
-@pytest.mark.parametrize("which", ["log", "urdf", "link", "folder"])
-@pytest.mark.usefixtures("estimator")
-def test_inputs_are_never_overwritten(
-    which: str,
-    arm_log: Path,
-    arm_urdf: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    link = tmp_path / "link"
-    link.symlink_to(arm_log)
-    target = {"log": arm_log, "urdf": arm_urdf, "link": link, "folder": arm_log}[which]
-    log = arm_log.parent if which == "folder" else arm_log
-    before = arm_log.read_bytes(), arm_urdf.read_bytes()
-    assert run(log, "--urdf", arm_urdf, "-o", target) == 2
-    assert "is an input and would be overwritten" in capsys.readouterr().err
-    assert (arm_log.read_bytes(), arm_urdf.read_bytes()) == before
-
-
-@pytest.mark.usefixtures("estimator")
-def test_unwritable_output_is_one_line(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "-q", "-o", "/nowhere/result.yaml") == 1
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == (
-        "error: /nowhere/result.yaml: cannot be written: there is no folder /nowhere; make it, or "
-        "name another file\n"
-    )
-
-
-def test_untrusted_result_is_written_and_exits_3(
-    estimator: Estimator, arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_untrusted_result_is_written_and_exits_3(estimator: Estimator, run_arm: Imucalib) -> None:
     estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,))
-    assert run(arm_log, "--urdf", arm_urdf) == 3
-    out, err = capsys.readouterr()
+    out, err = run_arm(code=3)
     document = yaml.safe_load(out)
     assert document["status"] == "untrusted"
     assert document["transform"]["translation"] == [0.06, None, 0.0]
@@ -218,49 +103,36 @@ def test_untrusted_result_is_written_and_exits_3(
 
 @pytest.mark.parametrize("fmt", ["tf", "urdf"])
 def test_untrusted_pose_is_refused_unless_forced(
-    fmt: str,
-    estimator: Estimator,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    fmt: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
     estimator.estimate = replace(
         ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it contradicts itself"])
     )
-    assert run(arm_log, "--urdf", arm_urdf, "--format", fmt) == 3
-    out, err = capsys.readouterr()
+    out, err = run_arm("--format", fmt, code=3)
     assert out == ""
     assert "it contradicts itself" in err
-    assert run(arm_log, "--urdf", arm_urdf, "--format", fmt, "--force") == 3
-    assert "imu_link" in capsys.readouterr().out
+    said = run_arm("--format", fmt, "--force", code=3)
+    assert "imu_link" in said.out
 
 
-@pytest.mark.usefixtures("estimator")
-def test_require_turns_a_large_sigma_into_exit_3(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "--require", "0.11mm,0.1deg") == 0
-    capsys.readouterr()
-    assert run(arm_log, "--urdf", arm_urdf, "--require", "0.09mm,0.1deg") == 3
-    out, err = capsys.readouterr()
+def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
+    run_arm("--require", "0.11mm,0.1deg")
+    out, err = run_arm("--require", "0.09mm,0.1deg", code=3)
     document = yaml.safe_load(out)
     assert document["status"] == "untrusted"
     assert document["provenance"]["options"]["require"] == "0.09mm,0.1deg"
-    said = (
+    words = (
         "--require asks for 0.09 mm, the largest sigma is 0.1 mm along x of hand: record about 1.2"
     )
-    assert f"untrusted: imu_link: {said} times as long" in err
-    assert run(arm_log, "--urdf", arm_urdf, "--require", "1mm") == 0
-    assert yaml.safe_load(capsys.readouterr().out)["provenance"]["options"]["require"] == "1mm"
+    assert f"untrusted: imu_link: {words} times as long" in err
+    said = run_arm("--require", "1mm")
+    assert yaml.safe_load(said.out)["provenance"]["options"]["require"] == "1mm"
 
 
-@pytest.mark.usefixtures("estimator")
-def test_options_are_recorded_in_the_words_of_the_documentation(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_options_are_recorded_in_the_words_of_the_documentation(run_arm: Imucalib) -> None:
     def recorded(*options: str) -> dict[str, Any]:
-        assert run(arm_log, "--urdf", arm_urdf, "--format", "json", *options) == 0
-        found: dict[str, Any] = json.loads(capsys.readouterr().out)["provenance"]["options"]
+        document = json.loads(run_arm("--format", "json", *options).out)
+        found: dict[str, Any] = document["provenance"]["options"]
         return found
 
     told = recorded()
@@ -280,31 +152,26 @@ def test_options_are_recorded_in_the_words_of_the_documentation(
 
 
 def test_one_imu_may_fail_and_the_others_still_come_out(
-    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/a").imu("/b").joints().write()
     estimator.fail_on = 1
-    assert run(log, "--urdf", arm_urdf) == 1
-    out, err = capsys.readouterr()
+    out, err = imucalib("run", log, "--urdf", arm_urdf, code=1)
     assert [d["provenance"]["topics"]["imu"] for d in yaml.safe_load_all(out)] == ["/b"]
     assert "error: /a: too short" in err
 
 
-@pytest.mark.usefixtures("estimator")
-def test_the_joint_to_paste_has_the_name_it_has_in_the_urdf(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "--format", "urdf") == 0
-    out = capsys.readouterr().out
+def test_the_joint_to_paste_has_the_name_it_has_in_the_urdf(run_arm: Imucalib) -> None:
+    out = run_arm("--format", "urdf").out
     assert out.startswith('<joint name="imu_joint" type="fixed">\n')
     assert '<parent link="hand"/>' in out
     assert '<origin xyz="0.06 0 0" rpy="0 0 0"/>' in out
 
 
-def test_options_reach_the_estimator(estimator: Estimator, arm_log: Path, arm_urdf: Path) -> None:
+def test_options_reach_the_estimator(estimator: Estimator, run_arm: Imucalib) -> None:
     options = "--window 200ms --time-offset -0.042 --accel-bias 0.05 --gyro-bias none"
     more = "--gravity 9.81 --tilt-std 0.5 --max-offset 250ms --degree 4"
-    assert run(arm_log, "--urdf", arm_urdf, *options.split(), *more.split()) == 0
+    run_arm(*options.split(), *more.split())
     told = estimator.options
     assert isinstance(told, MatchedOptions)
     assert told.window.seconds == pytest.approx(0.2)
@@ -314,24 +181,22 @@ def test_options_reach_the_estimator(estimator: Estimator, arm_log: Path, arm_ur
     assert told.max_offset == 0.25
 
 
-def test_defaults_are_those_of_the_estimator(
-    estimator: Estimator, arm_log: Path, arm_urdf: Path
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf) == 0
+def test_defaults_are_those_of_the_estimator(estimator: Estimator, run_arm: Imucalib) -> None:
+    run_arm()
     assert vars(estimator.options) == vars(MatchedOptions())
 
 
 def test_the_published_method_starts_from_the_urdf_or_as_told(
-    estimator: Estimator, arm_log: Path, arm_urdf: Path
+    estimator: Estimator, run_arm: Imucalib
 ) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "--method", "paper", "--exclude", "3") == 0
+    run_arm("--method", "paper", "--exclude", "3")
     told = estimator.options
     assert isinstance(told, PaperOptions)
     assert told.exclusion_threshold == 3.0
     assert told.t_initial is not None
     np.testing.assert_array_equal(told.t_initial, [0.05, 0.0, 0.0])
     initial = "-1 2 3 0 0 1.5707963267948966"
-    assert run(arm_log, "--urdf", arm_urdf, "--method", "paper", "--initial", initial) == 0
+    run_arm("--method", "paper", "--initial", initial)
     told = estimator.options
     np.testing.assert_array_equal(told.t_initial, [-1.0, 2.0, 3.0])
     np.testing.assert_allclose(told.R_initial @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
@@ -353,25 +218,26 @@ def test_the_published_method_starts_from_the_urdf_or_as_told(
         ("--require 1", "--require 1: expected a length, an angle or both"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
-        ("--clock sun", "'sun' is not one of 'auto'"),
+        ("--clock sun", "'sun' is not one of 'auto', 'header', 'log'"),
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
         ("--imu-topic /imu", "/imu is not in the log"),
         ("--parent nowhere", "--parent nowhere: no such link"),
         ("--imu-link nowhere", "--imu-link nowhere: no such link"),
+        ("--fix x", "--fix x: 'x' is no component; expected some of tx, ty, tz, rx, ry, rz"),
+        ("--prior-std 2", "--prior-std 2:"),
+        ("--initial '1 2 3 0 0 1'", "--initial belongs to --fix, --prior-std or --method paper"),
+        ("--fix tx --initial '1 2 3'", "expected six numbers"),
+        ("--fix tx --method paper", "--fix belongs to --method matched"),
+        ("--prior-std 1mm --method paper", "--prior-std belongs to --method matched"),
+        ("--sensor-model ideal --method paper", "--sensor-model belongs to --method"),
+        ("--sensor-model none", "'none' is not one of 'auto', 'ideal'"),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_2(
-    *,
-    options: str,
-    complaint: str,
-    estimator: Estimator,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    options: str, complaint: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, *options.split()) == 2
-    out, err = capsys.readouterr()
+    out, err = run_arm(*shlex.split(options), code=2)
     assert out == ""
     assert err.startswith("error: ")
     assert complaint in err
@@ -379,11 +245,8 @@ def test_wrong_usage_is_one_line_and_exit_2(
     assert not estimator.calls
 
 
-def test_joint_states_without_a_urdf_ask_for_it(
-    arm_log: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log) == 2
-    assert "give --urdf" in capsys.readouterr().err
+def test_joint_states_without_a_urdf_ask_for_it(arm_log: Path, imucalib: Imucalib) -> None:
+    assert "give --urdf" in imucalib("run", arm_log, code=2).err
 
 
 @pytest.mark.parametrize(
@@ -396,16 +259,12 @@ def test_joint_states_without_a_urdf_ask_for_it(
     ],
 )
 def test_what_is_no_log_is_one_line_and_exit_1(
-    content: bytes | None,
-    complaint: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    content: bytes | None, complaint: str, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     path = tmp_path / "log.mcap"
     if content is not None:
         path.write_bytes(content)
-    assert run(path) == 1
-    out, err = capsys.readouterr()
+    out, err = imucalib("run", path, code=1)
     assert out == ""
     assert err.startswith("error: ")
     assert complaint in err
@@ -413,11 +272,10 @@ def test_what_is_no_log_is_one_line_and_exit_1(
 
 
 def test_a_log_without_an_imu_lists_what_it_has(
-    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.joints().text().write()
-    assert run(log, "--urdf", arm_urdf) == 1
-    err = capsys.readouterr().err
+    err = imucalib("run", log, "--urdf", arm_urdf, code=1).err
     assert "/joint_states (sensor_msgs/JointState)" in err
     assert "/chatter (std_msgs/String)" in err
 
@@ -431,7 +289,6 @@ def test_a_log_without_an_imu_lists_what_it_has(
         (9.8, ["--gravity", "none"], 0, "yet --gravity none was given"),
     ],
 )
-@pytest.mark.usefixtures("estimator")
 def test_gravity_at_rest_must_fit_the_option(
     *,
     accel: float,
@@ -440,28 +297,21 @@ def test_gravity_at_rest_must_fit_the_option(
     words: str,
     log_writer: LogWriter,
     arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     log = log_writer.imu(accel=accel).joints().write()
-    assert run(log, "--urdf", arm_urdf, *options) == code
-    assert words in capsys.readouterr().err
+    assert words in imucalib("run", log, "--urdf", arm_urdf, *options, code=code).err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_stamps_that_never_meet_are_told(
-    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(start=100.0).joints().write()
-    assert run(log, "--urdf", arm_urdf) == 1
-    assert "they do not overlap" in capsys.readouterr().err
+    assert "they do not overlap" in imucalib("run", log, "--urdf", arm_urdf, code=1).err
 
 
-@pytest.mark.usefixtures("estimator")
-def test_summary_on_stdout_holds_both_directions(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log, "--urdf", arm_urdf, "--format", "summary") == 0
-    out = capsys.readouterr().out
+def test_summary_on_stdout_holds_both_directions(run_arm: Imucalib) -> None:
+    out = run_arm("--format", "summary").out
     assert "pose of imu_link in hand: p_hand = R p_imu_link + t" in out
     assert "pose of hand in imu_link: p_imu_link = R p_hand + t" in out
     assert "60.00 ± 0.10 mm" in out
@@ -469,30 +319,21 @@ def test_summary_on_stdout_holds_both_directions(
     assert "\x1b" not in out
 
 
-@pytest.mark.usefixtures("estimator")
-def test_a_file_given_twice_is_a_mistake(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(arm_log, arm_log, "--urdf", arm_urdf) == 2
-    assert "is given twice" in capsys.readouterr().err
+def test_a_file_given_twice_is_a_mistake(arm_log: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
+    assert "is given twice" in imucalib("run", arm_log, arm_log, "--urdf", arm_urdf, code=2).err
 
 
-@pytest.mark.usefixtures("estimator")
 def test_one_imu_link_is_not_for_two_imus(
-    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/one").imu("/two").joints().write()
-    assert run(log, "--urdf", arm_urdf, "--imu-link", "imu_link") == 2
-    assert "--imu-topic: /one, /two" in capsys.readouterr().err
+    said = imucalib("run", log, "--urdf", arm_urdf, "--imu-link", "imu_link", code=2)
+    assert "--imu-topic: /one, /two" in said.err
 
 
-@pytest.mark.usefixtures("estimator")
-def test_a_frame_may_be_typed_with_a_leading_slash(
-    arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
     frames = ("--parent", "/upper", "--imu-link", "/imu_link", "--world", "/base")
-    assert run(arm_log, "--urdf", arm_urdf, *frames) == 0
-    document = yaml.safe_load(capsys.readouterr().out)
+    document = yaml.safe_load(run_arm(*frames).out)
     assert (document["transform"]["parent"], document["transform"]["child"]) == (
         "upper",
         "imu_link",
@@ -509,19 +350,13 @@ def test_a_frame_may_be_typed_with_a_leading_slash(
     ],
 )
 def test_axes_that_are_held_are_told_once(
-    *,
-    estimator: Estimator,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-    held: str,
-    words: str,
+    estimator: Estimator, held: str, words: str, run_arm: Imucalib
 ) -> None:
     stds = [0.0 if axis in held else 1e-5 for axis in "xyz"]
     covariance = np.diag([1e-8] * 3 + [std**2 for std in stds])
     estimator.estimate = replace(ESTIMATE, covariance=covariance)
-    assert run(arm_log, "--urdf", arm_urdf, "--format", "summary") == 0
-    (line,) = (line for line in capsys.readouterr().out.splitlines() if " rotation " in line)
+    said = run_arm("--format", "summary")
+    (line,) = (line for line in said.out.splitlines() if " rotation " in line)
     assert line.split("rotation", 1)[1].strip() == words
 
 
@@ -535,18 +370,12 @@ def test_axes_that_are_held_are_told_once(
     ids=["loose", "held", "not determined"],
 )
 def test_where_the_place_is_least_known_is_told(
-    *,
-    estimator: Estimator,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-    std: tuple[float, float, float],
-    told: list[str],
+    estimator: Estimator, std: tuple[float, float, float], told: list[str], run_arm: Imucalib
 ) -> None:
     covariance = np.diag([*(each**2 for each in std), 1e-10, 1e-10, 1e-10])
     hidden = (SIDEWAYS,) if max(std) > 1.0 else ()
     estimator.estimate = replace(ESTIMATE, covariance=covariance, unobservable=hidden)
-    run(arm_log, "--urdf", arm_urdf, "--format", "summary")
-    lines = [line for line in capsys.readouterr().out.splitlines() if "least known" in line]
+    said = run_arm("--format", "summary", code=3 if hidden else 0)
+    lines = [line for line in said.out.splitlines() if "least known" in line]
     assert len(lines) == len(told)
     assert all(words in line for words, line in zip(told, lines, strict=True))

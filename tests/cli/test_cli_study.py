@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.configuration import builtin_names
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.options import PhysicsOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Row
+    from tests.conftest import Imucalib
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 
@@ -47,13 +47,8 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield path
 
 
-def run(*arguments: str | Path) -> int:
-    return main(["study", *map(str, arguments)])
-
-
-def test_every_study_is_listed_and_has_parameters(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run() == 0
-    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines()]
+def test_every_study_is_listed_and_has_parameters(imucalib: Imucalib) -> None:
+    listed = [line.split()[0] for line in imucalib("study").out.splitlines()]
     assert listed == list(STUDIES)
     assert sorted(listed) == builtin_names("studies")
     for name in STUDIES:
@@ -63,12 +58,9 @@ def test_every_study_is_listed_and_has_parameters(capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.slow
-def test_tables_figures_and_rows(
-    small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_tables_figures_and_rows(small: Path, tmp_path: Path, imucalib: Imucalib) -> None:
     arguments = ("derivation", "--config", small, "-o", tmp_path / "out", "--jobs", "1")
-    assert run(*arguments) == 0
-    shown = capsys.readouterr()
+    shown = imucalib("study", *arguments)
     assert shown.out.startswith("### Derived less measured acceleration")
     assert shown.out.endswith("|\n")
     files = sorted(path.name for path in (tmp_path / "out").iterdir())
@@ -77,13 +69,12 @@ def test_tables_figures_and_rows(
         assert str(tmp_path / "out" / name) in shown.err
     # Nothing is left to run: the file does not grow, and says the same in other forms.
     before = (tmp_path / "out" / "derivation.jsonl").read_bytes()
-    assert run(*arguments, "--no-figures", "--format", "json", "-q") == 0
-    shown = capsys.readouterr()
+    shown = imucalib("study", *arguments, "--no-figures", "--format", "json", "-q")
     assert shown.err == ""
     tables = json.loads(shown.out)
     assert [table["title"] for table in tables][-1] == "Claims of section 4.2"
-    assert run(*arguments, "--no-figures", "--format", "csv", "-q") == 0
-    lines = list(csv.reader(io.StringIO(capsys.readouterr().out)))
+    said = imucalib("study", *arguments, "--no-figures", "--format", "csv", "-q")
+    lines = list(csv.reader(io.StringIO(said.out)))
     assert len(lines) == sum(1 + len(table["rows"]) for table in tables)
     assert (tmp_path / "out" / "derivation.jsonl").read_bytes() == before
 
@@ -102,30 +93,32 @@ def test_what_is_not_there_is_one_line(  # noqa: PLR0917 - three of them are fix
     words: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(*line.split()) == code
-    shown = capsys.readouterr()
+    shown = imucalib("study", *line.split(), code=code)
     assert shown.out == ""
     assert len(shown.err.splitlines()) == 1
     assert words in shown.err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_wrong_parameter_is_named(
-    small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_parameter_is_named(small: Path, tmp_path: Path, imucalib: Imucalib) -> None:
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text(small.read_text("utf-8") + "windos: [5]\n", encoding="utf-8")
-    assert run("derivation", "--config", wrong, "-o", tmp_path) == 1
-    assert "windos" in capsys.readouterr().err
+    said = imucalib("study", "derivation", "--config", wrong, "-o", tmp_path, code=1)
+    assert "windos" in said.err
 
 
 @pytest.fixture
 def derivation(small: Path, tmp_path: Path) -> tuple[str, ...]:
     """Arguments of a study that is soon done, in a folder that is not made yet."""
     return ("derivation", "--config", str(small), "-o", str(tmp_path / "out"), "--jobs", "1")
+
+
+@pytest.fixture
+def study(imucalib: Imucalib, derivation: tuple[str, ...]) -> Imucalib:
+    return imucalib.with_("study", *derivation)
 
 
 @pytest.mark.parametrize(
@@ -141,40 +134,35 @@ def test_what_a_study_needs_is_looked_for_before_any_run(  # noqa: PLR0917 - fix
     words: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
-    assert run(name, "--quick", "-o", tmp_path / "out") == 1
-    assert capsys.readouterr().err == f"error: study {name} {words}\n"
+    said = imucalib("study", name, "--quick", "-o", tmp_path / "out", code=1)
+    assert said.err == f"error: study {name} {words}\n"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
-    derivation: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert run(*derivation) == 0
-    first = capsys.readouterr()
+    first = study()
     assert first.err.startswith("warning: no figures without matplotlib: pip install")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["derivation.jsonl"]
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert run(*derivation, "--no-figures") == 0
-    again = capsys.readouterr()
+    again = study("--no-figures")
     assert again.out == first.out
     assert "warning" not in again.err
 
 
 @pytest.mark.slow
 def test_figures_of_a_quick_run_have_their_own_names(
-    derivation: tuple[str, ...], tmp_path: Path
+    derivation: tuple[str, ...], tmp_path: Path, study: Imucalib
 ) -> None:
     (tmp_path / "out").mkdir()
     quick = yaml.safe_load(Path(derivation[2]).read_text("utf-8")) | {"quick": {"windows": [5]}}
     (tmp_path / "quick.yaml").write_text(yaml.safe_dump(quick), encoding="utf-8")
-    assert run(*derivation, "--config", tmp_path / "quick.yaml", "--quick", "-q") == 0
+    study("--config", tmp_path / "quick.yaml", "--quick", "-q")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "derivation-quick.jsonl",
         *(f"figure-{number}-quick.svg" for number in (5, 6, 7)),
@@ -182,9 +170,9 @@ def test_figures_of_a_quick_run_have_their_own_names(
 
 
 def test_rows_that_lack_something_are_not_the_rows_of_a_study(
-    derivation: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, study: Imucalib
 ) -> None:
-    assert run(*derivation, "--no-figures", "-q") == 0
+    study("--no-figures", "-q")
     file = tmp_path / "out" / "derivation.jsonl"
     header, first, *rest = file.read_text("utf-8").splitlines(keepends=True)
     entry = json.loads(first)
@@ -192,9 +180,7 @@ def test_rows_that_lack_something_are_not_the_rows_of_a_study(
     damaged: Any
     for damaged in ({"cell": {}}, [], entry | {"rows": [5]}, lacking):
         file.write_text(header + json.dumps(damaged) + "\n" + "".join(rest), encoding="utf-8")
-        capsys.readouterr()
-        assert run(*derivation, "--no-figures", "-q") == 2
-        shown = capsys.readouterr()
+        shown = study("--no-figures", "-q", code=2)
         assert shown.out == ""
         assert shown.err.startswith(f"error: {file}: not the rows of a study")
         assert shown.err.endswith("name another folder with -o, or give --fresh\n")
@@ -205,21 +191,16 @@ def _without(entry: dict[str, Any], key: str) -> dict[str, Any]:
 
 
 def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
-    derivation: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 0.0)
-    assert run(*derivation, "--no-figures") == 0
+    said = study("--no-figures").err.splitlines()
     file = tmp_path / "out" / "derivation.jsonl"
     runs = len(file.read_text("utf-8").splitlines()) - 1
-    said = capsys.readouterr().err.splitlines()
     assert said[0] == f"derivation: {runs} runs, rows in {file}"
     assert re.fullmatch(rf"derivation: 1 of {runs} runs, about \d+ (s|min) left", said[1])
     assert said[-2:] == [f"derivation: {runs} of {runs} runs", f"rows: {file}"]
-    assert run(*derivation, "--no-figures", "--fresh", "-q") == 0
-    assert capsys.readouterr().err == ""
+    assert study("--no-figures", "--fresh", "-q").err == ""
 
 
 @pytest.mark.parametrize("done", [0, 1])
@@ -228,7 +209,7 @@ def test_an_interruption_says_what_is_kept(
     derivation: tuple[str, ...],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    study: Imucalib,
 ) -> None:
     measure, calls = DerivationStudy.measure, iter(range(9))
 
@@ -240,12 +221,9 @@ def test_an_interruption_says_what_is_kept(
     monkeypatch.setattr(DerivationStudy, "measure", interrupted)
     # The lines of progress depend on the machine's speed; here none is due.
     monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0)
-    assert run(*derivation) == 130
-    runs, file = (
-        len(load_study("derivation", Path(derivation[2])).cells()),
-        tmp_path / "out" / "derivation.jsonl",
-    )
-    said = capsys.readouterr().err
+    said = study(code=130).err
+    runs = len(load_study("derivation", Path(derivation[2])).cells())
+    file = tmp_path / "out" / "derivation.jsonl"
     if done:
         words = f"1 of {runs} runs are kept in {file}; the same command goes on"
         assert len(file.read_text("utf-8").splitlines()) == 1 + done
@@ -253,32 +231,26 @@ def test_an_interruption_says_what_is_kept(
         words = f"none of {runs} runs was done"
         assert not file.parent.exists()
     assert said == f"interrupted: {words}\n"
-    assert run(*derivation, "--fresh", "-q") == 130
-    assert capsys.readouterr().err == ""
+    assert study("--fresh", "-q", code=130).err == ""
 
 
 def test_a_terminal_gets_columns_that_fit(
-    derivation: tuple[str, ...],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib, study: Imucalib
 ) -> None:
-    assert run(*derivation, "--no-figures", "-q", "--format", "json") == 0
-    tables = json.loads(capsys.readouterr().out)
+    said = study("--no-figures", "-q", "--format", "json")
+    tables = json.loads(said.out)
     for module in ("commands.study", "tables"):
         monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.setenv("NO_COLOR", "1")
-    assert run(*derivation, "--no-figures", "-q") == 0
-    shown = capsys.readouterr().out
+    shown = study("--no-figures", "-q").out
     cells = [line for line in shown.splitlines() if line.startswith("  ")]
     assert max(map(len, cells)) <= 110
     for table in tables:
         assert table["title"] in shown.splitlines()
         for word in " ".join(itertools.chain.from_iterable(table["rows"])).split():
             assert word in shown
-    assert run() == 0
-    assert "  study          what it repeats or asks\n  derivation     Figures" in (
-        capsys.readouterr().out
-    )
-    assert run(*derivation, "--no-figures", "-q", "--format", "markdown") == 0
-    assert "|---|" in capsys.readouterr().out
+    said = imucalib("study")
+    assert "  study          what it repeats or asks\n  derivation     Figures" in (said.out)
+    said = study("--no-figures", "-q", "--format", "markdown")
+    assert "|---|" in said.out

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import struct
-import subprocess
 import sys
 import termios
 import threading
@@ -25,8 +24,9 @@ from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
-from tests.cli.test_cli_run import ESTIMATE, Estimator
-from tests.conftest import LogWriter
+from tests.cli.stand_in import ESTIMATE, Estimator
+from tests.conftest import Imucalib, LogWriter
+from tests.processes import python
 from tests.results.test_results_documents import make_result
 
 if TYPE_CHECKING:
@@ -94,13 +94,6 @@ class Shown:
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Shown:
     return Shown(monkeypatch, capsys)
-
-
-@pytest.fixture
-def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
-    fake = Estimator()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
 
 
 @pytest.fixture
@@ -209,14 +202,13 @@ def test_verify_and_diff_answer_in_one_line(
 
 
 def test_an_answer_in_the_format_that_is_asked_for(
-    shown: Shown, result: Path, capsys: pytest.CaptureFixture[str]
+    shown: Shown, result: Path, imucalib: Imucalib
 ) -> None:
     _, out, err = shown("diff", result, result, "--format", "json")
     assert json.loads(out)["verdict"] == "not moved"
     assert "not moved: imu_link in hand has not moved" in err
     _, words, _ = shown("diff", result, result)
-    assert main(["diff", str(result), str(result), "--format", "summary"]) == 0
-    assert capsys.readouterr().out == words
+    assert imucalib("diff", result, result, "--format", "summary").out == words
 
 
 def test_no_name_commands_the_terminal(
@@ -296,22 +288,15 @@ def _delivered(monkeypatch: pytest.MonkeyPatch, columns: int) -> str:
 def test_the_width_is_that_of_the_terminal(columns: int) -> None:
     """In a process of its own, as a shell starts it."""
     terminal = Terminal(columns)
-    command = [sys.executable, "-m", "imucalib_cli", "inspect", "broad_21_cut.mcap"]
+    command = ("-m", "imucalib_cli", "inspect", "broad_21_cut.mcap")
     env = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
-    done = subprocess.run(
-        command,
-        cwd=SAMPLES,
-        stdout=terminal.slave,
-        stderr=subprocess.PIPE,
-        env={**env, "NO_COLOR": "1", "TERM": "xterm"},
-        check=False,
-    )
+    env |= {"NO_COLOR": "1", "TERM": "xterm"}
+    done = python(*command, cwd=SAMPLES, stdout=terminal.slave, env=env)
     text = terminal.text()
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert (done.returncode, done.stderr) == (0, "")
     tables = [line for line in text.split("\n") if re.match(r"  \S", line)]
     assert max(map(len, tables)) <= columns
-    piped = subprocess.run(command, cwd=SAMPLES, capture_output=True, text=True, check=True).stdout
-    assert (text == piped) == (columns == 160)
+    assert (text == python(*command, cwd=SAMPLES).stdout) == (columns == 160)
 
 
 def test_what_is_piped_waits_for_no_library_of_terminals() -> None:
@@ -319,8 +304,7 @@ def test_what_is_piped_waits_for_no_library_of_terminals() -> None:
         "import sys; from imucalib_cli.cli.main import main; main(sys.argv[1:]);"
         "sys.exit('rich' in sys.modules)"
     )
-    command = [sys.executable, "-c", program, "inspect", str(SAMPLES / "rihibot.mcap")]
-    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    assert python("-c", program, "inspect", SAMPLES / "rihibot.mcap").returncode == 0
 
 
 @pytest.fixture

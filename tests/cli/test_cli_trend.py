@@ -6,10 +6,9 @@ import csv
 import io
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
-import jsonschema
 import numpy as np
 import pytest
 
@@ -21,17 +20,13 @@ from imucalib_cli.simulate.options import LogOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
+from tests.cli.stand_in import ANSWERS
 from tests.results.trend_results import drawn, named, result, written
 
-ROOT = Path(__file__).parents[2]
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/comparison.schema.json").read_text())
-)
+if TYPE_CHECKING:
+    from tests.conftest import Imucalib
+
 MOVE = np.array([2e-3, 0.0, 0.0, 0.0, 1e-3, 0.0])
-
-
-def trend(*arguments: object) -> int:
-    return main(["trend", *(str(argument) for argument in arguments)])
 
 
 @pytest.fixture
@@ -44,34 +39,28 @@ def still(tmp_path: Path) -> Path:
     return written(tmp_path / "still", named(*drawn(2, 6)))
 
 
-def test_the_exit_code_is_the_alarm(
-    moved: Path, still: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert trend(moved) == 4
-    out, err = capsys.readouterr()
+def test_the_exit_code_is_the_alarm(moved: Path, still: Path, imucalib: Imucalib) -> None:
+    out, err = imucalib("trend", moved, code=4)
     assert out.startswith("moved: imu_link in wrist_3_link has moved: by 1.96 ")
     assert err == ""
     rows = [line.split() for line in out.splitlines()[2:]]
     assert rows[0] == ["recorded", "result", "mount", "shift", "mm", "turn", "deg"]
     assert [row[4] for row in rows[1:]] == ["1"] * 8 + ["2"] * 4
-    assert trend(still) == 0
-    assert capsys.readouterr().out.startswith("not moved: imu_link")
-    assert trend(next(still.iterdir())) == 3
-    assert "one recording can be used, two are needed" in capsys.readouterr().out
-    assert trend(moved, "--within", "1cm,1deg") == 0
+    assert imucalib("trend", still).out.startswith("not moved: imu_link")
+    said = imucalib("trend", next(still.iterdir()), code=3)
+    assert "one recording can be used, two are needed" in said.out
+    imucalib("trend", moved, "--within", "1cm,1deg")
 
 
 def test_csv_and_json_lines_go_to_stdout_and_words_to_stderr(
-    moved: Path, capsys: pytest.CaptureFixture[str]
+    moved: Path, imucalib: Imucalib
 ) -> None:
-    assert trend(moved, "--format", "jsonl") == 4
-    out, err = capsys.readouterr()
+    out, err = imucalib("trend", moved, "--format", "jsonl", code=4)
     (line,) = out.splitlines()
     answer = json.loads(line)
-    SCHEMA.validate(answer)
+    ANSWERS.validate(answer)
     assert err.startswith("moved: imu_link in wrist_3_link has moved")
-    assert trend(moved, "--format", "csv", "-q") == 4
-    out, err = capsys.readouterr()
+    out, err = imucalib("trend", moved, "--format", "csv", "-q", code=4)
     assert err == ""
     rows = list(csv.DictReader(io.StringIO(out)))
     assert [row["file"] for row in rows] == [each["file"] for each in answer["recordings"]]
@@ -81,14 +70,11 @@ def test_csv_and_json_lines_go_to_stdout_and_words_to_stderr(
     assert rows[0]["start"] == "2026-05-04T09:15:02.250000Z"
 
 
-def test_what_was_before_a_move_is_left_out(
-    moved: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert trend(moved, "--since", "2026-05-12") == 0
-    assert "before --since: 2026-05-04" in capsys.readouterr().out
-    assert trend(moved, "--since", "2026-05-04T00:00Z") == 4
-    assert trend(moved, "--since", "yesterday") == 2
-    assert "--since yesterday: expected a date" in capsys.readouterr().err
+def test_what_was_before_a_move_is_left_out(moved: Path, imucalib: Imucalib) -> None:
+    assert "before --since: 2026-05-04" in imucalib("trend", moved, "--since", "2026-05-12").out
+    imucalib("trend", moved, "--since", "2026-05-04T00:00Z", code=4)
+    said = imucalib("trend", moved, "--since", "yesterday", code=2)
+    assert "--since yesterday: expected a date" in said.err
 
 
 @pytest.mark.parametrize("command", ["trend", "diff"])
@@ -102,51 +88,44 @@ def test_results_are_read_from_disk(
     assert "https://there/result.yaml?…" in err
 
 
-def test_a_folder_holds_other_files_too(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_holds_other_files_too(still: Path, imucalib: Imucalib) -> None:
     """Among them the answers and tables that were written there before."""
     first = next(still.iterdir())
-    assert trend(still, "-o", still / "trend.csv", "--format", "csv", "-q") == 0
-    assert main(["diff", str(first), str(first), "-o", str(still / "diff.yaml"), "-q"]) == 0
+    imucalib("trend", still, "-o", still / "trend.csv", "--format", "csv", "-q")
+    imucalib("diff", first, first, "-o", still / "diff.yaml", "-q")
     (still / "notes.json").write_text('{"schema": 1, "mine": true}')
     (still / "config.yaml").write_text("rate: 5\n")
     (still / "deeper.yaml").mkdir()
     (still / "00.statistics.yaml").write_text("schema: 1\nstatistics: []\n")
-    capsys.readouterr()
-    assert trend(still, "-o", still / "trend.csv", "--format", "csv") == 0
-    assert "not moved: imu_link in wrist_3_link has not moved: 6 rec" in capsys.readouterr().err
-    assert trend(still, first, "--format", "jsonl", "-q") == 0
-    assert len(json.loads(capsys.readouterr().out)["recordings"]) == 6
+    said = imucalib("trend", still, "-o", still / "trend.csv", "--format", "csv")
+    assert "not moved: imu_link in wrist_3_link has not moved: 6 rec" in said.err
+    said = imucalib("trend", still, first, "--format", "jsonl", "-q")
+    assert len(json.loads(said.out)["recordings"]) == 6
 
 
 def test_a_damaged_result_does_not_stop_the_others(
-    still: Path, moved: Path, capsys: pytest.CaptureFixture[str]
+    still: Path, moved: Path, imucalib: Imucalib
 ) -> None:
     for folder, code in ((still, 1), (moved, 4)):
         damaged = folder / "damaged.yaml"
         damaged.write_text(next(folder.iterdir()).read_text()[:300])
-        assert trend(folder) == code
-        out, err = capsys.readouterr()
+        out, err = imucalib("trend", folder, code=code)
         assert "has " in out
         assert err.startswith(f"error: {damaged}: ")
     empty = still / "empty"
     empty.mkdir()
-    assert trend(empty) == 1
-    assert "no result of imucalib run in it" in capsys.readouterr().err
-    assert trend(still / "missing.yaml") == 1
-    assert "missing.yaml: cannot be read" in capsys.readouterr().err
+    assert "no result of imucalib run in it" in imucalib("trend", empty, code=1).err
+    assert "missing.yaml: cannot be read" in imucalib("trend", still / "missing.yaml", code=1).err
 
 
-def test_each_imu_has_a_trend_of_its_own(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_imu_has_a_trend_of_its_own(tmp_path: Path, imucalib: Imucalib) -> None:
     values, C = drawn(3, 8, moves=[(4, MOVE)])
     still, C_still = drawn(4, 8)
     for k in range(8):
         both = [result(k, values[k], C[k], child="arm_imu"), result(k, still[k], C_still[k])]
         (tmp_path / f"{k}.yaml").write_text(to_yaml(both))
     picture = tmp_path / "trend.svg"
-    assert trend(tmp_path, "--format", "jsonl", "--plot", picture) == 4
-    out, err = capsys.readouterr()
+    out, err = imucalib("trend", tmp_path, "--format", "jsonl", "--plot", picture, code=4)
     answers = [json.loads(line) for line in out.splitlines()]
     assert [(each["child"], each["verdict"]) for each in answers] == [
         ("arm_imu", "moved"),
@@ -157,12 +136,14 @@ def test_each_imu_has_a_trend_of_its_own(
     for word in ("arm_imu in wrist_3_link: moved", "imu_link in wrist_3_link: not moved", "σ"):
         assert word in text
     before = picture.read_bytes()
-    assert trend(tmp_path, "--plot", picture, "-q") == 4
+    imucalib("trend", tmp_path, "--plot", picture, "-q", code=4)
     assert picture.read_bytes() == before
 
 
 @pytest.mark.parametrize("suffix", [".pdf", ".png"])
-def test_pictures_of_every_verdict_are_drawn(suffix: str, tmp_path: Path) -> None:
+def test_pictures_of_every_verdict_are_drawn(
+    suffix: str, tmp_path: Path, imucalib: Imucalib
+) -> None:
     values, C = drawn(5, 12)
     values[3] += 20 * MOVE
     drifting = values + np.outer(np.arange(12), MOVE)
@@ -170,25 +151,23 @@ def test_pictures_of_every_verdict_are_drawn(suffix: str, tmp_path: Path) -> Non
     for number, given in enumerate((named(values, C, **untimed), named(drifting, C), [])):
         folder = written(tmp_path / str(number), given or named(values, C)[:1])
         picture = tmp_path / f"{number}{suffix}"
-        assert trend(folder, "--plot", picture, "-q") == (0, 4, 3)[number]
+        imucalib("trend", folder, "--plot", picture, "-q", code=(0, 4, 3)[number])
         assert picture.read_bytes()[:4] in {b"%PDF", b"\x89PNG"}
 
 
-def test_no_result_is_written_over(still: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_result_is_written_over(still: Path, imucalib: Imucalib) -> None:
     first = next(still.iterdir())
     before = first.read_bytes()
-    assert trend(still, "-o", first) == 2
-    assert "is an input and would be overwritten" in capsys.readouterr().err
+    said = imucalib("trend", still, "-o", first, code=2)
+    assert "is an input and would be overwritten" in said.err
     assert first.read_bytes() == before
-    assert trend(still, "-o", "x.svg", "--plot", "x.svg") == 2
-    assert trend(still, "--plot", "x.gif") == 2
-    assert "expected a file ending in .svg or .pdf or .png" in capsys.readouterr().err
+    imucalib("trend", still, "-o", "x.svg", "--plot", "x.svg", code=2)
+    said = imucalib("trend", still, "--plot", "x.gif", code=2)
+    assert "expected a file ending in .svg or .pdf or .png" in said.err
 
 
 @pytest.mark.slow
-def test_from_logs_of_a_simulated_arm_whose_mount_moves(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_from_logs_of_a_simulated_arm_whose_mount_moves(tmp_path: Path, imucalib: Imucalib) -> None:
     """Four days at one place and three at another, from the engine's physics to the alarm."""
     system = load_system("rihibot")
     urdf, results = tmp_path / "robot.urdf", tmp_path / "results"
@@ -209,10 +188,8 @@ def test_from_logs_of_a_simulated_arm_whose_mount_moves(
         log = tmp_path / f"{9 - day}.mcap"
         noisy = corrupt(clean[tuple(place)], load_grade("industrial"), seed=day)
         write_log(noisy, log, LogOptions(start=1_750_000_000 + 86_400 * day))
-        assert main(["run", str(log), "--urdf", str(urdf), "-q", "-o", f"{results}/"]) == 0
-    capsys.readouterr()
-    assert trend(results, "--format", "jsonl", "-q") == 4
-    answer = json.loads(capsys.readouterr().out)
+        imucalib("run", log, "--urdf", urdf, "-q", "-o", f"{results}/")
+    answer = json.loads(imucalib("trend", results, "--format", "jsonl", "-q", code=4).out)
     (change,) = answer["changes"]
     assert (Path(change["after"]).name[0], Path(change["before"]).name[0]) == ("6", "5")
     assert change["after_start"].startswith("2025-06-18T15:06:40")
@@ -221,5 +198,4 @@ def test_from_logs_of_a_simulated_arm_whose_mount_moves(
     assert np.linalg.norm(off) < 0.5
     for day in (4, 5, 6):
         (results / f"{9 - day}.imu_link.yaml").unlink()
-    assert trend(results) == 0
-    assert "has not moved: 4 recordings" in capsys.readouterr().out
+    assert "has not moved: 4 recordings" in imucalib("trend", results).out

@@ -9,59 +9,35 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import jsonschema
 import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.findings import Severity, texts
-from tests.cli.test_cli_run import ESTIMATE, SIDEWAYS, Estimator
+from tests.cli.stand_in import ANSWERS, ESTIMATE, SIDEWAYS, Estimator, answers
 
 if TYPE_CHECKING:
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "sample_data"
-SCHEMA = jsonschema.Draft202012Validator(
-    json.loads((ROOT / "docs/comparison.schema.json").read_text())
-)
-
-
-def verify(*arguments: object) -> int:
-    return main(["verify", *(str(argument) for argument in arguments)])
-
-
-def answers(capsys: pytest.CaptureFixture[str]) -> tuple[list[dict[str, Any]], str]:
-    out, err = capsys.readouterr()
-    documents = list(yaml.safe_load_all(out))
-    for document in documents:
-        SCHEMA.validate(document)
-    return documents, err
 
 
 @pytest.fixture
-def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
-    fake = Estimator()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
-
-
-@pytest.fixture
-def arm_log(log_writer: LogWriter) -> Path:
-    return log_writer.imu().joints().write()
-
-
-@pytest.fixture
-def result(estimator: Estimator, arm_log: Path, arm_urdf: Path, tmp_path: Path) -> Path:
+def result(estimator: Estimator, tmp_path: Path, run_arm: Imucalib) -> Path:
     """Of `run`: 10 mm from the URDF's 50 mm along x of hand, sigma 0.1 mm."""
     assert estimator.estimate is ESTIMATE
     path = tmp_path / "result.yaml"
-    assert main(["run", str(arm_log), "--urdf", str(arm_urdf), "-q", "-o", str(path)]) == 0
+    run_arm("-q", "-o", path)
     return path
+
+
+@pytest.fixture
+def verify_arm(imucalib: Imucalib, arm_log: Path, arm_urdf: Path) -> Imucalib:
+    return imucalib.with_("verify", arm_log, "--urdf", arm_urdf)
 
 
 @pytest.mark.parametrize(
@@ -75,17 +51,9 @@ def result(estimator: Estimator, arm_log: Path, arm_urdf: Path, tmp_path: Path) 
 )
 @pytest.mark.usefixtures("estimator")
 def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
-    *,
-    within: list[str],
-    code: int,
-    verdict: str,
-    words: str,
-    arm_log: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    *, within: list[str], code: int, verdict: str, words: str, arm_urdf: Path, verify_arm: Imucalib
 ) -> None:
-    assert verify(arm_log, "--urdf", arm_urdf, *within) == code
-    (document,), err = answers(capsys)
+    (document,), err = answers(verify_arm(*within, code=code))
     assert document["verdict"] == verdict
     assert document["translation"]["difference_mm"] == pytest.approx(10.0)
     np.testing.assert_allclose(document["translation"]["vector_mm"], [10.0, 0, 0], atol=1e-12)
@@ -98,44 +66,38 @@ def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_quiet_json_into_a_file(
-    arm_log: Path, arm_urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_quiet_json_into_a_file(tmp_path: Path, verify_arm: Imucalib) -> None:
     target = tmp_path / "answer.json"
-    assert verify(arm_log, "--urdf", arm_urdf, "-q", "--format", "json", "-o", target) == 4
-    assert capsys.readouterr() == ("", "")
+    said = verify_arm("-q", "--format", "json", "-o", target, code=4)
+    assert said == ("", "")
     assert json.loads(target.read_text())["significance"]["of"] == "translation"
 
 
 def test_one_imu_that_is_wrong_settles_it(
-    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/a").imu("/b").joints().write()
-    assert verify(log, "--urdf", arm_urdf) == 4
-    documents, _ = answers(capsys)
+    documents, _ = answers(imucalib("verify", log, "--urdf", arm_urdf, code=4))
     assert [d["found"]["provenance"]["topics"]["imu"] for d in documents] == ["/a", "/b"]
-    SCHEMA.validate(documents)
+    ANSWERS.validate(documents)
     estimator.fail_on = len(estimator.calls) + 1
-    assert verify(log, "--urdf", arm_urdf) == 4
-    assert "error: /a: too short" in capsys.readouterr().err
+    assert "error: /a: too short" in imucalib("verify", log, "--urdf", arm_urdf, code=4).err
     estimator.fail_on = len(estimator.calls) + 1
-    assert verify(log, "--urdf", arm_urdf, "--within", "11mm") == 1
+    imucalib("verify", log, "--urdf", arm_urdf, "--within", "11mm", code=1)
 
 
 def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
-    estimator: Estimator, arm_log: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    estimator: Estimator, verify_arm: Imucalib
 ) -> None:
     wide = ESTIMATE.covariance + np.diag([0, 100.0, 0, 0, 0, 0])
     estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,), covariance=wide)
-    assert verify(arm_log, "--urdf", arm_urdf, "--within", "11mm") == 3
-    (document,), _ = answers(capsys)
+    (document,), _ = answers(verify_arm("--within", "11mm", code=3))
     assert "not determined: translation along (0.00 1.00 0.00) of hand" in document["reason"]
     assert document["found"]["status"] == "untrusted"
-    assert verify(arm_log, "--urdf", arm_urdf) == 4
-    capsys.readouterr()
+    verify_arm(code=4)
     estimator.estimate = replace(ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it wobbles"]))
-    assert verify(arm_log, "--urdf", arm_urdf) == 3
-    assert "contradicts itself or its model: it wobbles" in capsys.readouterr().err
+    said = verify_arm(code=3)
+    assert "contradicts itself or its model: it wobbles" in said.err
 
 
 @pytest.mark.parametrize(
@@ -159,46 +121,36 @@ def test_frames_the_urdf_tells_and_does_not_tell(
     words: str,
     log_writer: LogWriter,
     arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     log = log_writer.imu(frame=frame).joints().write()
-    assert verify(log, "--urdf", arm_urdf, *options) == code
-    err = capsys.readouterr().err
+    err = imucalib("verify", log, "--urdf", arm_urdf, *options, code=code).err
     assert words in err
     assert sum(not line.startswith("warning") for line in err.splitlines()) == 1
 
 
 @pytest.mark.usefixtures("estimator")
-def test_the_logs_own_static_frames_may_tell(
-    log_writer: LogWriter, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_logs_own_static_frames_may_tell(log_writer: LogWriter, imucalib: Imucalib) -> None:
     log = log_writer.imu().tf("odom", "body").tf("body", "imu_link", moving=False).write()
-    assert verify(log) == 4
-    (document,), err = answers(capsys)
+    (document,), err = answers(imucalib("verify", log, code=4))
     assert document["told"]["urdf"] is None
     assert "is not where the log's own frames say" in err
     bare = log_writer.path.parent / "bare"
     other = replace(log_writer, path=bare, messages=[]).imu().tf("odom", "body").write()
-    assert verify(other) == 2
-    assert "says where 'imu_link' is on 'body', so there is no pose" in capsys.readouterr().err
+    said = imucalib("verify", other, code=2)
+    assert "says where 'imu_link' is on 'body', so there is no pose" in said.err
 
 
-def test_a_result_answers_like_its_log(
-    result: Path,
-    arm_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    assert verify(result, "--urdf", arm_urdf) == 4
-    (document,), err = answers(capsys)
+def test_a_result_answers_like_its_log(result: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
+    (document,), err = answers(imucalib("verify", result, "--urdf", arm_urdf, code=4))
     assert "off by 10.00 ± 0.10 mm (100 sigma), more than 5 mm" in err
     assert document["told"]["joint"] == "imu_joint"
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(result.read_bytes())))
-    assert verify("-", "--urdf", arm_urdf, "--within", "11mm") == 0
+    content = result.read_bytes()
+    imucalib("verify", "-", "--urdf", arm_urdf, "--within", "11mm", stdin=content)
 
 
 def test_a_result_is_compared_through_fixed_joints(
-    result: Path, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    result: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     """The same mount, by way of a plate: 60 mm of hand are found, 30 + 20 mm told."""
     plate = arm_urdf.with_name("plate.urdf")
@@ -211,8 +163,7 @@ def test_a_result_is_compared_through_fixed_joints(
     text = arm_urdf.read_text()
     start, end = text.index('  <joint name="imu_joint"'), text.index("</robot>")
     plate.write_text(text[:start] + joints + text[end:])
-    assert verify(result, "--urdf", plate) == 4
-    (document,), _ = answers(capsys)
+    (document,), _ = answers(imucalib("verify", result, "--urdf", plate, code=4))
     np.testing.assert_allclose(document["translation"]["vector_mm"], [10, 0, 0], atol=1e-9)
     assert document["rotation"]["difference_deg"] == pytest.approx(0.0, abs=1e-9)
     assert document["told"]["joint"] == ""
@@ -240,11 +191,12 @@ def test_wrong_usage_with_a_result(
     result: Path,
     arm_urdf: Path,
     arm_log: Path,
-    capsys: pytest.CaptureFixture[str],
+    imucalib: Imucalib,
 ) -> None:
     named = {"URDF": str(arm_urdf), "LOG": str(arm_log), "RESULT": str(result)}
-    assert verify(result, *(named.get(option, option) for option in options)) == 2
-    out, err = capsys.readouterr()
+    out, err = imucalib(
+        "verify", result, *(named.get(option, option) for option in options), code=2
+    )
     assert out == ""
     assert words in err
     assert err.count("\n") == 1
@@ -255,7 +207,7 @@ TURN = Rotation.from_rotvec(np.radians([0.0, 0.6, -0.8]))
 
 
 def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, imucalib: Imucalib
 ) -> None:
     """The truth of a physics engine, and the truth displaced by 13 mm and 1 degree."""
     truth = yaml.safe_load((DATA / "rihibot.truth.yaml").read_text())["transform"]
@@ -271,8 +223,9 @@ def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
         urdf = tmp_path / "told.urdf"
         urdf.write_text(f'{text[:start]}<origin xyz="{xyz}" rpy="{rpy}"/>{text[end:]}')
         log = DATA / "rihibot.mcap"
-        assert verify(log, "--urdf", urdf, "--within", "0.1mm,0.01deg") == code
-        (document,), _ = answers(capsys)
+        (document,), _ = answers(
+            imucalib("verify", log, "--urdf", urdf, "--within", "0.1mm,0.01deg", code=code)
+        )
         covariance = np.array(document["found"]["covariance"])
         error = np.concatenate(
             (
@@ -290,18 +243,16 @@ def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
 
 
 def test_of_several_results_each_answer_names_its_file(
-    result: Path, arm_urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    result: Path, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     right, broken = tmp_path / "right.yaml", tmp_path / "broken.yaml"
     right.write_text(
         re.sub(r"translation: \[0\.06\d*", "translation: [0.05", result.read_text(), count=1)
     )
     broken.write_text("schema: 1\n")
-    capsys.readouterr()
-    assert verify(result, "--urdf", arm_urdf, "--format", "summary") == 4
-    assert capsys.readouterr().out.startswith("no: imu_link in hand is not where")
-    assert verify(result, right, broken, "--urdf", arm_urdf) == 4
-    documents, err = answers(capsys)
+    said = imucalib("verify", result, "--urdf", arm_urdf, "--format", "summary", code=4)
+    assert said.out.startswith("no: imu_link in hand is not where")
+    documents, err = answers(imucalib("verify", result, right, broken, "--urdf", arm_urdf, code=4))
     assert [(each["file"], each["verdict"]) for each in documents] == [
         (str(result), "no"),
         (str(right), "yes"),
@@ -309,12 +260,11 @@ def test_of_several_results_each_answer_names_its_file(
     assert f"no: {result}: imu_link in hand is not where" in err
     assert f"yes: {right}: imu_link in hand is where" in err
     assert f"error: {broken}: status is missing" in err
-    assert verify(right, broken, "--urdf", arm_urdf, "--format", "csv", "-q") == 1
-    out, _ = capsys.readouterr()
+    out, _ = imucalib("verify", right, broken, "--urdf", arm_urdf, "--format", "csv", "-q", code=1)
     (row,) = csv.DictReader(io.StringIO(out))
     assert (row["file"], row["verdict"], row["first"]) == (str(right), "yes", "")
-    assert verify(result, right, "--urdf", arm_urdf, "--format", "jsonl", "-q") == 4
-    assert [json.loads(line)["file"] for line in capsys.readouterr().out.splitlines()] == [
+    said = imucalib("verify", result, right, "--urdf", arm_urdf, "--format", "jsonl", "-q", code=4)
+    assert [json.loads(line)["file"] for line in said.out.splitlines()] == [
         str(result),
         str(right),
     ]

@@ -17,6 +17,7 @@ from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.layout import plain
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import Said, T
 
@@ -112,7 +113,7 @@ def test_joints_that_cannot_be_used_are_told(tmp_path: Path, *, urdf: bool) -> N
     asked = replace(request(tmp_path, base_imu=TRUNK), logs=(log,))
     with pytest.raises(ImucalibError, match=r"2000 of 2000 .* have 8 positions for 9 joints"):
         alone(calibrate(asked if urdf else replace(asked, urdf=None)))
-    assert inspect((log,)).command is None
+    assert inspect(CalibrationRequest(logs=(log,))).command is None
 
 
 def alone(outcome: Outcome) -> Result:
@@ -160,12 +161,12 @@ def test_where_something_tells_the_bases_motion_no_imu_is_taken(tmp_path: Path) 
 
 def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
     asked = request(tmp_path)
-    found = inspect(asked.logs, asked.urdf)
+    found = inspect(asked)
     assert found.command is not None
     assert found.command.endswith(f"robot.urdf --base-imu {TRUNK}")
     assert found.more_commands == ()
-    assert "carried by trunk, tells how it moves" in found.as_text()
-    alone = inspect((log_of(tmp_path / "alone", TRUNK, LEG),))
+    assert "carried by trunk, tells how it moves" in plain(found.blocks())
+    alone = inspect(CalibrationRequest(logs=(log_of(tmp_path / "alone", TRUNK, LEG),)))
     assert alone.command is not None
     assert alone.command.endswith("--base-imu IMU")
 

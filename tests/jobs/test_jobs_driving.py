@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.results.result import Result
+    from tests.conftest import Imucalib
 
 FREE = np.inf
 HELD = PosePrior(std=(FREE, FREE, 0.0, FREE, FREE, FREE))
@@ -81,7 +81,7 @@ def test_what_is_told_of_it_is_not_contradicted(
 def test_verify_may_leave_it_out(log_and_urdf: tuple[Path, Path]) -> None:
     def verdict(pose: PosePrior | None = None, **options: Any) -> str:
         request = request_for(log_and_urdf, pose)
-        (answer,) = verify_recording(request, NEAR, **options).answers
+        (answer,), _ = verify_recording(request, NEAR, **options)
         return answer.verdict
 
     ignored = frozenset({2})
@@ -90,45 +90,41 @@ def test_verify_may_leave_it_out(log_and_urdf: tuple[Path, Path]) -> None:
     assert verdict(HELD, ignored=ignored) == "yes"
     # 10 mm off in x and y, as the drawing is
     request = request_for(log_and_urdf, None)
-    (answer,) = verify_recording(request, replace(NEAR, translation=5e-3), ignored=ignored).answers
+    near = replace(NEAR, translation=5e-3)
+    (answer,), _ = verify_recording(request, near, ignored=ignored)
     assert answer.verdict == "no"
     assert answer.ignored == ("tz",)
     assert "not checked: tz" in answer.reason
 
 
-def test_planar_is_a_name_for_it(
-    log_and_urdf: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_planar_is_a_name_for_it(log_and_urdf: tuple[Path, Path], imucalib: Imucalib) -> None:
     log, urdf = log_and_urdf
-    assert main(["run", str(log), "--urdf", str(urdf), "--planar"]) == 0
-    (result,) = read_results(capsys.readouterr().out, "stdout")
+    (result,) = read_results(imucalib("run", log, "--urdf", urdf, "--planar").out, "stdout")
     assert result.pose.translation[2] == 0.08
     near = ["--within", "20mm,1deg"]
-    assert main(["verify", str(log), "--urdf", str(urdf), "--planar", *near]) == 0
-    assert main(["verify", str(log), "--urdf", str(urdf), "--fix", "tz", *near]) == 2
+    imucalib("verify", log, "--urdf", urdf, "--planar", *near)
+    imucalib("verify", log, "--urdf", urdf, "--fix", "tz", *near, code=2)
 
 
 def test_planar_holds_the_height_whatever_axis_is_upright(
-    log_and_urdf: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log_and_urdf: tuple[Path, Path], tmp_path: Path, imucalib: Imucalib
 ) -> None:
     rpy = f"{-np.pi / 2} 0 {-np.pi / 2}"  # of optical frames: y points down
     urdf = with_a_camera_frame(tmp_path, rpy)
     command = [str(log_and_urdf[0]), "--urdf", str(urdf), "--planar"]
-    assert main(["run", *command]) == 0
-    (result,) = read_results(capsys.readouterr().out, "stdout")
+    (result,) = read_results(imucalib("run", *command).out, "stdout")
     assert result.parent == "camera"
     R = Rotation.from_euler("xyz", [float(each) for each in rpy.split()])
     assert result.pose.translation[1] == pytest.approx(-0.08, abs=1e-12)
     np.testing.assert_allclose(R.apply(result.pose.t), TRUE_T, atol=1e-3)
-    assert main(["verify", *command, "--within", "20mm,1deg"]) == 0
-    assert "not checked: ty" in capsys.readouterr().out
+    assert "not checked: ty" in imucalib("verify", *command, "--within", "20mm,1deg").out
 
 
 def test_planar_says_where_no_axis_is_upright(
-    log_and_urdf: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log_and_urdf: tuple[Path, Path], tmp_path: Path, imucalib: Imucalib
 ) -> None:
     urdf = with_a_camera_frame(tmp_path, "0 0.6 0")
     log = str(log_and_urdf[0])
-    assert main(["run", log, "--urdf", str(urdf), "--planar"]) == 2
-    assert "no axis of camera is upright" in capsys.readouterr().err
-    assert main(["run", log, "--urdf", str(urdf), "--planar", "--parent", "base_link"]) == 0
+    said = imucalib("run", log, "--urdf", urdf, "--planar", code=2)
+    assert "no axis of camera is upright" in said.err
+    imucalib("run", log, "--urdf", urdf, "--planar", "--parent", "base_link")

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.results.codec import result_from, to_document
@@ -26,6 +25,7 @@ from imucalib_cli.simulate.write_log import write_log
 if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
     from imucalib_cli.simulate.recording import Recording
+    from tests.conftest import Imucalib
 
 RATE = 200.0
 
@@ -121,7 +121,9 @@ def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
     assert filtered.time_offset.seconds > 0.005  # as that sentence says
 
 
-def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(tmp_path: Path) -> None:
+def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(
+    tmp_path: Path, imucalib: Imucalib
+) -> None:
     log = written(tmp_path, load_imu("adis16448"))
     found = result(log, "adis16448")
     options, check = found.provenance.options, found.diagnostics.imu_model
@@ -142,7 +144,7 @@ def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(tmp_path:
     words = ["run", str(path), "--parent", "bar_link", "--gravity", "none", "-o"]
     out = tmp_path / "told.json"
     more = ["--format", "json", "--imu-model", "adis16448", "--gyro-bias", "free"]
-    assert main([*words, str(out), *more]) == 0
+    imucalib(*words, out, *more)
     written_options = json.loads(out.read_text())["provenance"]["options"]
     assert written_options["gyro_bias_std"] == "free"
     assert written_options["accel_bias_std"] == pytest.approx(0.392266)
@@ -206,7 +208,6 @@ def test_published_method_is_compared_too(tmp_path: Path) -> None:
     ("name", "words"), [("bmi08", "choose adis16448"), ("/imu/data", "--imu-topic takes a topic")]
 )
 def test_a_name_that_is_none_lists_those_that_are(
-    name: str, words: str, capsys: pytest.CaptureFixture[str]
+    name: str, words: str, imucalib: Imucalib
 ) -> None:
-    assert main(["run", "none.mcap", "--imu-model", name]) == 2
-    assert words in capsys.readouterr().err
+    assert words in imucalib("run", "none.mcap", "--imu-model", name, code=2).err

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imucalib_cli.cli.main import main
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.layout import plain
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import pytest
-
-    from tests.conftest import LogWriter
+    from tests.conftest import Imucalib, LogWriter
 
 
 def test_poses_without_a_frame_ask_for_a_name(log_writer: LogWriter) -> None:
-    found = inspect((log_writer.imu().poses().write(),))
+    found = inspect(CalibrationRequest(logs=(log_writer.imu().poses().write(),)))
     assert found.command is not None
     assert found.command.endswith("--parent BODY")
     assert found.placeholders == "BODY by a name for what the poses are of"
@@ -24,30 +23,29 @@ def test_poses_without_a_frame_ask_for_a_name(log_writer: LogWriter) -> None:
 
 def test_every_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu("/imu/a").imu("/imu/b", frame="box").joints().write()
-    found = inspect((log,), arm_urdf)
+    found = inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf))
     assert found.command == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/a"
     (other,) = found.more_commands
     assert other == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/b --parent FRAME"
     assert found.placeholders == "FRAME by the link or frame that carries the IMU"
-    assert other in found.as_text()
+    assert other in plain(found.blocks())
 
 
 def test_an_imu_that_nothing_can_be_done_with_gets_none(
-    log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(gyro=0.0).joints().write()
-    assert main(["inspect", str(log), "--urdf", str(arm_urdf)]) == 0
-    out = capsys.readouterr().out
+    out = imucalib("inspect", log, "--urdf", arm_urdf).out
     assert "gyro is zero in all 400 messages" in out
     assert "There is nothing to run on this log" in out
 
 
 def test_units_are_told_as_a_run_would_take_them(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu(accel=1000.0).joints().write()
-    found = inspect((log,), arm_urdf)
+    found = inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf))
     said = "accel at rest is 1000: taken as mg and multiplied by 0.00980665"
     assert any(said in each for each in found.warnings)
-    bare = inspect((log,))
+    bare = inspect(CalibrationRequest(logs=(log,)))
     assert any("which looks like mg" in each for each in bare.warnings)
 
 
@@ -57,7 +55,7 @@ def test_bursts_are_told(log_writer: LogWriter, arm_urdf: Path) -> None:
         if topic == "/imu/data":
             ns = message.header.stamp.nanosec
             message.header.stamp.nanosec = ns // 50_000_000 * 50_000_000
-    found = inspect((log_writer.write(),), arm_urdf)
+    found = inspect(CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf))
     said = "/imu/data: stamps come in bursts (80% of the intervals"
     assert any(each.startswith(said) for each in found.warnings)
-    assert "bunched" in found.as_text()
+    assert "bunched" in plain(found.blocks())

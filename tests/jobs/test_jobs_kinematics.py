@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -19,6 +19,8 @@ from tests.troubleshooting.scene import ARM, clean
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from tests.conftest import Imucalib, Printed
 
 _LONGER, _TURNED = 4e-3, 0.01
 """m and rad: how far the URDF is off."""
@@ -64,16 +66,18 @@ def _with_origin(
     return head + tail
 
 
-def apply(folder: Path, *options: str, urdf: str = "off.urdf") -> int:
-    result = str(folder / "result.yaml")
-    return main(["apply", result, "--urdf", str(folder / urdf), "--kinematics", *options])
+@pytest.fixture
+def apply(folder: Path, imucalib: Imucalib) -> Any:
+    def apply(*options: object, urdf: str = "off.urdf", code: int = 0) -> Printed:
+        command = ("apply", folder / "result.yaml", "--urdf", folder / urdf, "--kinematics")
+        return imucalib(*command, *options, code=code)
+
+    return apply
 
 
-def test_what_stands_clear_is_written_beside(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_stands_clear_is_written_beside(folder: Path, apply: Any) -> None:
     before = (folder / "off.urdf").read_bytes()
-    assert apply(folder) == 0
+    said = apply().err
     assert (folder / "off.urdf").read_bytes() == before
     written = load_robot(folder / "off.kinematics.urdf")
     true = load_robot(folder / "true.urdf")
@@ -83,32 +87,26 @@ def test_what_stands_clear_is_written_beside(
             continue
         np.testing.assert_allclose(joint.p_origin, same.p_origin, atol=1e-4)
         np.testing.assert_allclose(joint.R_origin, same.R_origin, atol=1e-4)
-    said = capsys.readouterr().err
     assert "applied: joint 'elbow_joint'" in said
     assert "applied: joint 'wrist_2_joint'" in said
     assert said.count("applied: ") == 3
     # again: what an earlier run wrote may be replaced
-    assert apply(folder, "-q") == 0
+    apply("-q")
 
 
-def test_the_result_must_be_of_this_urdf(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_result_must_be_of_this_urdf(apply: Any) -> None:
     """Applied twice, every error would be corrected twice."""
-    assert apply(folder, urdf="true.urdf") == 2
-    assert "is not the URDF of the result" in capsys.readouterr().err
+    assert "is not the URDF of the result" in apply(urdf="true.urdf", code=2).err
 
 
-def test_the_urdf_is_never_written_over(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert apply(folder, "--in-place") == 2
-    assert apply(folder, "-o", str(folder / "off.urdf"), "--force") == 2
-    assert "would be overwritten" in capsys.readouterr().err
+def test_the_urdf_is_never_written_over(folder: Path, apply: Any) -> None:
+    apply("--in-place", code=2)
+    assert "would be overwritten" in apply("-o", folder / "off.urdf", "--force", code=2).err
 
 
-def test_the_report_lists_what_no_log_can_tell(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_lists_what_no_log_can_tell(folder: Path, imucalib: Imucalib) -> None:
     command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
-    assert main([*command, "--kinematics-report", "--format", "summary", "-q"]) == 0
-    rows = capsys.readouterr().out.splitlines()
+    rows = imucalib(*command, "--kinematics-report", "--format", "summary", "-q").out.splitlines()
 
     def row(joint: str, what: str) -> str:
         (found,) = (each for each in rows if re.match(rf" *{joint} +{what}", each))
@@ -131,22 +129,19 @@ def test_the_report_lists_what_no_log_can_tell(
     ]
 
 
-def test_the_report_leaves_stdout_to_the_result(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_leaves_stdout_to_the_result(folder: Path, imucalib: Imucalib) -> None:
     command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
-    assert main([*command, "--kinematics-report", "--format", "tf"]) == 0
-    out, err = capsys.readouterr()
+    out, err = imucalib(*command, "--kinematics-report", "--format", "tf")
     assert len(out.splitlines()) == 1
     assert "wrist_2_joint" in err
 
 
 def test_a_result_that_does_not_say_which_way_is_refused(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     lines = (folder / "result.yaml").read_text().splitlines()
     older = tmp_path / "older.yaml"
     older.write_text("\n".join(line for line in lines if not line.startswith("    axis:")))
     urdf = str(folder / "off.urdf")
-    assert main(["apply", str(older), "--urdf", urdf, "--kinematics"]) == 1
-    assert "does not say which way 'elbow_joint" in capsys.readouterr().err
+    said = imucalib("apply", older, "--urdf", urdf, "--kinematics", code=1)
+    assert "does not say which way 'elbow_joint" in said.err

@@ -120,7 +120,7 @@ def test_the_link_that_carries_the_imu_is_named(tmp_path: Path, maker_urdf: Path
     (error,) = run(log, urdf=maker_urdf).failures
     assert isinstance(error, ChoiceError)
     assert str(error).endswith("it moves like wrist_3_link: --parent wrist_3_link")
-    found = inspect((log,), maker_urdf)
+    found = inspect(CalibrationRequest(logs=(log,), urdf=maker_urdf))
     assert found.command == f"imucalib run {log} --urdf {maker_urdf} --parent wrist_3_link"
     assert found.placeholders == ""
 
@@ -186,12 +186,17 @@ def test_inspect_looks_at_a_part(tmp_path: Path, maker_urdf: Path) -> None:
     write_log(replace(noisy(), imu=replace(imu, gyro=gyro, accel=accel)), log, LogOptions())
 
     def codes(part: Part | None) -> set[str]:
-        return {each.code for each in inspect((log,), maker_urdf, part=part).findings}
+        return {
+            each.code
+            for each in inspect(
+                CalibrationRequest(logs=(log,), urdf=maker_urdf, part=part)
+            ).findings
+        }
 
     assert codes(None) - codes(Part(end=12.0)) == {"imu.frozen"}
-    found = inspect((log,), maker_urdf, part=Part(end=12.0))
+    found = inspect(CalibrationRequest(logs=(log,), urdf=maker_urdf, part=Part(end=12.0)))
     assert found.command is not None
     assert found.command.startswith(f"imucalib run {log} --to 12 --urdf")
     assert max(each.header.rate_hz for each in found.health) == pytest.approx(100.0, rel=0.01)
     with pytest.raises(ChoiceError, match="nothing is left of them"):
-        inspect((log,), maker_urdf, part=Part(start=300.0))
+        inspect(CalibrationRequest(logs=(log,), urdf=maker_urdf, part=Part(start=300.0)))

@@ -71,7 +71,7 @@ def test_joints_of_wrong_length_are_blamed_on_their_topic(
         "/joint_states: no message could be used: 200 of 200 messages are left out, as they have "
         "1 position for 2 joints by name; say which joints they are by --joints"
     )
-    assert inspect((log,), arm_urdf).imus[0].problem == said
+    assert inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf)).imus[0].problem == said
     assert failure(log).startswith("/joint_states: no message could be used")
 
 
@@ -147,7 +147,7 @@ def test_imus_that_share_a_topic_are_told_apart(log_writer: LogWriter, arm_urdf:
     for name in ("/imu/data:upper", "/imu/data"):
         asked = read_recording(replace(request, imu_topics=(name,))).imus
         assert [imu.name for imu in asked] == [i.name for i in both if i.name.startswith(name)]
-    found = inspect((log,), arm_urdf)
+    found = inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf))
     assert [each.topic for each in found.imus] == [imu.name for imu in both]
     assert found.command == f"imucalib run {log} --urdf {arm_urdf}"  # one run solves both
     assert not found.more_commands

@@ -82,7 +82,7 @@ def test_a_pose_that_was_not_read_may_be_the_base(tmp_path: Path) -> None:
     log = record(shape, tmp_path / "log", mount=mount, base_topic="/mocap", seconds=15.0)
     (error,) = run(log, shape, tmp_path).failures
     assert str(error).endswith("read it too: --pose-topic /mocap")
-    found = inspect((log,), tmp_path / "robot.urdf")
+    found = inspect(CalibrationRequest(logs=(log,), urdf=tmp_path / "robot.urdf"))
     assert found.command is not None
     assert "--pose-topic /mocap" in found.command
     assert found.command.endswith("--parent upper")

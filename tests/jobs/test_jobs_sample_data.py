@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import math
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jsonschema
 import numpy as np
@@ -13,7 +12,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.cli.main import main
+if TYPE_CHECKING:
+    from tests.conftest import Imucalib
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "sample_data"
@@ -23,17 +23,9 @@ SYSTEMS = {
 }
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    assert main(["run", *arguments]) == 0
-    document: dict[str, Any] = yaml.safe_load(capsys.readouterr().out)
-    return document
-
-
 @pytest.mark.parametrize("log", SYSTEMS)
-def test_the_result_is_the_truth_within_its_sigma(
-    log: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    document = run(capsys, str(DATA / log), *SYSTEMS[log])
+def test_the_result_is_the_truth_within_its_sigma(log: str, imucalib: Imucalib) -> None:
+    document = yaml.safe_load(imucalib("run", DATA / log, *SYSTEMS[log]).out)
     truth = yaml.safe_load((DATA / log).with_suffix(".truth.yaml").read_text())
     jsonschema.validate(document, yaml.safe_load((ROOT / "docs/result.schema.json").read_text()))
     transform = document["transform"]
@@ -56,38 +48,31 @@ def test_the_result_is_the_truth_within_its_sigma(
     assert abs(offset["seconds"] - truth["time_offset"]) < 4 * offset["std"] < 1e-4
 
 
-def test_apply_puts_the_result_where_the_joint_was(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_apply_puts_the_result_where_the_joint_was(tmp_path: Path, imucalib: Imucalib) -> None:
     result, before = tmp_path / "result.yaml", DATA / "rihibot.urdf"
     log = DATA / "rihibot.mcap"
-    assert main(["run", str(log), "--urdf", str(before), "-q", "-o", str(result)]) == 0
+    imucalib("run", log, "--urdf", before, "-q", "-o", result)
     after = tmp_path / "calibrated.urdf"
-    assert main(["apply", str(result), "--urdf", str(before), "-o", str(after)]) == 0
+    imucalib("apply", result, "--urdf", before, "-o", after)
     pairs = zip(before.read_text().splitlines(), after.read_text().splitlines(), strict=True)
     changed = [(old, new) for old, new in pairs if old != new]
     assert len(changed) == 1
     assert "<origin" in changed[0][0]
     # the calibrated URDF is where the log says: nothing is left to correct
-    document = run(capsys, str(log), "--urdf", str(after))
+    document = yaml.safe_load(imucalib("run", log, "--urdf", after).out)
     assert document["diagnostics"]["nominal"]["distance_mm"] < 1e-6
     assert document["diagnostics"]["nominal"]["distance_deg"] < 1e-6
     # by way of stdin and stdout it is the same file
-    stdin = io.TextIOWrapper(io.BytesIO(result.read_bytes()))
-    monkeypatch.setattr("sys.stdin", stdin)
-    assert main(["apply", "-", "--urdf", str(before)]) == 0
-    assert capsys.readouterr().out == after.read_text()
+    said = imucalib("apply", "-", "--urdf", before, stdin=result.read_bytes())
+    assert said.out == after.read_text()
 
 
-def test_apply_without_a_joint_offers_one(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_apply_without_a_joint_offers_one(tmp_path: Path, imucalib: Imucalib) -> None:
     result, urdf = tmp_path / "result.yaml", tmp_path / "other.urdf"
     log = DATA / "barbot.bag"
-    assert main(["run", str(log), "--gravity", "none", "-q", "-o", str(result)]) == 0
+    imucalib("run", log, "--gravity", "none", "-q", "-o", result)
     urdf.write_text('<robot name="bar"><link name="bar_link"/></robot>')
-    assert main(["apply", str(result), "--urdf", str(urdf)]) == 1
-    out, err = capsys.readouterr()
+    out, err = imucalib("apply", result, "--urdf", urdf, code=1)
     assert out == ""
     assert '<joint name="imu_link_joint" type="fixed">' in err
     assert '<parent link="bar_link"/>' in err

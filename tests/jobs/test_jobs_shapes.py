@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
+from imucalib_cli import layout
+from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from tests.slow import slow_after
 from tools import republish as shapes
@@ -177,8 +179,12 @@ def test_unitree_low_state_has_imu_and_joints(
 
 def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) -> None:
     unitree, _ = shapes.low_state("unitree_go")
-    found = inspect((shapes.write_mcap(tmp_path / "log.mcap", unitree),), shapes.URDF)
-    (told, _, row, end) = found.as_text().partition("stamps    ")[2].splitlines()[:4]
+    found = inspect(
+        CalibrationRequest(
+            logs=(shapes.write_mcap(tmp_path / "log.mcap", unitree),), urdf=shapes.URDF
+        )
+    )
+    (told, _, row, end) = layout.plain(found.blocks()).partition("stamps    ")[2].splitlines()[:4]
     said = "the counter tick, ms, of /lowstate, which has no header stamp, would be used"
     assert told == said
     assert row.split()[:2] == ["/lowstate", "125.0"]
@@ -186,8 +192,12 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
     # a counter that stands still is no stamp
     for each in unitree:
         each[2].tick = 0
-    found = inspect((shapes.write_mcap(tmp_path / "none.mcap", unitree),), shapes.URDF)
-    assert "log stamps would be used" in found.as_text()
+    found = inspect(
+        CalibrationRequest(
+            logs=(shapes.write_mcap(tmp_path / "none.mcap", unitree),), urdf=shapes.URDF
+        )
+    )
+    assert "log stamps would be used" in layout.plain(found.blocks())
 
 
 def test_motors_that_nothing_names_ask_for_joints(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """What is refused of a URDF and what is not; expected faults are written by hand."""
 
 import itertools
-import subprocess
 import sys
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +16,7 @@ from hypothesis import strategies as st
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot import urdf_xml
 from imucalib_cli.robot.urdf import Mimic, load_robot
+from tests.processes import python
 
 DATA = Path(__file__).parent / "data"
 
@@ -190,9 +190,7 @@ def test_loading_is_silent_and_lazy() -> None:
         f"u.load_robot(Path({str(DATA / 'panda.urdf')!r}))\n"
         "assert not {'trimesh', 'scipy', 'networkx'} & set(sys.modules)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False
-    )
+    done = python("-W", "error", "-c", code)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 

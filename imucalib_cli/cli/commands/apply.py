@@ -1,70 +1,51 @@
 """``imucalib apply``: put a result where it is used."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import exit_code, worst
 from imucalib_cli.cli.files import files_of, telling_what_is_left
-from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet
+from imucalib_cli.cli.options import OutputFile, Quiet, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.errors import ChoiceError
 
 
 def apply_command(
-    results: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RESULT|FOLDER",
-            help="Results of `imucalib run`, folders of them, or - for stdin.",
-        ),
-    ],
+    results: list[str] = typer.Argument(
+        metavar="RESULT|FOLDER", help="Results of `imucalib run`, folders of them, or - for stdin."
+    ),
     *,
-    urdf: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE",
-            parser=local_file,
-            help="URDF or xacro to calibrate, - for stdin; it is not changed without --in-place.",
-        ),
-    ],
-    imu: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="FRAME|TOPIC",
-            autocompletion=complete.imus,
-            help="IMU to apply, of results of several; repeatable.",
-            show_default="all",
-        ),
-    ] = None,
-    add: Annotated[
-        bool,
-        typer.Option("--add", help="Add the IMU's link and joint where the URDF has none."),
-    ] = False,
-    kinematics: Annotated[
-        bool,
-        typer.Option(
-            "--kinematics",
-            help="Also correct joint zeros and origins that stand 5 sigma off, into "
-            "<urdf>.kinematics.urdf or -o, never into the file of --urdf.",
-        ),
-    ] = False,
-    in_place: Annotated[
-        bool,
-        typer.Option("--in-place", help="Write into the file of --urdf.", rich_help_panel=OUTPUT),
-    ] = False,
+    urdf: Path = typer.Option(
+        metavar="FILE",
+        parser=local_file,
+        help="URDF or xacro to calibrate, - for stdin; it is not changed without --in-place.",
+    ),
+    imu: list[str] | None = typer.Option(
+        None,
+        metavar="FRAME|TOPIC",
+        autocompletion=complete.imus,
+        help="IMU to apply, of results of several; repeatable.",
+        show_default="all",
+    ),
+    add: bool = typer.Option(
+        False, "--add", help="Add the IMU's link and joint where the URDF has none."
+    ),
+    kinematics: bool = typer.Option(
+        False,
+        "--kinematics",
+        help="Also correct joint zeros and origins that stand 5 sigma off, into "
+        "<urdf>.kinematics.urdf or -o, never into the file of --urdf.",
+    ),
+    in_place: bool = output_option(False, "--in-place", help="Write into the file of --urdf."),
     output: OutputFile = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Use a result that should not be trusted, and write over another URDF or a log.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = False,
+    force: bool = output_option(
+        False,
+        "--force",
+        help="Use a result that should not be trusted, and write over another URDF or a log.",
+    ),
     quiet: Quiet = False,
 ) -> None:
     """Write a URDF with each IMU's joint at the calibrated pose, every other byte as it was."""

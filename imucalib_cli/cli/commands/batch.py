@@ -2,25 +2,24 @@
 
 import os
 import sys
-from contextlib import closing, contextmanager
+from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from imucalib_cli.cli import parsers
-from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
 from imucalib_cli.cli.files import files_of, listed
 from imucalib_cli.cli.options import (
-    OUTPUT,
     EstimatorOptions,
     ExtrasForEachLog,
     Quiet,
     RecordingOptions,
     Require,
     calibration_request,
+    output_option,
 )
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
@@ -29,128 +28,92 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from imucalib_cli.batch.batch import Engine
     from imucalib_cli.batch.logs import BatchLog
     from imucalib_cli.batch.record import Record
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import LogPath
 
-WORK = "Work"
-"""Panel of the help."""
+_work = partial(typer.Option, rich_help_panel="Work")
 
 
 def batch_command(
     ctx: typer.Context,
-    logs: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LOG...",
-            help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
-            "stdin.",
-        ),
-    ],
+    logs: list[str] = typer.Argument(
+        metavar="LOG...",
+        help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
+        "stdin.",
+    ),
     *,
     recording: RecordingOptions,
     estimator: EstimatorOptions,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FOLDER",
-            parser=parsers.output_folder,
-            help="Where results are kept: <log>.<imu>.yaml, summary.csv, records/. What is "
-            "finished there is not done again.",
-            show_default="none: nothing is kept",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    fmt: Annotated[
-        Literal["jsonl", "csv", "markdown", "junit", "summary"] | None,
-        typer.Option(
-            "--format",
-            help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
-            show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    markdown: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=parsers.output_file,
-            help="Also write a table for a summary of CI.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-    junit: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=parsers.output_file,
-            help="Also write JUnit XML.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    output: Path | None = output_option(
+        None,
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        parser=parsers.output_folder,
+        help="Where results are kept: <log>.<imu>.yaml, summary.csv, records/. What is "
+        "finished there is not done again.",
+        show_default="none: nothing is kept",
+    ),
+    fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = output_option(
+        None,
+        "--format",
+        help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
+        show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
+    ),
+    markdown: Path | None = output_option(
+        None,
+        metavar="FILE",
+        parser=parsers.output_file,
+        help="Also write a table for a summary of CI.",
+        show_default="none",
+    ),
+    junit: Path | None = output_option(
+        None,
+        metavar="FILE",
+        parser=parsers.output_file,
+        help="Also write JUnit XML.",
+        show_default="none",
+    ),
     require: Require = None,
     extras: ExtrasForEachLog,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1,
-            metavar="N",
-            help="Processes at a time.",
-            show_default="all processors, as far as --memory allows",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    memory: Annotated[
-        int | None,
-        typer.Option(
-            metavar="AMOUNT",
-            parser=parsers.memory,
-            help="What each process may take; a log that needs more fails. Enforced on Linux.",
-            show_default="2GiB",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            parser=parsers.duration,
-            help="What each log may take; one that needs longer fails, and is done again next "
-            "time.",
-            show_default="any time",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS|local",
-            parser=parsers.scheduler,
-            help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
-            show_default="none: processes of this machine",
-            rich_help_panel=WORK,
-        ),
-    ] = None,
-    fresh: Annotated[
-        bool,
-        typer.Option("--fresh", help="Do finished logs again too.", rich_help_panel=WORK),
-    ] = False,
-    rehash: Annotated[
-        bool,
-        typer.Option(
-            "--rehash",
-            help="Read all logs to see whether they are as they were, though size and time are.",
-            rich_help_panel=WORK,
-        ),
-    ] = False,
+    workers: int | None = _work(
+        None,
+        min=1,
+        metavar="N",
+        help="Processes at a time.",
+        show_default="all processors, as far as --memory allows",
+    ),
+    memory: int | None = _work(
+        None,
+        metavar="AMOUNT",
+        parser=parsers.memory,
+        help="What each process may take; a log that needs more fails. Enforced on Linux.",
+        show_default="2GiB",
+    ),
+    timeout: float | None = _work(
+        None,
+        metavar="SECONDS",
+        parser=parsers.duration,
+        help="What each log may take; one that needs longer fails, and is done again next time.",
+        show_default="any time",
+    ),
+    dask: str | None = _work(
+        None,
+        metavar="ADDRESS|local",
+        parser=parsers.scheduler,
+        help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
+        show_default="none: processes of this machine",
+    ),
+    fresh: bool = _work(False, "--fresh", help="Do finished logs again too."),
+    rehash: bool = _work(
+        False,
+        "--rehash",
+        help="Read all logs to see whether they are as they were, though size and time are.",
+    ),
     quiet: Quiet = False,
 ) -> None:
     """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
@@ -173,7 +136,8 @@ def batch_command(
     found = find_logs(listed(logs, "logs"), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
-    read = files_of(*_paths(found.logs), recording.urdf, estimator.imu_model)
+    paths = (path for log in found.logs for path in log.paths)
+    read = files_of(*paths, recording.urdf, estimator.imu_model)
     _see_places(read, output, (markdown, junit))
     tell = partial(_tell_finding, quiet=quiet)
     for finding in found.findings:
@@ -198,9 +162,8 @@ def batch_command(
         tell=tell,
     )
     records: dict[BatchLog, Record] = {}
-    progress = CountProgress("batch", "logs", jobs=jobs, quiet=quiet)
     with (
-        _telling_what_is_kept(progress, output, fresh=fresh),
+        CountProgress("batch", "logs", output, fresh=fresh, jobs=jobs, quiet=quiet) as progress,
         closing(batch.run(progress.report)) as done,
     ):
         for log, record in done:
@@ -233,18 +196,12 @@ def _see_options(
 
 
 def _show(records: "Sequence[Record]", form: str) -> None:
-    """Write to stdout what is wanted there at the end."""
     from imucalib_cli.batch.tables import TABLES, words
 
     if form == "summary":
         deliver_blocks(words(records))
     elif form and form != "jsonl":
         deliver(TABLES[form](records))
-
-
-def _paths(logs: "Sequence[BatchLog]") -> "Iterator[LogPath]":
-    for log in logs:
-        yield from log.paths
 
 
 def _see_places(
@@ -270,24 +227,6 @@ def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) 
     from imucalib_cli.batch.on_dask import DaskWorkers
 
     return DaskWorkers(dask, workers, memory, timeout)
-
-
-@contextmanager
-def _telling_what_is_kept(
-    progress: CountProgress, folder: Path | None, *, fresh: bool
-) -> "Iterator[None]":
-    """Show the progress, and where it is interrupted say how to go on."""
-
-    def tell() -> None:
-        if folder is not None:
-            progress.tell_interrupted(folder, fresh=fresh)
-
-    try:
-        with last_words(tell), progress:
-            yield
-    except KeyboardInterrupt:
-        tell()
-        raise
 
 
 def _tell_finding(finding: "Finding", *, quiet: bool) -> None:

@@ -1,7 +1,5 @@
 """``imucalib combine``: one answer from the statistics of several logs, or of one again."""
 
-from typing import Annotated
-
 import typer
 
 from imucalib_cli.cli.commands.run import deliverable, give, tell
@@ -20,14 +18,11 @@ from imucalib_cli.cli.parsers import local_file
 
 
 def combine_command(
-    results: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RESULT",
-            help="Results of `imucalib run` with their statistics beside them, files of "
-            "statistics, or folders of these; - reads a list of them from stdin.",
-        ),
-    ],
+    results: list[str] = typer.Argument(
+        metavar="RESULT",
+        help="Results of `imucalib run` with their statistics beside them, files of "
+        "statistics, or folders of these; - reads a list of them from stdin.",
+    ),
     *,
     known: KnownOptions,
     fmt: FormatOption = None,
@@ -40,12 +35,11 @@ def combine_command(
     It reads what `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
     from imucalib_cli.jobs.combine import combine
-    from imucalib_cli.jobs.statistics_files import read_all
+    from imucalib_cli.jobs.result_files import read_statistics_files
 
     paths = [local_file(each) for each in listed(results, "results")]
-    there = read_all(paths)
-    logs = there.logs
-    for each in () if quiet else there.foreign:
+    logs, foreign, unread = read_statistics_files(paths)
+    for each in () if quiet else foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")
     with writing(output, read=files_of(*paths, *(log.name for log in logs))):
         found, failures = combine(logs, changed_options(known), require)
@@ -53,6 +47,6 @@ def combine_command(
         give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
         if not quiet:
             tell(found, chosen, output, hint=fmt is None)
-        for failure in (unused := [*there.failures, *failures]):
+        for failure in (unused := [*unread, *failures]):
             say_error(failure)
         raise typer.Exit(exit_code_of(unused, found))

@@ -1,61 +1,49 @@
 """``imucalib compare``: a result beside one of another tool."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Literal
 
 import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import AnswerFormat, OutputFile, Quiet
+from imucalib_cli.cli.options import WORDS_OR_YAML, OutputFile, Quiet, output_option
 from imucalib_cli.cli.output import chosen_format, deliver, say
 from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.tables import deliver_blocks
 
 
 def compare_command(
-    result: Annotated[
-        str, typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin.")
-    ],
+    result: str = typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin."),
     *,
-    kalibr: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE",
-            help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin.",
-        ),
-    ],
-    urdf: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE",
-            parser=local_file,
-            help="Its fixed joints lead from the IMU's link to the camera.",
-        ),
-    ],
-    camera_link: Annotated[
-        str | None,
-        typer.Option(
-            autocompletion=complete.links,
-            help="The camera's optical frame in the URDF (z forward, x right).",
-            show_default="the only link that ends in _optical_frame",
-        ),
-    ] = None,
-    camera: Annotated[str, typer.Option(help="Which of Kalibr's chain.")] = "cam0",
-    imu: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FRAME|TOPIC",
-            autocompletion=complete.imus,
-            help="IMU to compare, of a result of several.",
-        ),
-    ] = None,
-    truth: Annotated[
-        str | None,
-        typer.Option(metavar="FILE", help="truth.yaml of a simulated log: the errors of both."),
-    ] = None,
-    fmt: AnswerFormat = None,
+    kalibr: str = typer.Option(
+        metavar="FILE", help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin."
+    ),
+    urdf: Path = typer.Option(
+        metavar="FILE",
+        parser=local_file,
+        help="Its fixed joints lead from the IMU's link to the camera.",
+    ),
+    camera_link: str | None = typer.Option(
+        None,
+        autocompletion=complete.links,
+        help="The camera's optical frame in the URDF (z forward, x right).",
+        show_default="the only link that ends in _optical_frame",
+    ),
+    camera: str = typer.Option("cam0", help="Which of Kalibr's chain."),
+    imu: str | None = typer.Option(
+        None,
+        metavar="FRAME|TOPIC",
+        autocompletion=complete.imus,
+        help="IMU to compare, of a result of several.",
+    ),
+    truth: str | None = typer.Option(
+        None, metavar="FILE", help="truth.yaml of a simulated log: the errors of both."
+    ),
+    fmt: Literal["yaml", "json", "summary"] | None = output_option(
+        None, "--format", help="Form of the answer; summary: in words.", show_default=WORDS_OR_YAML
+    ),
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:

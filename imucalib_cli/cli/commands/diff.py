@@ -1,7 +1,6 @@
 """``imucalib diff``: has the mount moved between one result and later ones?"""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -12,24 +11,17 @@ from imucalib_cli.cli.parsers import local_file
 
 
 def diff_command(
-    first: Annotated[
-        str, typer.Argument(metavar="FIRST", help="Result of `imucalib run`; - reads stdin.")
-    ],
-    others: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LATER", help="Later results, each compared with the first; - reads stdin."
-        ),
-    ],
+    first: str = typer.Argument(metavar="FIRST", help="Result of `imucalib run`; - reads stdin."),
+    others: list[str] = typer.Argument(
+        metavar="LATER", help="Later results, each compared with the first; - reads stdin."
+    ),
     *,
-    urdf: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            parser=local_file,
-            help="Relates the frames of the results by its fixed joints.",
-        ),
-    ] = None,
+    urdf: Path | None = typer.Option(
+        None,
+        metavar="FILE",
+        parser=local_file,
+        help="Relates the frames of the results by its fixed joints.",
+    ),
     within: Within = None,
     fmt: AnswersFormat = None,
     output: OutputFile = None,
@@ -40,10 +32,12 @@ def diff_command(
         from imucalib_cli.jobs.diff import diff_results
         from imucalib_cli.results.fields import Field
 
-        answers = diff_results(first, others, urdf=urdf, within=within)
+        answers, failures = diff_results(first, others, urdf=urdf, within=within)
         warnings = [
             Field("warning", warning, "warning")
-            for answer in answers.answers
+            for answer in answers
             for warning in answer.warnings
         ]
-        raise typer.Exit(give_answers(answers, warnings, fmt=fmt, output=output, quiet=quiet))
+        raise typer.Exit(
+            give_answers(answers, failures, warnings, fmt=fmt, output=output, quiet=quiet)
+        )

@@ -1,12 +1,11 @@
 """``imucalib inspect``: what is in a log and what can be done with it."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
-    OUTPUT,
     AllowRemoteScan,
     CsvColumns,
     JointColumnsOption,
@@ -16,12 +15,13 @@ from imucalib_cli.cli.options import (
     PartTo,
     Quiet,
     Verbose,
+    output_option,
     part_asked,
 )
 from imucalib_cli.cli.output import deliver
-from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
@@ -33,27 +33,23 @@ def inspect_command(
     logs: Logs,
     *,
     csv_columns: CsvColumns = None,
-    joints: JointColumnsOption = [],  # noqa: B006 - typer makes a new one
+    joints: JointColumnsOption = None,
     allow_remote_scan: AllowRemoteScan = False,
     part_from: PartFrom = None,
     part_to: PartTo = None,
-    urdf: Annotated[
-        LogPath | None,
-        typer.Option(
-            metavar="FILE|URL",
-            parser=path_or_url,
-            help="Also say what of the log is in this URDF.",
-        ),
-    ] = None,
-    fmt: Annotated[
-        Literal["text", "json"],
-        typer.Option("--format", help="Form of the report.", rich_help_panel=OUTPUT),
-    ] = "text",
+    urdf: LogPath | None = typer.Option(
+        None,
+        metavar="FILE|URL",
+        parser=path_or_url,
+        help="Also say what of the log is in this URDF.",
+    ),
+    fmt: Literal["text", "json"] = output_option("text", "--format", help="Form of the report."),
     output: OutputFile = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
+    from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.jobs.inspect import inspect
 
     with (
@@ -61,15 +57,15 @@ def inspect_command(
         reading(*logs, urdf, verbose=verbose),
     ):
         with ProgressBar(quiet=quiet) as bar:
-            report = inspect(
-                tuple(logs),
-                urdf,
-                bar.report,
-                csv_columns or (),
-                joint_columns=tuple(joints),
+            request = CalibrationRequest(
+                logs=tuple(logs),
+                urdf=urdf,
+                csv_columns=csv_columns or (),
+                joint_columns=tuple(joints or ()),
                 allow_remote_scan=allow_remote_scan,
                 part=part_asked(part_from, part_to),
             )
+            report = inspect(request, bar.report)
         if fmt == "json":
             deliver(report.as_json(), output, quiet=quiet)
         else:

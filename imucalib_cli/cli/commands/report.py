@@ -1,7 +1,6 @@
 """``imucalib report``: a result as a page to look at."""
 
 import sys
-from typing import Annotated
 
 import typer
 
@@ -12,12 +11,9 @@ from imucalib_cli.errors import ChoiceError
 
 
 def report_command(
-    result: Annotated[
-        str,
-        typer.Argument(
-            metavar="RESULT", help="Result of `imucalib run`, or its statistics; - reads stdin."
-        ),
-    ],
+    result: str = typer.Argument(
+        metavar="RESULT", help="Result of `imucalib run`, or its statistics; - reads stdin."
+    ),
     *,
     output: OutputFile = None,
     quiet: Quiet = False,

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -12,7 +12,6 @@ from imucalib_cli.cli.extras import see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
 from imucalib_cli.cli.options import (
     LOG,
-    OUTPUT,
     EstimatorOptions,
     ExtraFiles,
     FormatOption,
@@ -22,6 +21,7 @@ from imucalib_cli.cli.options import (
     Require,
     Verbose,
     calibration_request,
+    output_option,
 )
 from imucalib_cli.cli.output import (
     chosen_format,
@@ -47,10 +47,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 
-_SEVERAL = 2
-"""Recordings, at least, that are solved together."""
-
-
 def run_command(
     ctx: typer.Context,
     logs: Logs,
@@ -58,45 +54,34 @@ def run_command(
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     fmt: FormatOption = None,
-    output: Annotated[
-        str | None,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="FILE|FOLDER/",
-            parser=file_or_folder,
-            help="Where to write; a folder gets <log>.<imu>.yaml.",
-            show_default="stdout",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    output: str | None = output_option(
+        None,
+        "-o",
+        "--output",
+        metavar="FILE|FOLDER/",
+        parser=file_or_folder,
+        help="Where to write; a folder gets <log>.<imu>.yaml.",
+        show_default="stdout",
+    ),
     require: Require = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
-            "a URDF.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = False,
-    joint: Annotated[
-        bool,
-        typer.Option(
-            "--joint",
-            help="Each LOG is a recording of its own; one result from all of them.",
-            rich_help_panel=LOG,
-        ),
-    ] = False,
-    kinematics_report: Annotated[
-        bool,
-        typer.Option(
-            "--kinematics-report",
-            help="Also list what the log tells of the robot: joint zeros and origins, with what "
-            "was known beforehand and what no log can tell.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = False,
+    force: bool = output_option(
+        False,
+        "--force",
+        help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
+        "a URDF.",
+    ),
+    joint: bool = typer.Option(
+        False,
+        "--joint",
+        help="Each LOG is a recording of its own; one result from all of them.",
+        rich_help_panel=LOG,
+    ),
+    kinematics_report: bool = output_option(
+        False,
+        "--kinematics-report",
+        help="Also list what the log tells of the robot: joint zeros and origins, with what "
+        "was known beforehand and what no log can tell.",
+    ),
     extras: ExtraFiles,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -149,7 +134,7 @@ def run_command(
             )
             if kinematics_report:
                 # beside a result on stdout that programs read it goes to stderr
-                give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
+                _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         if not quiet:
             tell(found, chosen, target, hint=fmt is None)
         for failure in failures:
@@ -157,8 +142,7 @@ def run_command(
         raise typer.Exit(exit_code_of(failures, found))
 
 
-def give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
-    """Print what each IMU tells of the robot's joints."""
+def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
     from imucalib_cli.jobs.kinematics import kinematics_report
     from imucalib_cli.layout import plain
 
@@ -177,14 +161,10 @@ def _see_joint(
     *,
     kinematics_report: bool,
 ) -> None:
-    """See that what is asked together with --joint can be done.
-
-    Raises:
-        ChoiceError: It cannot.
-    """
+    """Raise ChoiceError where something is asked that --joint cannot do."""
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
-    if len(logs) < _SEVERAL:
+    if len(logs) == 1:
         raise ChoiceError("--joint takes several recordings: name another LOG, or leave it out")
     if kinematics_report:
         raise ChoiceError("--kinematics-report is of one recording: leave --joint out")
@@ -224,11 +204,7 @@ def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
 def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool) -> None:
     """To a person the summary, unless stdout has it; beside a result, and to a log, what is wrong.
 
-    Args:
-        results: Of all IMUs.
-        fmt: In which they are written.
-        target: Where to; None is stdout.
-        hint: Whether to say how to get the result as YAML, where stdout has words.
+    Where stdout has words, a ``hint`` says how to get the result as YAML.
     """
     from imucalib_cli.results.fields import findings_of, unobservable_fields
 

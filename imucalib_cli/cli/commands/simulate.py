@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path  # noqa: TC003 - typer evaluates the annotations
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import typer
 
@@ -48,191 +48,152 @@ _camera = partial(typer.Option, rich_help_panel="Camera")
 class SimulateOptions:
     """Every option but the system's and those of the command itself."""
 
-    duration: Annotated[float | None, _motion(help="s.")] = None
-    imu_rate: Annotated[float | None, _motion(help="Hz, any number.")] = None
-    robot_rate: Annotated[float | None, _motion(help="Joint states or poses, Hz, any number.")] = (
-        None
+    duration: float | None = _motion(None, help="s.")
+    imu_rate: float | None = _motion(None, help="Hz, any number.")
+    robot_rate: float | None = _motion(None, help="Joint states or poses, Hz, any number.")
+    step: float | None = _motion(
+        None, parser=seconds, metavar="SECONDS", help="Longest integration step."
     )
-    step: Annotated[
-        float | None, _motion(parser=seconds, metavar="SECONDS", help="Longest integration step.")
-    ] = None
-    gravity: Annotated[float | None, _motion(help="Its norm, m/s².")] = None
-    base_tilt: Annotated[
-        Tilt | None,
-        _motion(
-            "--base-tilt-deg",
-            parser=tilt,
-            metavar='"X Y"',
-            help="Gravity turned about x and y of the world.",
-        ),
-    ] = None
-    mount_xyz: Annotated[
-        Vector | None,
-        _motion(
-            parser=vector,
-            metavar='"X Y Z"',
-            help="True IMU position in its link, m; of several IMUs, of the first.",
-        ),
-    ] = None
-    mount_rpy: Annotated[
-        Vector | None, _motion(parser=vector, metavar='"R P Y"', help="True IMU orientation, rad.")
-    ] = None
-    profile: Annotated[Literal["smooth", "hard"], _motion(help="Pushes of barbot.")] = "smooth"
-    bandwidth: Annotated[
-        float | None, _motion(help="Of every IMU's low-pass, Hz; 0 measures the instant.")
-    ] = None
-    publishers: Annotated[
-        int, _motion(min=1, help="Joint publishers, each with part of the joints.")
-    ] = 1
-
-    grade: Annotated[
-        str | None,
-        _noise(
-            metavar="ideal|industrial|mems",
-            help="Noise and biases; single options win.",
-            show_default="ideal",
-        ),
-    ] = None
-    imu_model: Annotated[
-        str | None,
-        _noise(
-            metavar="NAME|FILE",
-            autocompletion=complete.imu_models,
-            help="By its data sheet, as configs/imus has it: bmi088, adis16448 ...; a name that is "
-            "none lists them. Instead of --grade; single options win.",
-        ),
-    ] = None
-    accel_noise_ug: Annotated[float | None, _noise(help="Density, µg/sqrt(Hz).")] = None
-    gyro_noise_deg: Annotated[float | None, _noise(help="Density, deg/s/sqrt(Hz).")] = None
-    accel_noise: Annotated[float | None, _noise(help="Density, m/s²/sqrt(Hz).")] = None
-    gyro_noise: Annotated[float | None, _noise(help="Density, rad/s/sqrt(Hz).")] = None
-    accel_white: Annotated[float | None, _noise(help="Std of a sample, m/s², at any rate.")] = None
-    gyro_white: Annotated[float | None, _noise(help="Std of a sample, rad/s, at any rate.")] = None
-    accel_bias: Annotated[Vector | None, _noise(parser=vector, metavar='"X Y Z"', help="m/s².")] = (
-        None
+    gravity: float | None = _motion(None, help="Its norm, m/s².")
+    base_tilt: Tilt | None = _motion(
+        None,
+        "--base-tilt-deg",
+        parser=tilt,
+        metavar='"X Y"',
+        help="Gravity turned about x and y of the world.",
     )
-    gyro_bias: Annotated[Vector | None, _noise(parser=vector, metavar='"X Y Z"', help="rad/s.")] = (
-        None
+    mount_xyz: Vector | None = _motion(
+        None,
+        parser=vector,
+        metavar='"X Y Z"',
+        help="True IMU position in its link, m; of several IMUs, of the first.",
     )
-    accel_bias_walk: Annotated[float | None, _noise(help="m/s²/sqrt(s).")] = None
-    gyro_bias_walk: Annotated[float | None, _noise(help="rad/s/sqrt(s).")] = None
-    accel_range: Annotated[float | None, _noise(help="Readings are cut off here, m/s².")] = None
-    gyro_range: Annotated[float | None, _noise(help="Readings are cut off here, rad/s.")] = None
-    accel_coloured: Annotated[float | None, _noise(help="Std of coloured noise, m/s².")] = None
-    gyro_coloured: Annotated[float | None, _noise(help="Std of coloured noise, rad/s.")] = None
-    coloured_time: Annotated[
-        float | None, _noise(parser=seconds, metavar="SECONDS", help="Its correlation time.")
-    ] = None
-    spikes: Annotated[float | None, _noise(help="Share of IMU samples, such as 0.005.")] = None
-    spike_accel: Annotated[float | None, _noise(help="Size, m/s².")] = None
-    spike_gyro: Annotated[float | None, _noise(help="Size, rad/s.")] = None
-    encoder_noise: Annotated[float | None, _noise(help="Std, rad.")] = None
-    encoder_step: Annotated[float | None, _noise(help="Quantisation, rad.")] = None
-    pose_noise: Annotated[float | None, _noise(help="Std of poses per axis, m.")] = None
-    pose_noise_rotation: Annotated[float | None, _noise(help="Std of poses per axis, rad.")] = None
+    mount_rpy: Vector | None = _motion(
+        None, parser=vector, metavar='"R P Y"', help="True IMU orientation, rad."
+    )
+    profile: Literal["smooth", "hard"] = _motion("smooth", help="Pushes of barbot.")
+    bandwidth: float | None = _motion(
+        None, help="Of every IMU's low-pass, Hz; 0 measures the instant."
+    )
+    publishers: int = _motion(1, min=1, help="Joint publishers, each with part of the joints.")
 
-    time_offset: Annotated[
-        float | None, _time(help="IMU stamp - robot stamp of the same instant, such as -42ms.")
-    ] = None
-    stamp_jitter: Annotated[float | None, _time(help="Std of IMU header stamps.")] = None
-    robot_stamp_jitter: Annotated[float | None, _time(help="Std of robot header stamps.")] = None
-    delay: Annotated[float | None, _time(help="From instant to receive time.")] = None
-    delay_jitter: Annotated[float | None, _time(help="Mean of an exponential delay on top.")] = None
-    dropouts: Annotated[float | None, _stamps(help="Share of IMU messages lost.")] = None
-    robot_dropouts: Annotated[
-        float | None, _stamps(help="Share of joint states or poses lost.")
-    ] = None
+    grade: str | None = _noise(
+        None,
+        metavar="ideal|industrial|mems",
+        help="Noise and biases; single options win.",
+        show_default="ideal",
+    )
+    imu_model: str | None = _noise(
+        None,
+        metavar="NAME|FILE",
+        autocompletion=complete.imu_models,
+        help="By its data sheet, as configs/imus has it: bmi088, adis16448 ...; a name that is "
+        "none lists them. Instead of --grade; single options win.",
+    )
+    accel_noise_ug: float | None = _noise(None, help="Density, µg/sqrt(Hz).")
+    gyro_noise_deg: float | None = _noise(None, help="Density, deg/s/sqrt(Hz).")
+    accel_noise: float | None = _noise(None, help="Density, m/s²/sqrt(Hz).")
+    gyro_noise: float | None = _noise(None, help="Density, rad/s/sqrt(Hz).")
+    accel_white: float | None = _noise(None, help="Std of a sample, m/s², at any rate.")
+    gyro_white: float | None = _noise(None, help="Std of a sample, rad/s, at any rate.")
+    accel_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="m/s².")
+    gyro_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="rad/s.")
+    accel_bias_walk: float | None = _noise(None, help="m/s²/sqrt(s).")
+    gyro_bias_walk: float | None = _noise(None, help="rad/s/sqrt(s).")
+    accel_range: float | None = _noise(None, help="Readings are cut off here, m/s².")
+    gyro_range: float | None = _noise(None, help="Readings are cut off here, rad/s.")
+    accel_coloured: float | None = _noise(None, help="Std of coloured noise, m/s².")
+    gyro_coloured: float | None = _noise(None, help="Std of coloured noise, rad/s.")
+    coloured_time: float | None = _noise(
+        None, parser=seconds, metavar="SECONDS", help="Its correlation time."
+    )
+    spikes: float | None = _noise(None, help="Share of IMU samples, such as 0.005.")
+    spike_accel: float | None = _noise(None, help="Size, m/s².")
+    spike_gyro: float | None = _noise(None, help="Size, rad/s.")
+    encoder_noise: float | None = _noise(None, help="Std, rad.")
+    encoder_step: float | None = _noise(None, help="Quantisation, rad.")
+    pose_noise: float | None = _noise(None, help="Std of poses per axis, m.")
+    pose_noise_rotation: float | None = _noise(None, help="Std of poses per axis, rad.")
 
-    start: Annotated[
-        float | None,
-        _log(
-            parser=unix_time,
-            metavar="TIME",
-            help="Of the first stamp: 2026-11-23T14:30; UTC, or with its zone.",
-            show_default="2023-11-14T22:13:20",
-        ),
-    ] = None
-    compression: Annotated[
-        str | None,
-        _log(help=".mcap: zstd, lz4, none; .bag: lz4, bz2, none.", show_default="the first"),
-    ] = None
-    imu_topic: Annotated[str | None, _log(help="Of several IMUs, of the first.")] = None
-    robot_topic: Annotated[str | None, _log()] = None
-    imu_frame: Annotated[
-        str | None, _log(help="frame_id of Imu messages; of several IMUs, of the first.")
-    ] = None
-    robot_description: Annotated[
-        bool, _log("--robot-description", help="Also publish the URDF, on /robot_description.")
-    ] = False
-    tf_static: Annotated[
-        bool, _log("--tf-static", help="Also publish the IMU's nominal pose, on /tf_static.")
-    ] = False
-    joint_prefix: Annotated[str, _log(help="Before the names of joints.", show_default="none")] = ""
-    frame_prefix: Annotated[
-        str, _log(help="Before frame ids, such as robot1/.", show_default="none")
-    ] = ""
-    topic_each: Annotated[bool, _log("--topic-each", help="A topic per joint publisher.")] = False
-    joint_order: Annotated[
-        str, _log(help="chain, alphabetical, reversed, or all names, by commas.")
-    ] = "chain"
+    time_offset: float | None = _time(
+        None, help="IMU stamp - robot stamp of the same instant, such as -42ms."
+    )
+    stamp_jitter: float | None = _time(None, help="Std of IMU header stamps.")
+    robot_stamp_jitter: float | None = _time(None, help="Std of robot header stamps.")
+    delay: float | None = _time(None, help="From instant to receive time.")
+    delay_jitter: float | None = _time(None, help="Mean of an exponential delay on top.")
+    dropouts: float | None = _stamps(None, help="Share of IMU messages lost.")
+    robot_dropouts: float | None = _stamps(None, help="Share of joint states or poses lost.")
 
-    camera: Annotated[
-        bool,
-        _camera(
-            "--camera",
-            help="Move before an AprilGrid, write images of it too, and the files Kalibr needs.",
-        ),
-    ] = False
-    camera_config: Annotated[
-        Path | None,
-        _camera(help="A camera of your own, as configs/cameras has them.", readable=False),
-    ] = None
-    camera_offset: Annotated[
-        float | None,
-        _camera(
-            parser=seconds,
-            metavar="SECONDS",
-            help="Camera stamp - robot stamp of the same instant.",
-        ),
-    ] = None
-    image_noise: Annotated[float | None, _camera(help="Std, grey levels.")] = None
-    image_blur: Annotated[float | None, _camera(help="Std of a Gaussian, pixels.")] = None
+    start: float | None = _log(
+        None,
+        parser=unix_time,
+        metavar="TIME",
+        help="Of the first stamp: 2026-11-23T14:30; UTC, or with its zone.",
+        show_default="2023-11-14T22:13:20",
+    )
+    compression: str | None = _log(
+        None, help=".mcap: zstd, lz4, none; .bag: lz4, bz2, none.", show_default="the first"
+    )
+    imu_topic: str | None = _log(None, help="Of several IMUs, of the first.")
+    robot_topic: str | None = _log(None)
+    imu_frame: str | None = _log(
+        None, help="frame_id of Imu messages; of several IMUs, of the first."
+    )
+    robot_description: bool = _log(
+        False, "--robot-description", help="Also publish the URDF, on /robot_description."
+    )
+    tf_static: bool = _log(
+        False, "--tf-static", help="Also publish the IMU's nominal pose, on /tf_static."
+    )
+    joint_prefix: str = _log("", help="Before the names of joints.", show_default="none")
+    frame_prefix: str = _log("", help="Before frame ids, such as robot1/.", show_default="none")
+    topic_each: bool = _log(False, "--topic-each", help="A topic per joint publisher.")
+    joint_order: str = _log("chain", help="chain, alphabetical, reversed, or all names, by commas.")
+
+    camera: bool = _camera(
+        False,
+        "--camera",
+        help="Move before an AprilGrid, write images of it too, and the files Kalibr needs.",
+    )
+    camera_config: Path | None = _camera(
+        None, help="A camera of your own, as configs/cameras has them.", readable=False
+    )
+    camera_offset: float | None = _camera(
+        None,
+        parser=seconds,
+        metavar="SECONDS",
+        help="Camera stamp - robot stamp of the same instant.",
+    )
+    image_noise: float | None = _camera(None, help="Std, grey levels.")
+    image_blur: float | None = _camera(None, help="Std of a Gaussian, pixels.")
 
 
 def simulate_command(
-    system: Annotated[
-        str,
-        typer.Argument(
-            help="rihibot (UR10e under gravity), barbot (free bar without) or walker (four legs).",
-            autocompletion=complete.systems,
-        ),
-    ] = "",
+    system: str = typer.Argument(
+        "",
+        help="rihibot (UR10e under gravity), barbot (free bar without) or walker (four legs).",
+        autocompletion=complete.systems,
+    ),
     *,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="LOG",
-            parser=log_file,
-            help="Log: .mcap, .bag, .db3, or a name without suffix for a folder.",
-        ),
-    ],
-    config: Annotated[
-        Path | None,
-        typer.Option(help="A system of your own, as configs/ has them.", readable=False),
-    ] = None,
-    urdf: Annotated[
-        Path | None,
-        typer.Option(help="Write the URDF too, with the IMU's nominal pose.", readable=False),
-    ] = None,
-    force: Annotated[
-        bool,
-        typer.Option(
-            "--force", help="Write over a log or a URDF that imucalib simulate did not make."
-        ),
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = 0,
+    output: Path = typer.Option(
+        ...,
+        "-o",
+        "--output",
+        metavar="LOG",
+        parser=log_file,
+        help="Log: .mcap, .bag, .db3, or a name without suffix for a folder.",
+    ),
+    config: Path | None = typer.Option(
+        None, help="A system of your own, as configs/ has them.", readable=False
+    ),
+    urdf: Path | None = typer.Option(
+        None, help="Write the URDF too, with the IMU's nominal pose.", readable=False
+    ),
+    force: bool = typer.Option(
+        False, "--force", help="Write over a log or a URDF that imucalib simulate did not make."
+    ),
+    seed: int = typer.Option(0, min=0, help="Of all noise."),
     quiet: Quiet = False,
     options: SimulateOptions,
 ) -> None:

@@ -3,12 +3,11 @@
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from imucalib_cli.cli import complete
-from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
@@ -29,50 +28,38 @@ FOLDER = Path("imucalib-study")
 
 
 def study_command(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
-        ),
-    ] = "",
+    name: str = typer.Argument(
+        "", metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
+    ),
     *,
-    quick: Annotated[bool, typer.Option("--quick", help="Few runs, for a look or for CI.")] = False,
-    config: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Parameters of your own, as configs/studies/ has them.",
-            readable=False,
-        ),
-    ] = None,
-    folder: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            metavar="DIR",
-            help="Where rows are kept and figures are drawn.",
-            readable=False,
-        ),
-    ] = FOLDER,
-    jobs: Annotated[
-        int | None,
-        typer.Option(min=1, metavar="N", help="Processes.", show_default="all processors"),
-    ] = None,
-    fresh: Annotated[
-        bool, typer.Option("--fresh", help="Forget what an earlier run left in DIR.")
-    ] = False,
-    fmt: Annotated[
-        Literal["markdown", "csv", "json"] | None,
-        typer.Option(
-            "--format",
-            help="Form of the tables; each prints the same cells.",
-            show_default="columns on a terminal, else markdown",
-        ),
-    ] = None,
-    figures: Annotated[
-        bool, typer.Option("--figures/--no-figures", help="Draw the figures, if there are any.")
-    ] = True,
+    quick: bool = typer.Option(False, "--quick", help="Few runs, for a look or for CI."),
+    config: Path | None = typer.Option(
+        None,
+        metavar="FILE",
+        help="Parameters of your own, as configs/studies/ has them.",
+        readable=False,
+    ),
+    folder: Path = typer.Option(
+        FOLDER,
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="Where rows are kept and figures are drawn.",
+        readable=False,
+    ),
+    jobs: int | None = typer.Option(
+        None, min=1, metavar="N", help="Processes.", show_default="all processors"
+    ),
+    fresh: bool = typer.Option(False, "--fresh", help="Forget what an earlier run left in DIR."),
+    fmt: Literal["markdown", "csv", "json"] | None = typer.Option(
+        None,
+        "--format",
+        help="Form of the tables; each prints the same cells.",
+        show_default="columns on a terminal, else markdown",
+    ),
+    figures: bool = typer.Option(
+        True, "--figures/--no-figures", help="Draw the figures, if there are any."
+    ),
     quiet: Quiet = False,
 ) -> None:
     """Repeat an experiment of the paper, or one it leaves open; interrupted, it goes on later.
@@ -103,22 +90,18 @@ def study_command(
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         see_places(read=files_of(config), written=[file, *drawn])
-    progress = CountProgress(
-        name, "runs", f"rows in {file}", jobs=jobs or os.cpu_count() or 1, quiet=quiet
-    )
-    try:
-        with last_words(lambda: progress.tell_interrupted(file, fresh=fresh)), progress:
-            rows = run_study(
-                study,
-                file,
-                jobs=jobs,
-                fresh=fresh,
-                prepare=lambda: see_installed(name),
-                report=progress.report,
-            )
-    except KeyboardInterrupt:
-        progress.tell_interrupted(file, fresh=fresh)
-        raise
+    at_a_time = jobs or os.cpu_count() or 1
+    with CountProgress(
+        name, "runs", file, "rows", fresh=fresh, jobs=at_a_time, quiet=quiet
+    ) as progress:
+        rows = run_study(
+            study,
+            file,
+            jobs=jobs,
+            fresh=fresh,
+            prepare=lambda: see_installed(name),
+            report=progress.report,
+        )
     tables = _tables(study, rows, file, old=progress.before > 0)
     _print(tables, fmt)
     if not quiet:
@@ -155,11 +138,7 @@ def _blocks(tables: "Iterable[StudyTable]") -> "Iterator[Block]":
 
 
 def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[StudyTable]":
-    """Tables of rows, of which some may be from a file that somebody changed.
-
-    Raises:
-        ChoiceError: They are none of this study's.
-    """
+    """Tables of rows; ChoiceError where somebody changed their file into another study's."""
     try:
         return study.tables(rows)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:

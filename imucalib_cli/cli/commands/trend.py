@@ -2,58 +2,42 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import typer
 
-from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
+from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, telling_what_is_left
-from imucalib_cli.cli.options import OUTPUT, OutputFile, Quiet, Within
+from imucalib_cli.cli.options import OutputFile, Quiet, Within, file_option, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
-from imucalib_cli.cli.parsers import file_ending, moment
+from imucalib_cli.cli.parsers import moment
 from imucalib_cli.cli.tables import deliver_blocks
 
 
 def trend_command(
-    results: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RESULT|FOLDER",
-            help="Results of `imucalib run`, folders of them, or - for stdin.",
-        ),
-    ],
+    results: list[str] = typer.Argument(
+        metavar="RESULT|FOLDER", help="Results of `imucalib run`, folders of them, or - for stdin."
+    ),
     *,
     within: Within = None,
-    since: Annotated[
-        datetime | None,
-        typer.Option(
-            metavar="TIME",
-            parser=moment,
-            help="Leave out what was recorded before, as before a mount was moved on purpose: "
-            "2026-11-23, or 2026-11-23T14:30; UTC, or with its zone.",
-            show_default="all recordings",
-        ),
-    ] = None,
-    fmt: Annotated[
-        Literal["text", "csv", "jsonl"],
-        typer.Option(
-            "--format",
-            help="text: a table in words; csv: a row for each recording; jsonl: a line of JSON "
-            "for each IMU.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = "text",
+    since: datetime | None = typer.Option(
+        None,
+        metavar="TIME",
+        parser=moment,
+        help="Leave out what was recorded before, as before a mount was moved on purpose: "
+        "2026-11-23, or 2026-11-23T14:30; UTC, or with its zone.",
+        show_default="all recordings",
+    ),
+    fmt: Literal["text", "csv", "jsonl"] = output_option(
+        "text",
+        "--format",
+        help="text: a table in words; csv: a row for each recording; jsonl: a line of JSON "
+        "for each IMU.",
+    ),
     output: OutputFile = None,
-    plot: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.svg|.pdf|.png",
-            parser=file_ending(".svg", ".pdf", ".png"),
-            help="Also draw the mount over time with 1 sigma.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    plot: Path | None = file_option(
+        "FILE.svg|.pdf|.png", help="Also draw the mount over time with 1 sigma."
+    ),
     quiet: Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0 no, 4 it has, 3 cannot tell."""
@@ -68,8 +52,7 @@ def trend_command(
     if plot is not None:
         optional("matplotlib", "--plot needs", "plot")
     with telling_what_is_left(*written):
-        found = trend_of(names, within, since)
-        answers = found.answers
+        answers, failures = trend_of(names, within, since)
         if fmt == "text":
             from imucalib_cli.results.trend.table import blocks
 
@@ -90,7 +73,6 @@ def trend_command(
                 for each in answer.left_out:
                     say("left out", f"{each.file}: {each.reason}")
                 say(answer.verdict, answer.reason)
-        for failure in found.failures:
+        for failure in failures:
             say_error(failure)
-        verdicts = [verdict_code(answer.verdict) for answer in answers]
-        raise typer.Exit(worst([*verdicts, *(exit_code(each) for each in found.failures)]))
+        raise typer.Exit(exit_code_of_answers(answers, failures))

@@ -1,14 +1,14 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from imucalib_cli.cli import parsers
-from imucalib_cli.cli.exit_codes import exit_code, verdict_code, worst
+from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.options import (
     OUTPUT,
@@ -22,15 +22,16 @@ from imucalib_cli.cli.options import (
     Within,
     calibration_request,
     options_given,
+    output_option,
 )
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
-from imucalib_cli.cli.parsers import path_or_url
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import plain
+from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
-    from imucalib_cli.jobs.verify import Answers
+    from imucalib_cli.errors import ImucalibError
     from imucalib_cli.results.comparison.answers import VerifyAnswer
     from imucalib_cli.results.fields import Field
 
@@ -44,28 +45,22 @@ _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
 
 def verify_command(
     ctx: typer.Context,
-    logs: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="LOG|RESULT",
-            help="One recording, as for `imucalib run`; or results of it, - for stdin.",
-        ),
-    ],
+    logs: list[str] = typer.Argument(
+        metavar="LOG|RESULT",
+        help="One recording, as for `imucalib run`; or results of it, - for stdin.",
+    ),
     *,
     recording: RecordingOptions,
     estimator: EstimatorOptions,
     within: Within = None,
-    ignore: Annotated[
-        Components | None,
-        typer.Option(
-            metavar="tx,ty,tz,rx,ry,rz",
-            parser=parsers.components,
-            help="Components that need not be right, such as tz of a robot that drives on a plane; "
-            "parent frame.",
-            show_default="none",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
+    ignore: Components | None = output_option(
+        None,
+        metavar="tx,ty,tz,rx,ry,rz",
+        parser=parsers.components,
+        help="Components that need not be right, such as tz of a robot that drives on a plane; "
+        "parent frame.",
+        show_default="none",
+    ),
     fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
@@ -88,7 +83,7 @@ def verify_command(
             _see_results(ctx, logs, results)
             if recording.urdf is None:
                 raise ChoiceError("a result is compared with what a URDF tells: give --urdf")
-            answers = verify_results(
+            found = verify_results(
                 results,
                 recording.urdf,
                 within or WITHIN,
@@ -99,20 +94,21 @@ def verify_command(
         else:
             request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
-                answers = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
+                found = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
         by_file: dict[str, list[VerifyAnswer]] = {}
-        for answer in answers.answers:
+        for answer in found[0]:
             by_file.setdefault(answer.about, []).append(answer)
         findings = [
             replace(each, text=named(given[0], each.text, several=len(logs) > 1))
             for given in by_file.values()
             for each in findings_of([answer.found for answer in given])
         ]
-        raise typer.Exit(give_answers(answers, findings, fmt=fmt, output=output, quiet=quiet))
+        raise typer.Exit(give_answers(*found, findings, fmt=fmt, output=output, quiet=quiet))
 
 
 def give_answers(
-    given: "Answers[Any]",
+    answers: "Sequence[Any]",
+    failures: "Sequence[ImucalibError]",
     findings: "Iterable[Field]",
     *,
     fmt: str | None,
@@ -123,7 +119,6 @@ def give_answers(
     from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
     from imucalib_cli.results.comparison.answers import as_csv
 
-    answers, failures = given.answers, given.failures
     several = len({answer.about for answer in answers}) + len(failures) > 1
 
     def to_words(answers: Iterable[Any]) -> str:
@@ -150,8 +145,7 @@ def give_answers(
             say(answer.verdict, named(answer, answer.reason, several=several))
     for failure in failures:
         say_error(failure)
-    verdicts = [verdict_code(answer.verdict) for answer in answers]
-    return worst([*verdicts, *(exit_code(failure) for failure in failures)])
+    return exit_code_of_answers(answers, failures)
 
 
 def named(answer: Any, sentence: str, *, several: bool) -> str:

@@ -72,13 +72,9 @@ def checked(
     expected: ExpectedImu | None,
     dropped: tuple[Sensor, ...],
 ) -> Estimate:
-    """Compare the log with the data sheet; return the estimate with the findings.
+    """A final estimate with what the data sheet says of it and of the samples it was made from.
 
-    Args:
-        estimate: Final.
-        samples: From which the estimate was made.
-        expected: The IMU.
-        dropped: Sensors whose priors were dropped.
+    The priors of sensors that are ``dropped`` were left out.
     """
     if expected is None:
         return estimate
@@ -131,7 +127,6 @@ def _check(
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
-    """A finding for each sensor whose noise differs from the data sheet's."""
     factor = imu_assumptions().noise_factor
     for sensor in _SENSORS:
         found = check.accel if sensor == "accel" else check.gyro

@@ -38,18 +38,7 @@ def streams_of(
 ) -> tuple[LogData, int]:
     """Streams on topics ``imu``, ``joints`` and ``poses``, and what to add to their stamps, ns.
 
-    Args:
-        t: (N,), s.
-        gyro: (N, 3), rad/s.
-        accel: (N, 3), m/s².
-        pose_t: (M,), s; None, as what belongs to it, where there are no poses.
-        positions: (M, 3), m.
-        quaternions_xyzw: (M, 4), of any length but zero.
-        joint_t: (K,), s; None where there are no joints.
-        joint_positions: (K, J), rad or m.
-        joint_names: Of the J columns.
-        frame: Of the IMU.
-        world: In which the poses are.
+    Their shapes and units are those of :func:`imucalib_cli.api.calibrate_arrays`.
 
     Raises:
         InputError: Shapes do not fit, or a value is no finite number.
@@ -110,11 +99,7 @@ def streams_of(
 
 
 def _given(**arguments: object) -> bool:
-    """Whether arguments that belong together are given.
-
-    Raises:
-        ChoiceError: Some are and some are not.
-    """
+    """Whether arguments that belong together are given; ChoiceError where only some are."""
     missing = [name for name, value in arguments.items() if value is None]
     if missing and len(missing) < len(arguments):
         raise ChoiceError(

@@ -41,15 +41,7 @@ def joined(
     """A log in which the halves of an IMU are one, called by the gyroscope's topic.
 
     Two are halves of one IMU if the user says so; if their topics are called alike but for the name
-    of the sensor; or if no others are left, unless they are in two namespaces.
-
-    Args:
-        data: As read.
-        clock: Of all streams.
-        request: The topics that the user names.
-
-    Returns:
-        The log, and a note on each pair.
+    of the sensor; or if no others are left, unless they are in two namespaces. Each pair is told.
 
     Raises:
         ChoiceError: A topic that the user names has no IMU.
@@ -128,7 +120,6 @@ def _namespace(topic: str) -> str:
 
 
 def _is_alone(imu: ImuStream, sensor: Sensor) -> bool:
-    """Whether this sensor has values and the other has none."""
     other = imu.accel if sensor == "gyro" else imu.gyro
     return bool((imu.gyro if sensor == "gyro" else imu.accel).any()) and not bool(other.any())
 
@@ -157,7 +148,6 @@ def _at_stamps_of(
 
 
 def _rate(imu: ImuStream, clock: Clock) -> float:
-    """Samples a second."""
     t = clock.seconds(imu)
     span = float(t.max() - t.min()) if len(t) else 0.0
     return (len(t) - 1) / span if span > 0.0 else 0.0

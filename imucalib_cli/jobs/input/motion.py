@@ -22,7 +22,6 @@ from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
 from imucalib_cli.robot.names import known_name
 from imucalib_cli.robot.path import FixedStep
-from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.shown import near_matches
 from imucalib_cli.signals.moves import track_moves
 
@@ -81,13 +80,7 @@ class Motion:
 def find_motion(
     sources: Sources, robot: Robot | None, frame_id: str, request: CalibrationRequest
 ) -> Motion:
-    """Find the link that carries an IMU and the path that moves it.
-
-    Args:
-        sources: Of the log.
-        robot: Of the URDF, if there is one.
-        frame_id: Of the IMU's messages.
-        request: Its parent, imu_link, world and pose_topics.
+    """Find the link that carries the IMU of a frame_id and the path that moves it.
 
     Raises:
         ChoiceError: The user must name the parent, the world or a topic; the error lists
@@ -271,7 +264,6 @@ def _base(
 
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
-    """Motion of the log's frames, without a URDF."""
     if sources.base is not None:
         return _from_base(sources, sources.base, frame_id, request)
     if not sources.edges:
@@ -341,12 +333,8 @@ def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal 
             continue
         if not edge.is_static:  # the IMU's frame itself is tracked
             return frame_id, Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
-        last = edge.track.values[-1]
-        return edge.parent, Nominal(
-            joint="",
-            R_parent_imu=matrix_from_quaternion(last[3:7]),
-            t_parent_imu=last[:3].copy(),
-        )
+        last = edge.last
+        return edge.parent, Nominal(joint="", R_parent_imu=last.R, t_parent_imu=last.p)
     candidates = tuple(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
     if len(candidates) == 1:
         return candidates[0], None
@@ -363,13 +351,9 @@ def _labelled(edges: tuple[Edge, ...], label: str | None) -> tuple[Edge, ...]:
     return tuple(
         edge
         if edge.child
-        else replace(edge, child=label if label is not None else _topic_of(edge.track))
+        else replace(edge, child=edge.track.name.split(" ", 1)[0] if label is None else label)
         for edge in edges
     )
-
-
-def _topic_of(track: Track) -> str:
-    return track.name.split(" ", 1)[0]
 
 
 def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:

@@ -31,13 +31,14 @@ from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import meant
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Iterable
     from pathlib import Path
 
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.reader import LogPath
+    from imucalib_cli.logs.select import Selection
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
     from imucalib_cli.robot.urdf import Robot
 
@@ -69,11 +70,6 @@ class Recording:
     """Findings about the whole log."""
     epoch_ns: int = 0
     """What to add to the stamps to get those of the source, ns; not zero for arrays alone."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return warnings(self.findings)
 
 
 def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
@@ -107,9 +103,11 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         None if progress is None else lambda share: progress("reading", share),
     )
     data = chosen.of(data)
-    _require_imus(data, chosen.imus, request)
-    recording = recording_of(data, request, unasked=chosen.unasked, paths=log.paths, files=files)
-    return replace(recording, sources=replace(recording.sources, unread=chosen.unread))
+    used = {imu.topic for imu in data.imus.values() if len(imu)}
+    unused = [topic for topic in chosen.imus if topic not in used]
+    if unused and (request.imu_topics or not used):
+        raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
+    return recording_of(data, request, chosen, paths=log.paths, files=files)
 
 
 def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:
@@ -141,21 +139,15 @@ def robot_of(urdf: LogPath) -> Robot:
 def recording_of(
     data: LogData,
     request: CalibrationRequest,
+    chosen: Selection | None = None,
     *,
-    unasked: Collection[str] = (),
     paths: tuple[LogPath, ...] = (),
     files: Fingerprints | None = None,
     epoch_ns: int = 0,
 ) -> Recording:
     """Streams on one clock, what they tell of the motion, and the URDF.
 
-    Args:
-        data: As read, or made of arrays; at least one IMU.
-        request: Its clock, URDF and part of the log.
-        unasked: Odometry topics that nobody named; used only if nothing else moves the base.
-        paths: Of the log.
-        files: Their hashes.
-        epoch_ns: What was taken off the stamps of the data, ns.
+    Data have one IMU at least; what was taken off their stamps, if they are arrays, is epoch_ns.
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
@@ -168,19 +160,19 @@ def recording_of(
     asked, part = _asked_for(data, request), None
     if request.part is not None:
         whole, (data, part) = data, part_of(data, clock, request.part)
-        if request.imu_topics:
-            _see_samples(asked, whole, data)
+        for name in sorted(asked) if request.imu_topics else ():
+            if len(whole.imus[name]) and not len(data.imus[name]):
+                raise ChoiceError(
+                    f"{name}: has no samples between --from and --to: choose another part, or "
+                    "leave this IMU out",
+                    topic=name,
+                )
     filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
     imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
     _require_advancing_stamps(imus, clock)
-    sources, duplicates = gather_sources(data, clock, unasked)
-    sources = replace(
-        sources,
-        prefixes=prefixes,
-        undescribed=warnings(
-            each for each in findings if each.code == "robot.description_unusable"
-        ),
-    )
+    sources, duplicates = gather_sources(data, clock, chosen, prefixes)
+    unusable = (each for each in findings if each.code == "robot.description_unusable")
+    sources = replace(sources, undescribed=warnings(unusable))
     check_parents((*imus, *others), request)
     imus, sources, reckoned = with_base_imu((imus, others), sources, clock, robot, request)
     used = {imu.topic for imu in imus} | set(sources.topics.values())
@@ -225,11 +217,7 @@ def robot_and_names(
 
 
 def _asked_for(data: LogData, request: CalibrationRequest) -> set[str]:
-    """Names of the IMUs to calibrate.
-
-    Raises:
-        ChoiceError: A topic has no IMU of the frame that the user named.
-    """
+    """Names of the IMUs to calibrate; ChoiceError where a topic has none of a frame named."""
     asked = request.imu_topics
     if not asked:
         return set(data.imus)
@@ -248,11 +236,6 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
 
     The stamps that are used tell it; where they count from elsewhere, such as the start of the
     computer, the others tell when the recording began.
-
-    Args:
-        recording: Of the log.
-        imu: One of its IMUs.
-        seconds: Of the log.
     """
     clock = recording.clock
     others = imu.log_ns if clock.kind == "header" else imu.header_ns
@@ -263,27 +246,7 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
     return None
 
 
-def _require_imus(data: LogData, topics: Iterable[str], request: CalibrationRequest) -> None:
-    """Refuse a log without a usable IMU, or without one that the user named."""
-    used = {imu.topic for imu in data.imus.values() if len(imu)}
-    unused = [topic for topic in topics if topic not in used]
-    if unused and (request.imu_topics or not used):
-        raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
-
-
-def _see_samples(named: Iterable[str], whole: LogData, part: LogData) -> None:
-    """Refuse a part of the log in which an IMU that the user named has no samples."""
-    for name in sorted(named):
-        if len(whole.imus[name]) and not len(part.imus[name]):
-            raise ChoiceError(
-                f"{name}: has no samples between --from and --to: choose another part, or leave "
-                "this IMU out",
-                topic=name,
-            )
-
-
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
-    """Refuse an IMU whose stamps are all the same."""
     for imu in imus:
         stamps = clock.stamps_ns(imu)
         if len(stamps) > 1 and not np.diff(stamps).any():
@@ -309,16 +272,13 @@ def _why_unused(topic: str, data: LogData) -> str:
 
 
 def gather_sources(
-    data: LogData, clock: Clock, unasked: Collection[str] = ()
+    data: LogData, clock: Clock, chosen: Selection | None, prefixes: tuple[str, ...]
 ) -> tuple[Sources, tuple[Finding, ...]]:
     """Tracks and edges of a log on its clock, and findings about duplicate poses.
 
-    Args:
-        data: As read.
-        clock: Of all streams.
-        unasked: Odometry topics that the user did not name; used only if nothing else moves the
-        base.
+    Several ``prefixes`` may fit the joints' names.
     """
+    unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
     topics: dict[str, str] = {}
     joints = []
     for topic, streams in data.joints.items():
@@ -335,8 +295,8 @@ def gather_sources(
                 )
             )
     poses = [pose for streams in data.poses.values() for pose in streams]
-    chosen = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
-    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in chosen]
+    asked = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
+    poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in asked]
     kept, duplicates = _one_for_each_edge(poses)
     edges = []
     for pose in kept:
@@ -361,6 +321,8 @@ def gather_sources(
         unused=unused,
         unused_joints=tuple(topic for topic, streams in data.joints.items() if not streams),
         unasked=frozenset(unasked),
+        unread=unread,
+        prefixes=prefixes,
     )
     return sources, duplicates
 
@@ -378,15 +340,8 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
             continue
         keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
         best[key] = keep
-        duplicates.append(
-            note(
-                "pose.told_twice",
-                topic=drop.topic,
-                child=pose.child,
-                parent=pose.parent,
-                used=keep.topic,
-            )
-        )
+        edge = {"child": pose.child, "parent": pose.parent}
+        duplicates.append(note("pose.told_twice", topic=drop.topic, **edge, used=keep.topic))
     return list(best.values()), tuple(duplicates)
 
 

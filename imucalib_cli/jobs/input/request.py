@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+from imucalib_cli.signals.imu.repair import repair
 from imucalib_cli.signals.imu.units import Units
 
 if TYPE_CHECKING:
@@ -15,8 +16,10 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.imu.data_sheet import ImuModel
-    from imucalib_cli.signals.samples import Sensor
+    from imucalib_cli.signals.imu.repair import Repaired
+    from imucalib_cli.signals.samples import ImuSamples, Sensor
 
     Progress = Callable[[str, float | None], None]
 
@@ -100,6 +103,21 @@ class CalibrationRequest:
         if isinstance(options, MatchedOptions) and not options.has_gravity:
             return 0.0
         return options.gravity_norm
+
+    def repaired(self, samples: ImuSamples, path: KinematicPath) -> Repaired:
+        """One IMU and the streams that move it, repaired as asked.
+
+        Raises:
+            InputError: As :func:`imucalib_cli.signals.imu.repair.repair`.
+        """
+        return repair(
+            samples,
+            path,
+            units=self.units,
+            gravity=self.gravity,
+            max_offset=self.max_offset,
+            accel_ranges=() if self.imu is None else self.imu.model.ranges("accel"),
+        )
 
     @property
     def max_offset(self) -> float:

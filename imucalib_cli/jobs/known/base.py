@@ -48,12 +48,7 @@ def with_base_imu(
     One must be where the root of the URDF carries an IMU that turns, joint states are there, and
     nothing else in the log moves the base.
 
-    Args:
-        imus: To be calibrated, and others in the log.
-        sources: What else tells a motion.
-        clock: Of the log.
-        robot: Of the URDF.
-        request: Its base_imu, parents and units.
+    Of the IMUs the first are to be calibrated, others are in the log too.
 
     Returns:
         The IMUs to be calibrated, the sources with it, and findings that say so; as given where

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,14 +18,6 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    robot: Robot
-    topic: str
-    score: int
-    """Names of the log that are its joints and links."""
-
-
 def described_robot(
     data: LogData, request: CalibrationRequest
 ) -> tuple[Robot | None, tuple[Finding, ...]]:
@@ -34,15 +25,11 @@ def described_robot(
 
     Of several it is the one to which the log's joints and frames belong.
 
-    Args:
-        data: As read.
-        request: Its description_topics.
-
     Raises:
         ChoiceError: Several descriptions fit.
         InputError: That of the topic which the user named is no URDF.
     """
-    candidates: dict[str, _Candidate] = {}
+    candidates: dict[str, tuple[Robot, str]] = {}
     findings: list[Finding] = []
     for topic, texts in data.texts.items():
         for text in texts:
@@ -53,24 +40,24 @@ def described_robot(
                     raise
                 findings.append(warning("robot.description_unusable", reason=str(error)))
             else:
-                score = _score(robot, data)
-                candidates.setdefault(robot.sha256, _Candidate(robot, topic, score))
+                candidates.setdefault(robot.sha256, (robot, topic))
     if not candidates:
         return None, tuple(findings)
-    most = max(each.score for each in candidates.values())
-    best = [each for each in candidates.values() if each.score == most]
-    topics = [each.topic for each in best]
+    scores = {key: _score(robot, data) for key, (robot, _) in candidates.items()}
+    best = [candidates[key] for key, score in scores.items() if score == max(scores.values())]
+    topics = [topic for _, topic in best]
     near = in_namespace(topics, [imu.topic for imu in data.imus.values()])
     if len(near) == 1 and topics.count(near[0]) == 1:
         best = [best[topics.index(near[0])]]
     if len(best) > 1:
         raise ChoiceError(_several(best), option="--description-topic")
-    chosen = best[0].robot
-    values = {"topic": best[0].topic, "robot": chosen.name, "sha256": chosen.sha256}
+    chosen, topic = best[0]
+    values = {"topic": topic, "robot": chosen.name, "sha256": chosen.sha256}
     return chosen, (*findings, note("robot.described", **values))
 
 
 def _score(robot: Robot, data: LogData) -> int:
+    """Names of the log that are joints and links of a robot."""
     streams = [stream for some in data.joints.values() for stream in some]
     joints = {name for stream in streams for name in stream.names}
     frames = {imu.frame_id for imu in data.imus.values()}
@@ -83,10 +70,10 @@ def _known(names: set[str], known: Iterable[str]) -> int:
     return len(names & known) + max(by_prefix, default=0)
 
 
-def _several(best: list[_Candidate]) -> str:
-    topics = list(dict.fromkeys(each.topic for each in best))
+def _several(best: list[tuple[Robot, str]]) -> str:
+    topics = list(dict.fromkeys(topic for _, topic in best))
     if len(topics) > 1:
-        listed = ", ".join(f"{each.topic} (robot '{each.robot.name}')" for each in best)
+        listed = ", ".join(f"{topic} (robot '{robot.name}')" for robot, topic in best)
         return (
             f"several robot descriptions fit the log: {listed}: choose one --description-topic, "
             "or the IMU of one robot with --imu-topic"

@@ -30,11 +30,8 @@ def named_as_in(
 ) -> tuple[LogData, tuple[Finding, ...], tuple[str, ...]]:
     """A log whose joints and frames have the names of a URDF, where they differ by a prefix.
 
-    Args:
-        robot: Of the URDF.
-        data: As read.
-        joint_prefix: Of the joints, as the user says; None: found where one fits best.
-        imus: Those to be calibrated.
+    Without the user's ``joint_prefix`` it is found where one fits best; ``imus`` are to be
+    calibrated.
 
     Returns:
         The log, findings that say so, and prefixes of which several fit the joints.

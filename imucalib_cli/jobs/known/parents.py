@@ -11,7 +11,6 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.shown import meant
-from imucalib_cli.signals.imu.repair import repair
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
@@ -72,13 +71,7 @@ def find_parents(
     def repaired(path: KinematicPath) -> ImuSamples:
         samples = samples_of(imu, clock)
         try:
-            return repair(
-                samples,
-                path,
-                units=request.units,
-                gravity=request.gravity,
-                max_offset=request.max_offset,
-            ).samples
+            return request.repaired(samples, path).samples
         except ImucalibError:
             return samples
 
@@ -90,15 +83,15 @@ def with_answer(
 ) -> ImucalibError:
     """An error that asks for the parent, with what the IMU's own motion tells of it.
 
-    Args:
-        error: That asks.
-        carriers: Links that move as the IMU does.
-        unread: Topics of poses that were not read.
+    ``unread`` are topics of poses that were not read.
     """
     if error.reason is None:
         return error
     if carriers.links:
-        told = f"{error.reason}; {_moves_like(carriers)}"
+        moves = " or ".join(map(str, carriers.links))
+        several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
+        parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
+        told = f"{error.reason}; it moves like {moves}{several}: {parents}"
     elif carriers.still:
         told = (
             f"{error.reason}; it stands still while the robot moves, so that this log does not "
@@ -112,10 +105,3 @@ def with_answer(
     else:
         return error
     return ChoiceError(told, topic=error.topic, option=error.option)
-
-
-def _moves_like(carriers: Carriers) -> str:
-    moves = " or ".join(map(str, carriers.links))
-    several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
-    parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
-    return f"it moves like {moves}{several}: {parents}"
