@@ -57,8 +57,8 @@ def run_trial(case: Case, seed: int) -> Trial:
     ratios = [
         float(np.mean(((bias - true.mean(axis=0)) / std) ** 2))
         for bias, std, true in (
-            (estimate.accel_bias, estimate.accel_bias_std, noisy.corruption.accel_bias),
-            (estimate.gyro_bias, estimate.gyro_bias_std, noisy.corruption.gyro_bias),
+            (estimate.accel_bias, estimate.accel_bias_std, noisy.imu.accel_bias),
+            (estimate.gyro_bias, estimate.gyro_bias_std, noisy.imu.gyro_bias),
         )
     ]
     return Trial(

@@ -10,15 +10,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Foot, Gait, Legged
 
-Floats = NDArray[np.float64]
 
 _KNOT = 0.004
 """s, between knots of the references' spline: steps last some fifty of them."""

@@ -7,13 +7,14 @@ order made of them. Without it what strikes a foot would appear at frequencies w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,9 @@ from imucalib_cli.simulate.config import FreeBody, Legged
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Jointed, SystemConfig
 
-    Floats = NDArray[np.float64]
 
 SITE, CAMERA = "imu", "camera"
 Mount = tuple[str, "Floats", "Floats"]

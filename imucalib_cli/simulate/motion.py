@@ -7,14 +7,13 @@ from math import ceil
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Arm, FreeBody
 
-Floats = NDArray[np.float64]
 Reference: TypeAlias = "Callable[[float], tuple[Floats, Floats]]"
 """Positions (J,), rad, and rates (J,), rad/s, of joints at a time."""
 

@@ -15,7 +15,6 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.trajectory import Trajectory
@@ -23,11 +22,10 @@ from imucalib_cli.simulate.noise import white_std
 from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Row
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,6 @@ from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.simulate.load import load_grade
@@ -16,10 +15,9 @@ from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,16 +12,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import nearest_rotation
 from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.study.pose_cost import PoseCost
 
-Floats = NDArray[np.float64]
 
 _STEPS = 100
 _ARRIVED = 1e-10

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.solution.solve import Known, solve_globally
@@ -29,9 +28,9 @@ from imucalib_cli.study.methods.spline import right_jacobian
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.study.pose_cost import PoseCost
 
-Floats = NDArray[np.float64]
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
 """The cost: the sum of squares, of squared L1 sums per instant, of absolute values, or of a robust
 loss."""

@@ -6,18 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.windows import WindowRows
     from imucalib_cli.estimate.published.filters import Instants
     from imucalib_cli.study.conditions import Pose
 
-Floats = NDArray[np.float64]
 
 _GENERATORS = skew(np.eye(3))
 

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Bytes, Floats
     from imucalib_cli.simulate.camera.config import AprilGrid, Shades
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 BITS = 6
 """Data cells along an edge of a tag of 36h11."""
@@ -48,7 +46,7 @@ def opencv() -> Any:
     return optional("cv2", "images need", "camera")
 
 
-def tag_cells(number: int, border_bits: int = BORDER_BITS) -> NDArray[np.bool_]:
+def tag_cells(number: int, border_bits: int = BORDER_BITS) -> Bools:
     """White cells of an upright tag on the board, top row first.
 
     Kalibr draws the 36 bits of a code from the most significant one, row by row from the upper
@@ -112,7 +110,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
     )
 
 
-def _corners(edge: int, gap: int) -> NDArray[np.bool_]:
+def _corners(edge: int, gap: int) -> Bools:
     """White around a tag, except for squares at its corners, which make the corners symmetric."""
     around = np.ones((edge + 2 * gap, edge + 2 * gap), dtype=bool)
     for rows in (slice(gap), slice(-gap, None)):

@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.options import LogOptions
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 
-Floats = NDArray[np.float64]
 
 KINDS = ("camchain", "imu", "target")
 

@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.simulate.camera.aprilgrid import board_picture, opencv
 from imucalib_cli.simulate.camera.view import project
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from imucalib_cli.arrays import Bytes, Floats
     from imucalib_cli.simulate.camera.config import Intrinsics
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import CameraRecord
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 _FINE = 4
 """Samples along an edge of a pixel: 16 are averaged for each."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy
 from imucalib_cli.simulate.recording import CameraRecord
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.camera.config import AprilGrid, CameraConfig, Intrinsics
     from imucalib_cli.simulate.config import SystemConfig
-
-Floats = NDArray[np.float64]
 
 
 def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -40,11 +39,11 @@ from imucalib_cli.study.methods.spline import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.study.methods.camera import CameraObservations
 
-Floats = NDArray[np.float64]
 
 _STD_FLOOR = 1e-7
 """m and rad: no encoder is better, and smaller values would cost the solver digits."""

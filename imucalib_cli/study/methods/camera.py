@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
@@ -15,9 +14,9 @@ from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_mat
 from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import CameraRecord
 
-Floats = NDArray[np.float64]
 
 FEWEST_CORNERS = 12
 """Least number of corners: with fewer, one bad corner can tilt the pose."""

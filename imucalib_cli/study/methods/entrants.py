@@ -6,9 +6,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.method import calibrate_paper
@@ -27,8 +24,6 @@ if TYPE_CHECKING:
     from imucalib_cli.study.conditions import PaperSetting, Pose
     from imucalib_cli.study.methods.bspline import BSplineOptions
     from imucalib_cli.study.methods.camera import CameraObservations
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import nearest_rotation, vee
@@ -24,11 +23,10 @@ from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _MAX_OFFSET = 1.0
 """Largest offset searched, s."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import (
@@ -20,8 +19,8 @@ from imucalib_cli.study.conditions import Pose
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Floats = NDArray[np.float64]
-Chosen = NDArray[np.bool_]
+    from imucalib_cli.arrays import Bools, Floats, Indices
+
 
 FEWEST_MOTIONS = 3
 _SINGULAR = 1e-4
@@ -44,7 +43,7 @@ class Motions:
     def __len__(self) -> int:
         return len(self.t_a)
 
-    def only(self, which: Chosen | NDArray[np.intp]) -> Motions:
+    def only(self, which: Bools | Indices) -> Motions:
         """Some of them."""
         return Motions(self.R_a[which], self.t_a[which], self.R_b[which], self.t_b[which])
 
@@ -121,7 +120,7 @@ class Ransac:
 
 def ransac(
     motions: Motions, solve: Callable[[Motions], Pose], options: Ransac
-) -> tuple[Pose, Chosen]:
+) -> tuple[Pose, Bools]:
     """The model that most motions agree with, solved again from these.
 
     If fewer motions agree than a model needs, the model with the least median difference.

@@ -22,7 +22,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec
@@ -34,10 +33,9 @@ from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.study.methods.camera import CameraObservations
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

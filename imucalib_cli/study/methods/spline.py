@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from imucalib_cli.errors import InputError
@@ -17,8 +17,9 @@ from imucalib_cli.robot.rotations import (
     skew,
 )
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
+
 
 DEGREE = 5
 ORDER = DEGREE + 1

@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.filters import filtered_instants
@@ -28,12 +27,11 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Draw, Row
     from imucalib_cli.study.tables import Table
 
-Floats = NDArray[np.float64]
-Kept = NDArray[np.bool_]
 
 FILTERS = ("paper", "matched")
 PLATES = {
@@ -81,7 +79,7 @@ class Comparison:
     """(N,), m/s²."""
     measured: Floats
     """(N,), m/s², as this filter smooths it, without gravity."""
-    kept: Kept
+    kept: Bools
     """(N,), whether the filter's method uses the instant."""
 
     @property
@@ -213,7 +211,7 @@ class DerivationStudy(Study, Recorded):
             return compared_by_matched(recording, guess, window)
         return compared_by_paper(recording, guess, window, exclusion)
 
-    def _brusque(self, found: Comparison) -> Kept:
+    def _brusque(self, found: Comparison) -> Bools:
         """Samples near starts and stops."""
         return near_changes(found.t, found.measured, self.jerk, self.margin)
 
@@ -315,7 +313,7 @@ def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Compa
     )
 
 
-def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Kept:
+def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Bools:
     """Samples at which acceleration changes abruptly: starts and stops of motion.
 
     Args:
@@ -368,7 +366,7 @@ def draw_comparison(
     save_svg(figure, path)
 
 
-def _pair(axes: Axes, one: Comparison, shown: Kept) -> None:
+def _pair(axes: Axes, one: Comparison, shown: Bools) -> None:
     _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
     _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", dashed=True)
     dropped = shown & ~one.kept

@@ -16,7 +16,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.recording import rows_kept
+from imucalib_cli.simulate.recording import Record, rows_kept
 from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
 from imucalib_cli.study.contest import contest, contestants
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, chosen, column, groups
@@ -26,11 +26,9 @@ from imucalib_cli.study.tables import Column, Table, lay_out, mean_and_std
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions
-    from imucalib_cli.simulate.recording import Messages, Recording
+    from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Row
 
 
@@ -210,27 +208,12 @@ def stratified_folds(moves: Sequence[Stretch], count: int) -> list[list[Stretch]
 
 def without(recording: Recording, held_out: Sequence[Stretch]) -> Recording:
     """A recording without some of its moves: gaps in every stream."""
-    edges = [(move.start, move.stop) for move in held_out]
-    kept = _outside(recording.imu, edges)
-    corruption = recording.corruption
-    if corruption is not None:
-        corruption = replace(
-            corruption,
-            spiked=corruption.spiked[kept],
-            saturated=corruption.saturated[kept],
-            accel_bias=corruption.accel_bias[kept],
-            gyro_bias=corruption.gyro_bias[kept],
-        )
-    return replace(
-        recording,
-        imu=rows_kept(recording.imu, kept),
-        robot=tuple(rows_kept(record, _outside(record, edges)) for record in recording.robot),
-        corruption=corruption,
-    )
 
+    def left(record: Record) -> Record:
+        kept = np.ones(len(record.t), dtype=bool)
+        for move in held_out:
+            kept &= (record.t < move.start) | (record.t >= move.stop)
+        return rows_kept(record, kept)
 
-def _outside(record: Messages, edges: list[tuple[float, float]]) -> NDArray[np.bool_]:
-    kept = np.ones(len(record.t), dtype=bool)
-    for start, stop in edges:
-        kept &= (record.t < start) | (record.t >= stop)
-    return kept
+    robot = tuple(left(record) for record in recording.robot)
+    return replace(recording, imu=left(recording.imu), robot=robot)

@@ -14,7 +14,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns
@@ -52,11 +51,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Draw, Row
     from imucalib_cli.study.tables import Table
 
-Floats = NDArray[np.float64]
 
 _FIRST_SCALES = (0.05, 0.005)
 """m/s² and rad/s: how the matched residuals are weighted before they tell themselves."""
