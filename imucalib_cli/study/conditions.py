@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
@@ -75,11 +76,8 @@ class Condition:
             graded = replace(
                 graded, accel_bias=ZERO, gyro_bias=ZERO, accel_bias_walk=0.0, gyro_bias_walk=0.0
             )
-        nothing = NoiseOptions()
-        given = {f.name: getattr(self.noise, f.name) for f in fields(NoiseOptions)}
-        return replace(
-            graded, **{name: v for name, v in given.items() if v != getattr(nothing, name)}
-        )
+        nothing = vars(NoiseOptions())
+        return replace(graded, **{n: v for n, v in vars(self.noise).items() if v != nothing[n]})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,27 +101,31 @@ class Conditioned(Recorded):
         return range(self.condition_of(cell).seeds or self.seeds)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperSetting:
-    """Settings of the published method that we do not know: its window, exclusion and residual."""
+def paper_settings(
+    windows: Sequence[int],
+    exclusions: Sequence[float],
+    residuals: Sequence[Literal["l1", "components"]] = ("l1",),
+) -> tuple[PaperOptions, ...]:
+    """What we do not know of the published method: every window with every exclusion and residual.
 
-    window: int
-    """Samples."""
-    exclusion: float
-    """m/s², second difference over which a sample is dropped; 0 drops none."""
-    residual: Literal["l1", "components"] | None = None
-    """Residuals, if they vary too."""
-
-    @property
-    def words(self) -> str:
-        """Name in tables."""
-        dropped = f"drops over {self.exclusion:.3g} m/s²" if self.exclusion else "drops none"
-        return ", ".join(filter(None, (f"L {self.window}", dropped, self.residual)))
+    Args:
+        windows: Samples.
+        exclusions: m/s², second difference over which a sample is dropped; 0 drops none.
+        residuals: One L1 sum an instant, or its six components.
+    """
+    return tuple(
+        PaperOptions(window=WindowChoice(samples=window), exclusion_threshold=limit, residual=kind)
+        for window, limit, kind in product(windows, exclusions, residuals)
+    )
 
 
-def paper_settings(windows: Sequence[int], exclusions: Sequence[float]) -> tuple[PaperSetting, ...]:
-    """Every window, samples, with every exclusion, m/s²."""
-    return tuple(PaperSetting(window=w, exclusion=e) for w, e in product(windows, exclusions))
+def setting_words(setting: PaperOptions | None) -> str | None:
+    """A setting's name in tables; none of other methods."""
+    if setting is None:
+        return None
+    limit = setting.exclusion_threshold
+    dropped = f"drops over {limit:.3g} m/s²" if limit else "drops none"
+    return f"L {setting.window.samples}, {dropped}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,11 +17,11 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import Record, rows_kept
-from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
-from imucalib_cli.study.contest import contest, contestants
-from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, chosen, column, groups
+from imucalib_cli.study.conditions import Recorded, paper_settings, setting_words, wrong_guess
+from imucalib_cli.study.contest import contest
+from imucalib_cli.study.rows import best_setting, chosen, column, groups
 from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Column, Table, lay_out, mean_and_std
+from imucalib_cli.study.tables import Column, Table, lay_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -112,10 +112,8 @@ class FoldedStudy(Study, Recorded):
         recording = without(corrupt(clean, noise, noise_seed), held_out)
         settings = paper_settings(self.paper_windows, self.paper_exclusions)
         return [
-            cell
-            | contest(method, recording, options)
-            | {"setting": setting.words if setting else None}
-            for method, setting, options in contestants(methods, recording, guess, settings)
+            cell | row | {"setting": setting_words(setting)}
+            for setting, row in contest(methods, recording, guess, settings)
         ]
 
 
@@ -137,15 +135,6 @@ def in_best_setting(
         keys: What makes a group.
     """
     return [row for group in groups(rows, *keys) for row in best_setting(group, badness)]
-
-
-ERROR_COLUMNS: tuple[Column, ...] = (
-    ("translation mm", lambda rows: mean_and_std(rows, "translation", MILLIMETRES)),
-    ("rotation deg", lambda rows: mean_and_std(rows, "rotation", DEGREES)),
-    ("|mean Δxyz| mm", lambda rows: mean_and_std(rows, "averaged_translation", MILLIMETRES)),
-    ("mean |rpy| deg", lambda rows: mean_and_std(rows, "averaged_rotation", DEGREES)),
-)
-"""Mean ± standard deviation over rows."""
 
 
 @dataclass(frozen=True, kw_only=True)

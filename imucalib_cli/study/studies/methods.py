@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -19,11 +20,11 @@ from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, PaperSetting, Pose, paper_settings
+from imucalib_cli.study.conditions import Conditioned, Pose, paper_settings, setting_words
 from imucalib_cli.study.contest import NO_ERRORS
 from imucalib_cli.study.methods.bspline import BSplineOptions
 from imucalib_cli.study.methods.camera import observations_of
-from imucalib_cli.study.methods.entrants import ENTRANTS, Given, calls
+from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
 from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
     Ransac,
@@ -41,19 +42,20 @@ from imucalib_cli.study.rows import (
 )
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
+    ERROR_COLUMNS,
     Claim,
     Column,
     claims_table,
     count,
     digits,
     lay_out,
-    mean_and_std,
     statistic,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.alone import Cost
     from imucalib_cli.study.methods.answer import Answer
@@ -125,13 +127,9 @@ class MethodsStudy(Study, Conditioned):
         load_grade(self.stated_where_none)
 
     @property
-    def paper_settings(self) -> tuple[PaperSetting, ...]:
+    def paper_settings(self) -> tuple[PaperOptions, ...]:
         """All that the published method is run with."""
-        return tuple(
-            replace(setting, residual=residual)
-            for setting in paper_settings(self.paper_windows, self.paper_exclusions)
-            for residual in self.paper_residuals
-        )
+        return paper_settings(self.paper_windows, self.paper_exclusions, self.paper_residuals)
 
     def cells(self) -> list[Cell]:
         """Every method under every condition with every seed."""
@@ -144,12 +142,14 @@ class MethodsStudy(Study, Conditioned):
         noise = self.condition_of(cell).sensors
         recording = corrupt(clean, noise, seed)
         settings = self.paper_settings if name == "paper" else (None,)
-        costs = run_alone(
-            calls(name, self.paper_settings), given(recording, self, seed), _LIBRARIES
-        )
+        calls = [partial(enter, name, setting) for setting in settings]
+        costs = run_alone(calls, given(recording, self, seed), _LIBRARIES)
         bound = bound_columns(clean, noise, alone=ENTRANTS[name].unknowns == "pose")
         return [
-            cell | {"setting": setting.words if setting else None} | row_of(cost, recording) | bound
+            cell
+            | {"setting": f"{setting_words(setting)}, {setting.residual}" if setting else None}
+            | row_of(cost, recording)
+            | bound
             for cost, setting in zip(costs, settings, strict=True)
         ]
 
@@ -251,10 +251,6 @@ def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
     return header, lambda rows: str(getattr(ENTRANTS[rows[0]["method"]], key))
 
 
-def _mean_and_std(header: str, key: str, scale: float = 1.0) -> Column:
-    return header, lambda rows: mean_and_std(rows, key, scale)
-
-
 def _over_bound(key: str) -> Column:
     """There is one for methods on poses only."""
 
@@ -269,12 +265,11 @@ _COLUMNS: tuple[Column, ...] = (
     ("method", _name),
     _entrant("data beside the IMU", "data"),
     _entrant("unknowns", "unknowns"),
-    _mean_and_std("translation mm", "translation", MILLIMETRES),
+    ERROR_COLUMNS[0],
     _over_bound("translation"),
-    _mean_and_std("rotation deg", "rotation", DEGREES),
+    ERROR_COLUMNS[1],
     _over_bound("rotation"),
-    _mean_and_std("|mean Δxyz| mm", "averaged_translation", MILLIMETRES),
-    _mean_and_std("mean |rpy| deg", "averaged_rotation", DEGREES),
+    *ERROR_COLUMNS[2:],
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
     statistic("memory MB", mean, "memory", _MEGABYTES),

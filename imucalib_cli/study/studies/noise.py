@@ -18,14 +18,10 @@ from imucalib_cli.simulate.options import NoiseOptions, Vector
 from imucalib_cli.study.contest import METHODS, OURS, PUBLISHED
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column, mean, mean_error, worst
-from imucalib_cli.study.studies.folded import (
-    ERROR_COLUMNS,
-    FoldedStudy,
-    in_best_setting,
-    steadily_small,
-)
+from imucalib_cli.study.studies.folded import FoldedStudy, in_best_setting, steadily_small
 from imucalib_cli.study.study import grid
 from imucalib_cli.study.tables import (
+    ERROR_COLUMNS,
     Claim,
     Column,
     answered,

@@ -11,21 +11,16 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import (
-    Conditioned,
-    PaperSetting,
-    paper_settings,
-    wrong_guess,
-)
-from imucalib_cli.study.contest import METHODS, contest, contestants
-from imucalib_cli.study.figures import Curve, draw_curves, new_figure, save_svg
+from imucalib_cli.study.conditions import Conditioned, paper_settings, wrong_guess
+from imucalib_cli.study.contest import METHODS, contest
+from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import (
     DEGREES,
@@ -54,8 +49,13 @@ from imucalib_cli.study.tables import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from matplotlib.axes import Axes
+
+    from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
     from imucalib_cli.study.study import Cell
+
+T = TypeVar("T", "NoiseOptions", "PhysicsOptions")
 
 NOTE = (
     "Of all tables: root mean square over seeds; over bound is its ratio to the Cramér-Rao bound "
@@ -71,14 +71,13 @@ class Setup:
 
     physics: PhysicsOptions
     noise: NoiseOptions
-    settings: tuple[PaperSetting, ...]
-    """Settings of the published method: all are run, tables show the best."""
+    settings: tuple[PaperOptions, ...]
+    """Of the published method: all are run, tables show the best."""
     window: WindowChoice
     """Of the matched filters."""
 
 
-Change: TypeAlias = Callable[[Setup, float, int], Setup]
-"""A run's setup with the parameter at a value, for a seed."""
+Change: TypeAlias = Callable[[float, int], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -90,6 +89,16 @@ class Part:
     """What is swept, with its unit, for headers and axes."""
     values: tuple[float, ...]
     change: Change
+    """What a value and a seed set: options of sensors or physics by name, or a window, samples."""
+
+
+def _alone(*names: str) -> Change:
+    return lambda value, _: dict.fromkeys(names, value)
+
+
+def _changed(options: T, changes: Mapping[str, Any]) -> T:
+    own = {name: value for name, value in changes.items() if hasattr(options, name)}
+    return replace(options, **own)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,14 +130,16 @@ class Sweep(Study, Conditioned):
 
     def setup(self, cell: Cell) -> Setup:
         """What a cell is run with."""
-        setup = Setup(
-            physics=self.physics,
-            noise=self.condition_of(cell).sensors,
-            settings=paper_settings(self.paper_windows, self.paper_exclusions),
-            window=WindowChoice(),
-        )
         part = next(part for part in self.parts() if part.name == cell["part"])
-        return part.change(setup, cell["value"], cell["seed"])
+        changes = part.change(cell["value"], cell["seed"])
+        samples = changes.get("window")
+        windows = (samples,) if samples else self.paper_windows
+        return Setup(
+            physics=_changed(self.physics, changes),
+            noise=_changed(self.condition_of(cell).sensors, changes),
+            settings=paper_settings(windows, self.paper_exclusions),
+            window=WindowChoice(samples=samples),
+        )
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one recording, the published one in each of its settings."""
@@ -140,15 +151,13 @@ class Sweep(Study, Conditioned):
         )
         return [
             cell
-            | contest(method, recording, options)
+            | row
             | {
-                "window": setting.window if setting else None,
-                "exclusion": setting.exclusion if setting else None,
+                "window": setting.window.samples if setting else None,
+                "exclusion": setting.exclusion_threshold if setting else None,
             }
-            | bound_columns(clean, setup.noise, alone=method != "matched")
-            for method, setting, options in contestants(
-                METHODS, recording, guess, setup.settings, setup.window
-            )
+            | bound_columns(clean, setup.noise, alone=row["method"] != "matched")
+            for setting, row in contest(METHODS, recording, guess, setup.settings, setup.window)
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
@@ -272,7 +281,7 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     for line, (key, scale, unit) in enumerate(_ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
-            draw_curves(axes, _curves(best_points(mine), key, scale))
+            _draw_errors(axes, best_points(mine), key, scale)
             if line == 0:
                 axes.set_title(str(mine[0]["condition"]))
             else:
@@ -288,37 +297,24 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     save_svg(figure, path)
 
 
-def _curves(points: list[list[Row]], key: str, scale: float) -> list[Curve]:
+def _draw_errors(axes: Axes, points: list[list[Row]], key: str, scale: float) -> None:
     """The error of each method over the parameter, then the two bounds."""
-    methods: dict[str, list[list[Row]]] = {}
-    for point in points:
-        methods.setdefault(point[0]["method"], []).append(point)
-    curves = [
-        Curve(
-            name=method,
-            x=[point[0]["value"] for point in mine],
-            y=[scale * root_mean_square(point, key) for point in mine],
-        )
-        for method, mine in methods.items()
-    ]
-    for name, everything in ("bound, pose alone", False), ("bound, all unknowns", True):
-        bounds = {
+    for place, method in enumerate(dict.fromkeys(point[0]["method"] for point in points)):
+        mine = [point for point in points if point[0]["method"] == method]
+        errors = [scale * root_mean_square(point, key) for point in mine]
+        values = [point[0]["value"] for point in mine]
+        draw_curve(axes, method, values, errors, color=COLOURS[place])
+    bounds = ("bound, pose alone", False, "--"), ("bound, all unknowns", True, ":")
+    for name, everything, style in bounds:
+        bound = {
             point[0]["value"]: scale * mean(point, f"bound_{key}")
             for point in points
             if (point[0]["method"] == "matched") == everything
         }
-        x, y = list(bounds), list(bounds.values())
-        curves.append(Curve(name=name, x=x, y=y, dashed=True, dotted=everything))
-    return curves
-
-
-def _with_noise(name: str) -> Change:
-    """A number of the sensors' noise."""
-    return lambda setup, value, _: _noisy(setup, **{name: value})
-
-
-def _noisy(setup: Setup, **noise: Any) -> Setup:
-    return replace(setup, noise=replace(setup.noise, **noise))
+        draw_curve(
+            axes, name, list(bound), list(bound.values()), color="black", linestyle=style, marker=""
+        )
+    logarithmic(axes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -337,14 +333,8 @@ class WindowStudy(Sweep):
     def parts(self) -> list[Part]:
         """Seconds, so that rates can be compared."""
         rate = self.imu_rate
-
-        def change(setup: Setup, value: float, _: int) -> Setup:
-            samples = round(value * rate)
-            settings = dict.fromkeys(replace(s, window=samples) for s in setup.settings)
-            return replace(setup, window=WindowChoice(samples=samples), settings=tuple(settings))
-
         seconds = tuple(samples / rate for samples in self.samples)
-        return [Part("window", "window s", seconds, change)]
+        return [Part("window", "window s", seconds, lambda s, _: {"window": round(s * rate)})]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -365,8 +355,8 @@ class EncoderStudy(Sweep):
     def parts(self) -> list[Part]:
         """Noise, and quantisation."""
         return [
-            Part("noise", "encoder noise rad", self.noise, _with_noise("encoder_noise")),
-            Part("step", "encoder step rad", self.step, _with_noise("encoder_step")),
+            Part("noise", "encoder noise rad", self.noise, _alone("encoder_noise")),
+            Part("step", "encoder step rad", self.step, _alone("encoder_step")),
         ]
 
 
@@ -389,28 +379,24 @@ class BiasStudy(Sweep):
         """One kind of bias at a time: constant biases, then walks."""
 
         def vector(name: str) -> Change:
-            def change(setup: Setup, norm: float, seed: int) -> Setup:
+            def change(norm: float, seed: int) -> Mapping[str, Any]:
                 direction = np.random.default_rng(seed).normal(size=3)  # the same for every norm
-                bias = norm * direction / np.linalg.norm(direction)
-                return _noisy(setup, **{name: tuple(bias.tolist())})
+                return {name: tuple((norm * direction / np.linalg.norm(direction)).tolist())}
 
             return change
 
-        walk = "bias walk"
+        accel, gyro = "accelerometer bias", "gyroscope bias"
         return [
-            Part("accel", "accelerometer bias m/s²", self.accel_bias, vector("accel_bias")),
-            Part("gyro", "gyroscope bias rad/s", self.gyro_bias, vector("gyro_bias")),
+            Part("accel", f"{accel} m/s²", self.accel_bias, vector("accel_bias")),
+            Part("gyro", f"{gyro} rad/s", self.gyro_bias, vector("gyro_bias")),
             Part(
                 "accel-walk",
-                f"accelerometer {walk} m/s²/√s",
+                f"{accel} walk m/s²/√s",
                 self.accel_bias_walk,
-                _with_noise("accel_bias_walk"),
+                _alone("accel_bias_walk"),
             ),
             Part(
-                "gyro-walk",
-                f"gyroscope {walk} rad/s/√s",
-                self.gyro_bias_walk,
-                _with_noise("gyro_bias_walk"),
+                "gyro-walk", f"{gyro} walk rad/s/√s", self.gyro_bias_walk, _alone("gyro_bias_walk")
             ),
         ]
 
@@ -433,23 +419,9 @@ class RateStudy(Sweep):
 
     def parts(self) -> list[Part]:
         """Both rates alike, and the robot's alone."""
-        imu_rate = self.imu_rate
-
-        def at(setup: Setup, imu_rate: float, robot_rate: float) -> Setup:
-            physics = replace(setup.physics, imu_rate=imu_rate, robot_rate=robot_rate)
-            return replace(setup, physics=physics)
-
+        at = f"robot's rate Hz, IMU at {self.imu_rate:g}"
+        together = _alone("imu_rate", "robot_rate")
         return [
-            Part(
-                "together",
-                "rate of IMU and robot Hz",
-                self.together,
-                lambda setup, value, _: at(setup, value, value),
-            ),
-            Part(
-                "robot",
-                f"robot's rate Hz, IMU at {imu_rate:g}",
-                self.robot,
-                lambda setup, value, _: at(setup, imu_rate, value),
-            ),
+            Part("together", "rate of IMU and robot Hz", self.together, together),
+            Part("robot", at, self.robot, _alone("robot_rate")),
         ]
