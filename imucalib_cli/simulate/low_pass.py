@@ -32,12 +32,9 @@ class LowPass:
 
     @classmethod
     def of(cls, bandwidth: float, rate: float, step: float) -> LowPass:
-        """Design it.
+        """Design it for a bandwidth, Hz, where half of the power passes.
 
-        Args:
-            bandwidth: Hz, where half of the power passes.
-            rate: Hz, of what is reported.
-            step: s, the longest between inner readings.
+        A reading of the rate, Hz, is made of inner ones at most a step, s, apart.
 
         Raises:
             InputError: The bandwidth is beyond half of the inner rate.

@@ -30,14 +30,8 @@ def model_xml(
 ) -> str:
     """Write the model with a gyroscope and an accelerometer at the mount of each IMU.
 
-    With a camera, sensors of its pose in the world (position, quaternion wxyz) follow.
-
-    Args:
-        system: What to model.
-        imus: The link that carries each IMU, its true orientation R_parent_imu (3, 3) and
-            position t_parent_imu (3,), m.
-        gravity_world: (3,), m/s².
-        camera: The link that carries the camera, R_link_camera (3, 3), p_link_camera (3,), m.
+    With a camera, sensors of its pose in the world (position, quaternion wxyz) follow. A mount is a
+    link and R (3, 3) and p (3,), m, in it.
 
     Raises:
         InputError: A link of an IMU is not in the configuration.

@@ -43,11 +43,6 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
 
     The same recording, options and seed give the same numbers, bit for bit.
 
-    Args:
-        recording: Made by :func:`imucalib_cli.simulate.physics.record`, not yet corrupted.
-        noise: Errors to add.
-        seed: Of all random streams.
-
     Raises:
         InputError: An option is out of range, or the recording is corrupted already.
     """
@@ -134,12 +129,7 @@ def _corrupt_imu(imu: ImuRecord, noise: NoiseOptions, seed: np.random.SeedSequen
 
 
 def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
-    """Standard deviation of the white noise of each sample and axis, m/s² and rad/s.
-
-    Args:
-        noise: With one-sided densities: a sample's is density * sqrt(rate / 2).
-        imu: Whose rate it is at.
-    """
+    """Standard deviation of the white noise of each sample and axis, m/s² and rad/s."""
     to_sample = np.sqrt(0.5 / _interval(imu))
     return (
         float(np.hypot(noise.accel_noise * to_sample, noise.accel_white)),

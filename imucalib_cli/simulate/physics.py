@@ -49,11 +49,11 @@ def record(
     *,
     camera: CameraConfig | None = None,
 ) -> Recording:
-    """Simulate a system without noise.
+    """Simulate a system without noise; options that are None are the system's own.
 
     Args:
         system: The system and its motion.
-        options: Rates, duration, gravity, mount; None takes the system's own.
+        options: Rates, duration, gravity, mount.
         progress: Called now and then with the share done, 0 to 1.
         camera: Record its view too; its optical frame is one of the system's, as in
             :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.

@@ -57,13 +57,9 @@ class Bound:
 def cramer_rao(
     clean: Recording, accel_std: float, gyro_std: float, unknown: Collection[str] = tuple(NUISANCES)
 ) -> Bound:
-    """Bound for white noise of known size on each sample.
+    """Bound for white noise of accel_std, m/s², and gyro_std, rad/s, on each sample and axis.
 
-    Args:
-        clean: The recording without noise.
-        accel_std: Of a sample, per axis, m/s².
-        gyro_std: Of a sample, per axis, rad/s.
-        unknown: Of NUISANCES; the published method takes all of them for known.
+    The published method takes all NUISANCES for known.
     """
     imu, path = streams_of(clean)
     inside = slice(2, len(imu.t) - 2)
@@ -100,13 +96,7 @@ def cramer_rao(
 
 @cache  # a study needs the same for every seed
 def bound_columns(clean: Recording, noise: NoiseOptions, *, alone: bool) -> Row:
-    """Least root-mean-square errors of any unbiased estimator; None without IMU noise.
-
-    Args:
-        clean: The recording without noise.
-        noise: Its white noise of the IMU is used.
-        alone: Whether only the pose is unknown.
-    """
+    """Least errors of any estimator, root mean square; None without white noise of the IMU."""
     accel, gyro = white_std(noise, clean.imu)
     if accel == 0.0 or gyro == 0.0:
         return {"bound_translation": None, "bound_rotation": None}

@@ -106,13 +106,7 @@ def paper_settings(
     exclusions: Sequence[float],
     residuals: Sequence[Literal["l1", "components"]] = ("l1",),
 ) -> tuple[PaperOptions, ...]:
-    """What we do not know of the published method: every window with every exclusion and residual.
-
-    Args:
-        windows: Samples.
-        exclusions: m/s², second difference over which a sample is dropped; 0 drops none.
-        residuals: One L1 sum an instant, or its six components.
-    """
+    """What we do not know of the published method: window, samples, exclusion, m/s², residual."""
     return tuple(
         PaperOptions(window=WindowChoice(samples=window), exclusion_threshold=limit, residual=kind)
         for window, limit, kind in product(windows, exclusions, residuals)
@@ -143,17 +137,11 @@ class Pose:
 
 
 def wrong_guess(recording: Recording, translation: float, rotation: float, seed: int) -> Pose:
-    """The truth, displaced and turned by vectors of fixed norm and random direction.
+    """The truth, moved by a distance, m, and turned by an angle, rad, in random directions.
 
-    The directions are uniform on the sphere (section 4.1 of the paper). The paper adds its vector
-    to the rotation vector. Here it is a rotation on the left, so that the error's angle is the
-    stated one.
-
-    Args:
-        recording: Recording with the truth.
-        translation: Norm, m.
-        rotation: Angle, rad.
-        seed: Of the two directions.
+    They are uniform on the sphere (section 4.1 of the paper). The paper adds its vector to the
+    rotation vector. Here it is a rotation on the left, so that the error's angle is the stated
+    one.
     """
     directions = np.random.default_rng(seed).normal(size=(2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

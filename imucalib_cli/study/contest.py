@@ -75,14 +75,7 @@ def contest(
     settings: Sequence[PaperOptions],
     window: WindowChoice | None = None,
 ) -> Iterator[tuple[PaperOptions | None, Row]]:
-    """Errors of methods on a recording: the published one in each of its settings, ours once.
-
-    Args:
-        methods: Of METHODS.
-        recording: Recording to calibrate.
-        guess: Start of the published method; ours needs none.
-        settings: Of the published method.
-        window: Window of the matched filters; default: chosen automatically.
+    """Calibrate by methods: the published one from a guess in each of its settings, ours once.
 
     Yields:
         The setting, and a row: method, translation and rotation (norm, m; angle, rad), the paper's

@@ -38,13 +38,7 @@ def new_figure(
     size: tuple[float, float] | None = None,
     share_x: bool = False,
 ) -> tuple[Canvas, list[Axes]]:
-    """An empty figure and its panels, row by row, without pyplot's global state.
-
-    Args:
-        rows: Of panels.
-        columns: Of panels.
-        size: Inches; default grows with the panels.
-        share_x: Whether panels above each other have the same abscissa.
+    """An empty figure and its panels, row by row, without pyplot's global state; size in inches.
 
     Raises:
         InputError: matplotlib is not installed.

@@ -32,11 +32,6 @@ _SHARPEST = 1e-9
 """Smallest lower limit, relative to the median residual."""
 
 
-def absolute_sum(cost: PoseCost, pose: Pose) -> float:
-    """The sum of absolute residuals."""
-    return float(np.abs(cost.residuals(pose)).sum())
-
-
 def by_reweighting(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
     """Iteratively reweighted least squares from a guess.
 
@@ -97,14 +92,10 @@ def by_relaxation(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
 
 
 def least_absolute(J: Floats, r: Floats) -> Floats:
-    """The x that minimises the sum of |J x + r|, by its dual linear program.
+    """The x (n,) of the least sum of |J x + r|, J (M, n), by its dual linear program.
 
     The dual, max r' y over J' y = 0 and |y| <= 1, has one constraint for each component of x, and x
     is the vector of their multipliers.
-
-    Args:
-        J: (M, n).
-        r: (M,).
 
     Raises:
         InputError: The program is not solved.

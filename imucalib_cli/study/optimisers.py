@@ -17,12 +17,7 @@ from imucalib_cli.estimate.solution.solve import Known, solve_globally
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
 from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.contest import pose_only
-from imucalib_cli.study.least_absolute import (
-    absolute_sum,
-    by_linear_programs,
-    by_relaxation,
-    by_reweighting,
-)
+from imucalib_cli.study.least_absolute import by_linear_programs, by_relaxation, by_reweighting
 from imucalib_cli.study.methods.spline import right_jacobian
 
 if TYPE_CHECKING:
@@ -30,6 +25,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.study.pose_cost import PoseCost
+    from imucalib_cli.study.study import Row
 
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
 """The cost: the sum of squares, of squared L1 sums per instant, of absolute values, or of a robust
@@ -56,25 +52,10 @@ class Optimiser:
     run: Run
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Solved:
-    """Result of an optimiser."""
+def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> tuple[Pose, Row]:
+    """The pose that it finds; value of what it minimises, evaluations of all residuals, seconds.
 
-    pose: Pose
-    evaluations: int
-    """Of all residuals, those for derivatives included."""
-    seconds: float
-    value: float
-    """Of what it minimises."""
-
-
-def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> Solved:
-    """Run it.
-
-    Args:
-        optimiser: Which.
-        costs: Residuals by kind; scaled ones are made from the unscaled.
-        guess: Start, for those that need it.
+    Scaled residuals are made from the unscaled.
     """
     begun = time.perf_counter()
     evaluations, cost = 0, costs["published" if optimiser.cost != "matched" else "matched"]
@@ -83,19 +64,15 @@ def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> 
         cost = cost.scaled(first)
     pose, more = optimiser.run(cost, guess)
     seconds = time.perf_counter() - begun
-    return Solved(
-        pose=pose,
-        evaluations=evaluations + more,
-        seconds=seconds,
-        value=value_of(cost, pose, optimiser.kind),
-    )
+    value = value_of(cost, pose, optimiser.kind)
+    return pose, {"value": value, "evaluations": evaluations + more, "seconds": seconds}
 
 
 def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
     """The cost at a pose."""
-    if kind == "absolute values":
-        return absolute_sum(cost, pose)
     left = cost.residuals(pose)
+    if kind == "absolute values":
+        return float(np.abs(left).sum())
     if kind == "squared sums":
         left = np.abs(left).reshape(-1, 6).sum(axis=1)
     z = left**2

@@ -57,13 +57,7 @@ def over_bound(rows: Sequence[Row], key: str) -> float:
 
 
 def best_setting(rows: Sequence[Row], badness: Callable[[list[Row]], Any], *keys: str) -> list[Row]:
-    """Rows of the setting with the least badness; of a method without settings, all.
-
-    Args:
-        rows: Of one method.
-        badness: Function of rows; the best setting has the least.
-        keys: Keys of a row that define its setting; default ``setting``.
-    """
+    """Rows of the setting (default keys: ``setting``) with the least badness; of one method."""
     return min(groups(rows, *(keys or ("setting",))), key=badness, default=[])
 
 

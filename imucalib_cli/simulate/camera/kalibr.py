@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.simulate.camera.view import camera_mount
+from imucalib_cli.simulate.camera.view import seen_from_camera
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -121,21 +120,15 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
     Raises:
         InputError: The camera and the IMU are not on the same link.
     """
-    frame = camera.config.frame.link
-    link, R, p = camera_mount(recording.system, frame)
-    if link != recording.system.parent:
-        raise InputError(
-            f"{frame} is on {link} and the IMU on {recording.system.parent}: a camera that is "
-            "calibrated with an IMU has to be on its link"
-        )
     T_camera_imu = np.eye(4)
-    T_camera_imu[:3, :3] = R.T @ recording.R_parent_imu
-    T_camera_imu[:3, 3] = R.T @ (recording.t_parent_imu - p)
+    T_camera_imu[:3, :3], T_camera_imu[:3, 3] = seen_from_camera(
+        recording, camera, recording.R_parent_imu, recording.t_parent_imu
+    )
     offset = recording.noise.camera_offset
     target = camera.config.target
     tags = np.isfinite(camera.corners[..., 0]).sum(axis=1) // 4
     return {
-        "frame": frame,
+        "frame": camera.config.frame.link,
         "T_cam_imu": T_camera_imu.tolist(),
         "T_imu_cam": np.linalg.inv(T_camera_imu).tolist(),
         "time_offset": offset,

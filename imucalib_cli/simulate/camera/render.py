@@ -31,12 +31,7 @@ class Images:
     """
 
     def __init__(self, record: CameraRecord, noise: NoiseOptions, seed: int) -> None:
-        """Draw the board's picture.
-
-        Args:
-            record: Poses of camera and target.
-            noise: Its ``image_noise`` and ``image_blur`` are used.
-            seed: Of the noise; every image has a stream of its own.
+        """Draw the board's picture; every image has a stream of noise of its own.
 
         Raises:
             InputError: OpenCV is not installed, or the board cannot be drawn.

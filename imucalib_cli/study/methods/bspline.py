@@ -201,11 +201,6 @@ def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, i
 def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOptions) -> Answer:
     """Find the IMU's pose in its parent link.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link.
-        options: Noise of the sensors, knots, what is unknown.
-
     Raises:
         InputError: Too few samples, streams that do not overlap, turns beyond what a rotation
             vector can carry, or motion that leaves an unknown open.
@@ -220,12 +215,6 @@ def calibrate_bspline_camera(
 
     Each image's corners are used as their PnP pose, weighted by its information matrix. That is the
     reprojection error to second order; for noise of tenths of a pixel higher orders are negligible.
-
-    Args:
-        imu: As stamped.
-        camera: Corners of a target that does not move.
-        options: Noise of the IMU, knots, what is unknown; the corners' noise is taken from their
-            scatter.
 
     Raises:
         InputError: OpenCV is missing, the target is hardly seen, or as calibrate_bspline.
@@ -257,12 +246,7 @@ def prepare(
 ) -> tuple[Problem, State]:
     """Data, and a start: rotation, time offset and biases of the gyro-first method, no lever arm.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link.
-        options: Noise of the sensors, knots, what is unknown.
-        whiten: (N, 6, 6), for each pose of the path; default by their scatter about their own
-            spline.
+    Poses are whitened by (N, 6, 6), or by their scatter about their own spline.
 
     Raises:
         InputError: As calibrate_bspline.

@@ -54,14 +54,9 @@ def observations_of(camera: CameraRecord) -> CameraObservations:
 
 
 def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
-    """Pose of the target in the optical frame with the least reprojection error.
+    """The target in the optical frame, by the least reprojection error of its corners (K, 2).
 
-    Args:
-        camera: Target and lens.
-        corners: (K, 2), pixels; NaN where not found.
-
-    Returns:
-        R_camera_target and p_camera_target; None where too few corners were found or nothing fits.
+    None where too few are found (the others are NaN), or nothing fits.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -83,12 +78,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
 def corner_information(
     camera: CameraObservations, corners: Floats, pose: Pose
 ) -> tuple[Floats, Floats]:
-    """Information of one image's corners on the camera's pose, for corners of unit noise.
-
-    Args:
-        camera: Target and lens.
-        corners: (K, 2), pixels; NaN where not found.
-        pose: Of the target in the camera, found by :func:`target_pose`.
+    """What corners (K, 2) of unit noise tell of the camera, with the target at a pose in it.
 
     Returns:
         Information (6, 6) of p_target_camera and the rotation of R_target_camera in the camera's

@@ -54,11 +54,6 @@ def calibrate_gyro_first(
 ) -> Answer:
     """Find the IMU's pose in its parent link.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link.
-        options: Filter, what is unknown.
-
     Raises:
         InputError: Too few samples, or the streams do not overlap.
     """

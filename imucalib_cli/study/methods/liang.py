@@ -51,12 +51,7 @@ class LiangOptions:
 
 
 def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangOptions) -> Answer:
-    """Find the IMU's pose in the camera's optical frame.
-
-    Args:
-        imu: As stamped.
-        camera: Corners of a target that does not move.
-        options: Variant and thresholds.
+    """Find the IMU's pose in the camera's optical frame; the target does not move.
 
     Raises:
         InputError: OpenCV is missing; too few moves between standstills at which the target is
@@ -185,14 +180,7 @@ class StillOptions:
 
 
 def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -> list[Still]:
-    """Find standstills from the IMU alone: transitions between motion and stillness.
-
-    Args:
-        t: (N,), s, even but for jitter.
-        gyro: (N, 3), rad/s.
-        accel: (N, 3), m/s².
-        options: Criteria for a standstill.
-    """
+    """Find standstills from the IMU alone; t is even but for jitter."""
     samples = max(round(options.window / float(np.median(np.diff(t)))), 4)
     if len(t) < 2 * samples:
         return []
@@ -252,7 +240,7 @@ class Displacement:
 def integrate(
     t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
 ) -> Displacement:
-    """Integrate bias-free samples from rest.
+    """Integrate bias-free samples from rest: t (N,), s; gyro (N, 3), rad/s; accel (N, 3), m/s².
 
     Rates are means of neighbouring samples, accelerations vary linearly between them.
 

@@ -14,6 +14,7 @@ from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.simulate.load import load_system
 from imucalib_cli.study.conditions import Pose, Recorded, wrong_guess
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording, streams_of
@@ -119,11 +120,9 @@ class DerivationStudy(Study, Recorded):
         """Difference of derived and measured acceleration, near starts and stops and elsewhere."""
         setting = cell["figure"], cell["filter"], cell["window"]
         found = self._compared(*setting, cell["exclusion"] or 0.0)
-        brusque = self._brusque(found)
-        apart = found.mismatch
-        recording, _ = self._recording_and_guess(cell["figure"])
-        weightless = None  # the same motion without gravity, if there is any
-        if recording.gravity_world.any():
+        brusque, apart = self._brusque(found), found.mismatch
+        system, weightless = PLATES[cell["figure"]][0], None
+        if load_system(system).gravity:  # the same motion without it
             light = self._compared(*setting, gravity=0.0)
             weightless = _rms(light.mismatch[~self._brusque(light)])
         row: Row = {
@@ -135,7 +134,7 @@ class DerivationStudy(Study, Recorded):
             "kept": _rms(apart[found.kept]),
             "excluded": float(np.mean(~found.kept)),
             "weightless": weightless,
-            "system": recording.system.name,
+            "system": system,
         }
         return [cell | row]
 
@@ -176,25 +175,11 @@ class DerivationStudy(Study, Recorded):
     def _draw(self, number: int, path: Path) -> None:
         system, guess = PLATES[number]
         window, drawn = self.drawn_window, self.drawn_exclusion
-        zoom = self.zoom.barbot if system == "barbot" else self.zoom.rihibot
         draw_comparison(
             path,
             f"{system}, {guess}, window of {window} samples",
             {name: self._compared(number, name, window, drawn) for name in FILTERS},
-            zoom,
-        )
-
-    def _recording_and_guess(
-        self, figure: int, gravity: float | None = None
-    ) -> tuple[Recording, Pose]:
-        system, error = PLATES[figure]
-        recording = clean_recording(system, replace(self.physics, gravity=gravity))
-        wrong = float(error == "initial error")
-        return recording, wrong_guess(
-            recording,
-            wrong * self.initial_translation,
-            wrong * math.radians(self.initial_rotation_deg),
-            self.initial_seed,
+            getattr(self.zoom, system),
         )
 
     def _compared(
@@ -206,7 +191,15 @@ class DerivationStudy(Study, Recorded):
         *,
         gravity: float | None = None,
     ) -> Comparison:
-        recording, guess = self._recording_and_guess(figure, gravity)
+        system, error = PLATES[figure]
+        recording = clean_recording(system, replace(self.physics, gravity=gravity))
+        wrong = float(error == "initial error")
+        guess = wrong_guess(
+            recording,
+            wrong * self.initial_translation,
+            wrong * math.radians(self.initial_rotation_deg),
+            self.initial_seed,
+        )
         if name == "matched":
             return compared_by_matched(recording, guess, window)
         return compared_by_paper(recording, guess, window, exclusion)
@@ -257,14 +250,7 @@ def _rms(values: Floats) -> float | None:
 def compared_by_paper(
     recording: Recording, guess: Pose, window: int, exclusion: float
 ) -> Comparison:
-    """The published filter: derivatives of the pose, and measurements smoothed likewise.
-
-    Args:
-        recording: Noise-free or not.
-        guess: Pose of the IMU to assume.
-        window: Samples.
-        exclusion: m/s², of the second difference over which a sample is dropped.
-    """
+    """The published filter: derivatives of the pose, and measurements smoothed likewise."""
     imu, path = streams_of(recording)
     options = PaperOptions(
         window=WindowChoice(samples=window), degree=_DEGREE, exclusion_threshold=exclusion
@@ -284,13 +270,7 @@ def compared_by_paper(
 
 
 def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Comparison:
-    """The matched filters: the measurements are averaged by the kernel of the derivative.
-
-    Args:
-        recording: With an even IMU rate and no gaps.
-        guess: Pose of the IMU to assume.
-        window: Samples.
-    """
+    """The matched filters: measurements are averaged by the kernel of the derivative; no gaps."""
     imu, path = streams_of(recording)
     trajectory = Trajectory.of(path)
     inside = trajectory.covered(imu.t)
@@ -314,14 +294,7 @@ def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Compa
 
 
 def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Bools:
-    """Samples at which acceleration changes abruptly: starts and stops of motion.
-
-    Args:
-        t: (N,), s, even.
-        accel: (N,), m/s².
-        jerk: m/s³, above which the change is abrupt.
-        margin: s, included on either side.
-    """
+    """Samples (N,), even in time, within a margin, s, of a jerk, m/s³: starts and stops."""
     dt = float(np.median(np.diff(t)))
     sudden = np.abs(np.gradient(accel, dt)) > jerk
     reach = np.ones(2 * max(round(margin / dt), 1) + 1)
@@ -331,17 +304,7 @@ def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Bools:
 def draw_comparison(
     path: Path, title: str, found: dict[str, Comparison], zoom: tuple[float, float]
 ) -> None:
-    """Draw a figure of the paper for each filter, side by side.
-
-    Args:
-        path: SVG to write.
-        title: Of the whole.
-        found: By the name of the filter.
-        zoom: First and last instant of the enlarged rows, s.
-
-    Raises:
-        InputError: matplotlib is missing, or the file cannot be written.
-    """
+    """Draw a figure of the paper for each filter, side by side; parts from zoom, s, enlarged."""
     figure, panels = new_figure(4, len(found), size=(10.0, 10.0))
     for place, (name, one) in enumerate(found.items()):
         panel = panels[place :: len(found)]
@@ -356,12 +319,10 @@ def draw_comparison(
         panel[3].set_xlabel("s")
         for axes in panel:
             axes.legend(loc="upper right", fontsize=7)
-    lowest, highest = (
-        limit(axes.get_ylim()[side] for axes in panels[3 * len(found) :])
-        for side, limit in ((0, min), (1, max))
-    )
-    for axes in panels[3 * len(found) :]:
-        axes.set_ylim(lowest, highest)
+    bottom = panels[3 * len(found) :]
+    lowest, highest = zip(*(axes.get_ylim() for axes in bottom), strict=True)
+    for axes in bottom:
+        axes.set_ylim(min(lowest), max(highest))
     figure.suptitle(title)
     save_svg(figure, path)
 

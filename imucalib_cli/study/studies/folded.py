@@ -96,16 +96,7 @@ class FoldedStudy(Study, Recorded):
         noise_seed: int,
         initial_error: tuple[float, float],
     ) -> list[Row]:
-        """Run all methods on a recording without a fold.
-
-        Args:
-            methods: To run.
-            cell: With ``fold`` and ``seed``.
-            clean: The recording without noise.
-            noise: To add.
-            noise_seed: Of it.
-            initial_error: Of the guess that the published method starts from, m and rad.
-        """
+        """Run methods on a recording without a fold, from a guess off by m and rad."""
         moves = moves_of(clean.system, self.duration or clean.system.duration)
         held_out = stratified_folds(moves, self.folds)[cell["fold"]]
         guess = wrong_guess(clean, *initial_error, self.seed_of(cell))
@@ -127,13 +118,7 @@ def steadily_small(rows: list[Row]) -> tuple[int, float]:
 def in_best_setting(
     rows: Sequence[Row], badness: Callable[[list[Row]], Any], *keys: str
 ) -> list[Row]:
-    """Rows in the best setting of each group: the upper limit of tuning.
-
-    Args:
-        rows: Of a study.
-        badness: What the best setting has least of.
-        keys: What makes a group.
-    """
+    """Rows in the setting of least badness of each group by keys: the upper limit of tuning."""
     return [row for group in groups(rows, *keys) for row in best_setting(group, badness)]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
-from imucalib_cli.simulate.camera.view import camera_mount
+from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
@@ -286,12 +286,7 @@ def _number(quoted: str) -> float:
 
 
 def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
-    """What methods are given of a recording, noisy or not.
-
-    Args:
-        recording: With a camera.
-        study: How methods are set.
-        seed: Of RANSAC's draws.
+    """What methods are given of a recording with a camera; the seed is of RANSAC's draws.
 
     Raises:
         ValueError: The recording has no camera.
@@ -339,7 +334,8 @@ def row_of(cost: Cost[Answer], recording: Recording) -> Row:
     """Errors of T_camera_imu, and what they cost.
 
     Raises:
-        ValueError: The recording has no camera, or one on another link than the IMU.
+        ValueError: The recording has no camera.
+        InputError: It is not on the IMU's link.
     """
     row: Row = {
         "seconds": cost.seconds,
@@ -353,12 +349,10 @@ def row_of(cost: Cost[Answer], recording: Recording) -> Row:
         return row | NO_ERRORS | {"time_offset": None, "evaluations": None}
     if recording.camera is None:
         raise ValueError("the recording has no camera")
-    link, R, p = camera_mount(recording.system, recording.camera.config.frame.link)
-    if link != recording.system.parent:
-        raise ValueError("the camera is not on the IMU's link")
     found = answer.R_frame_imu, answer.t_frame_imu
     if answer.frame == "parent":
-        found = R.T @ answer.R_frame_imu, R.T @ (answer.t_frame_imu - p)
-    truth = R.T @ recording.R_parent_imu, R.T @ (recording.t_parent_imu - p)
+        found = seen_from_camera(recording, recording.camera, *found)
+    truth = recording.R_parent_imu, recording.t_parent_imu
+    truth = seen_from_camera(recording, recording.camera, *truth)
     effort: Row = {"time_offset": answer.time_offset, "evaluations": answer.evaluations}
     return row | asdict(pose_error(*found, *truth)) | effort

@@ -184,13 +184,10 @@ class Sweep(Study, Conditioned):
 
 
 def best_points(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of each value and method, in the order of the rows.
+    """The rows of each value and method, in the order of the rows, under one condition.
 
     Where the published method was run in several settings, those of the one that answers most
     often and, of these, with the least error of translation: the most that tuning could do for it.
-
-    Args:
-        rows: Of one system, part and condition.
     """
     return [
         best_setting(mine, _badness, "window", "exclusion")
@@ -223,13 +220,7 @@ _COLUMNS: tuple[Column, ...] = (
 
 
 def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
-    """Errors of every method at every value.
-
-    Args:
-        title: Of the table.
-        words: What is swept, with its unit.
-        rows: Of one system, part and condition.
-    """
+    """Errors of every method at every value, under one condition; words with the value's unit."""
     return lay_out(title, (number("value", words), *_COLUMNS), best_points(rows))
 
 
@@ -269,13 +260,7 @@ def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
 
 
 def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
-    """Translation above, rotation below, a column of panels a condition.
-
-    Args:
-        rows: Of one system and part.
-        words: What is swept, with its unit.
-        path: The SVG.
-    """
+    """Translation above, rotation below, a column of panels a condition."""
     conditions = groups(rows, "condition")
     figure, panels = new_figure(len(_ERRORS), len(conditions), share_x=True)
     for line, (key, scale, unit) in enumerate(_ERRORS):
