@@ -19,13 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.common import clean_recording, grade
+from benchmarks.common import grade, table
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.recordings import clean_recording
 from tools.errors import error_of
 from tools.faults import Fault, misdescribed, with_faulty_sensor
 
@@ -205,18 +206,18 @@ def main() -> None:
     ]
     with ProcessPoolExecutor() as pool:
         verdicts = list(pool.map(judge, *zip(*cases, strict=True)))
-    table: dict[str, Counter[str]] = {}
-    for verdict in verdicts:
-        table.setdefault(verdict.fault.kind, Counter())[verdict.named] += 1
-    print("| told | named | names and figures right | untrusted | ok though off by 3 sigma |")
-    print("|---|---|---|---|---|")
-    for kind, counts in table.items():
+    line = table(
+        "told", "named", "names and figures right", "untrusted", "ok though off by 3 sigma"
+    )
+    for kind in dict.fromkeys(verdict.fault.kind for verdict in verdicts):
         own = [verdict for verdict in verdicts if verdict.fault.kind == kind]
         named = [v for v in own if v.named == NAMED.get(kind, kind)]
-        print(
-            f"| {kind} | {', '.join(f'{name} {n}' for name, n in counts.most_common())} | "
-            f"{sum(v.right for v in named)} of {len(named)} | "
-            f"{sum(not v.trusted for v in own)} of {len(own)} | {sum(v.wrong_ok for v in own)} |"
+        line(
+            kind,
+            ", ".join(f"{name} {n}" for name, n in Counter(v.named for v in own).most_common()),
+            f"{sum(v.right for v in named)} of {len(named)}",
+            f"{sum(not v.trusted for v in own)} of {len(own)}",
+            sum(v.wrong_ok for v in own),
         )
     print()
     for verdict in verdicts:

@@ -10,10 +10,6 @@ counts on a shared machine.
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 import statistics
 import subprocess
@@ -25,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.highlevel import AnyReader
 
+from benchmarks.common import table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.logs.clock import choose_clock
@@ -112,11 +109,11 @@ def measure_runs(log: Path, urdf: Path) -> None:
         for name, command in commands.items():
             found[name].append(spent(command))
     theirs = statistics.median(cpu for cpu, _ in found["AnyReader, two topics"])
-    print("\n| whole process | median CPU s | over AnyReader | MB |")
-    print("|---|---|---|---|")
+    print()
+    line = table("whole process", "median CPU s", "over AnyReader", "MB")
     for name, values in found.items():
         cpu = statistics.median(cpu for cpu, _ in values)
-        print(f"| {name} | {cpu:.2f} | {cpu / theirs:.2f} | {max(mb for _, mb in values):.0f} |")
+        line(name, f"{cpu:.2f}", f"{cpu / theirs:.2f}", f"{max(mb for _, mb in values):.0f}")
 
 
 def measure(path: Path, urdf: Path) -> None:
@@ -161,10 +158,9 @@ def measure(path: Path, urdf: Path) -> None:
             if repeat > 0:
                 times[name].append(seconds)
     medians = {name: statistics.median(values) for name, values in times.items()}
-    print("| what | median s | over AnyReader |")
-    print("|---|---|---|")
+    line = table("what", "median s", "over AnyReader")
     for name, value in medians.items():
-        print(f"| {name} | {value:.3f} | {value / medians['AnyReader, IMU topic']:.2f} |")
+        line(name, f"{value:.3f}", f"{value / medians['AnyReader, IMU topic']:.2f}")
 
 
 if __name__ == "__main__":
