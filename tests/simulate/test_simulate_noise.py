@@ -17,10 +17,12 @@ from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import ImuRecord, JointRecord, PoseRecord, Recording
+from imucalib_cli.simulate.recording import ImuRecord, Recording, rows_kept
+from tests.simulate.simulate_samples import joints, pose
 
 Floats = NDArray[np.float64]
 RATE = 200.0
+_ARRAYS = ("t", "stamp", "received", "gyro", "accel")
 EVERYTHING = NoiseOptions(
     accel_noise=0.003,
     gyro_noise=2e-4,
@@ -63,18 +65,6 @@ def arm() -> Recording:
 @pytest.fixture(scope="module")
 def bar() -> Recording:
     return record(load_system("barbot"), PhysicsOptions(duration=20.0))
-
-
-def joints(recording: Recording, number: int = 0) -> JointRecord:
-    part = recording.robot[number]
-    assert isinstance(part, JointRecord)
-    return part
-
-
-def pose(recording: Recording) -> PoseRecord:
-    part = recording.robot[0]
-    assert isinstance(part, PoseRecord)
-    return part
 
 
 def test_density_becomes_the_std_of_a_sample_by_half_the_rate(long: Recording) -> None:
@@ -209,7 +199,7 @@ def test_pose_noise_has_its_std_in_translation_and_rotation(bar: Recording) -> N
 def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> None:
     clean: Recording = request.getfixturevalue(system)
     one, two, other = (corrupt(clean, EVERYTHING, seed) for seed in (7, 7, 8))
-    for field in ("t", "stamp", "received", "gyro", "accel"):
+    for field in _ARRAYS:
         np.testing.assert_array_equal(getattr(one.imu, field), getattr(two.imu, field))
     np.testing.assert_array_equal(one.robot[0].position, two.robot[0].position)
     np.testing.assert_array_equal(one.robot[0].stamp, two.robot[0].stamp)
@@ -219,14 +209,12 @@ def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> Non
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**63), n=st.integers(1, 6))
 def test_no_noise_changes_nothing_even_for_a_few_samples(seed: int, n: int) -> None:
-    clean = _FEW
-    few = replace(clean.imu, **{f: getattr(clean.imu, f)[:n] for f in _ARRAYS})
-    same = corrupt(replace(clean, imu=few), NoiseOptions(), seed)
+    few = rows_kept(_FEW.imu, np.arange(6) < n)
+    same = corrupt(replace(_FEW, imu=few), NoiseOptions(), seed)
     for field in _ARRAYS:
         np.testing.assert_array_equal(getattr(same.imu, field), getattr(few, field))
 
 
-_ARRAYS = ("t", "stamp", "received", "gyro", "accel")
 _FEW = still(6)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
@@ -24,16 +23,15 @@ from imucalib_cli.simulate.low_pass import LowPass
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import JointRecord, Recording
 from imucalib_cli.simulate.simulate import truth_of
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.simulate.config import SystemConfig
-
-Floats = NDArray[np.float64]
+    from imucalib_cli.simulate.recording import Recording
 
 ROOT = Path(__file__).parents[2]
 TOPICS = ["/imu/data", "/imu/head", *(f"/imu/{leg}_foot" for leg in ("FR", "FL", "RR", "RL"))]
@@ -54,46 +52,6 @@ def walk() -> Recording:
     """Some strides, as fast as the engine's own steps, without a low-pass."""
     options = PhysicsOptions(duration=2.5, imu_rate=4000.0, robot_rate=500.0, bandwidth=0.0)
     return record(walking_soon(), options)
-
-
-def imus_by_pinocchio(recording: Recording) -> tuple[Floats, Floats, Floats, Floats]:
-    """Gyro, specific force, R_world_imu and position of each IMU from the state."""
-    system, state = recording.system, recording.state
-    model: Any = pin.buildModelFromXML(urdf_text(system), pin.JointModelFreeFlyer())
-    frames = []
-    for imu in system.every_imu:
-        parent = model.frames[model.getFrameId(imu.parent)]
-        R = Rotation.from_euler("xyz", imu.rpy).as_matrix()
-        place = parent.placement * pin.SE3(R, np.array(imu.xyz))
-        frame = pin.Frame(f"true_{imu.link}", parent.parentJoint, 0, place, pin.OP_FRAME)
-        frames.append(model.addFrame(frame))
-    data = model.createData()
-    names = [joint.name for joint in system.joints]
-    place_q = [model.joints[model.getJointId(name)].idx_q for name in names]
-    place_v = [model.joints[model.getJointId(name)].idx_v for name in names]
-    gyro, accel, turn, position = [], [], [], []
-    for qm, vm, am in zip(state.position, state.velocity, state.acceleration, strict=True):
-        R = Rotation.from_quat(qm[[4, 5, 6, 3]]).as_matrix()
-        q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
-        q[:3], q[3:7], q[place_q] = qm[:3], qm[[4, 5, 6, 3]], qm[7:]
-        # MuJoCo's trunk: linear in the world, angular in the body; pinocchio's: both in the body.
-        v[:3], v[3:6], v[place_v] = R.T @ vm[:3], vm[3:6], vm[6:]
-        a[:3] = R.T @ am[:3] - np.cross(v[3:6], v[:3])
-        a[3:6], a[place_v] = am[3:6], am[6:]
-        pin.forwardKinematics(model, data, q, v, a)
-        pin.updateFramePlacements(model, data)
-        poses = [data.oMf[frame] for frame in frames]
-        turn.append([pose.rotation.copy() for pose in poses])
-        position.append([pose.translation.copy() for pose in poses])
-        gyro.append([pin.getFrameVelocity(model, data, f, pin.LOCAL).angular for f in frames])
-        accel.append(
-            [
-                pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
-                - pose.rotation.T @ recording.gravity_world
-                for frame, pose in zip(frames, poses, strict=True)
-            ]
-        )
-    return np.array(gyro), np.array(accel), np.array(turn), np.array(position)
 
 
 def readings(recording: Recording) -> tuple[Floats, Floats]:
@@ -128,11 +86,9 @@ def test_every_imu_reads_what_the_state_and_its_positions_say(walk: Recording) -
 
 
 def test_encoders_read_the_joints_of_the_same_instant(walk: Recording) -> None:
-    (joints,) = walk.robot
-    assert isinstance(joints, JointRecord)
-    assert joints.names == tuple(joint.name for joint in walk.system.joints)
-    assert len(joints.names) == 14
-    np.testing.assert_array_equal(joints.position, walk.state.position[::8, 7:])
+    assert joints(walk).names == tuple(joint.name for joint in walk.system.joints)
+    assert len(joints(walk).names) == 14
+    np.testing.assert_array_equal(joints(walk).position, walk.state.position[::8, 7:])
 
 
 def assert_upright(recording: Recording) -> None:
@@ -161,10 +117,8 @@ def test_it_stays_upright_through_all_walks_and_again() -> None:
     gyro = np.stack([r.gyro for r in recording.imus])
     # Each IMU turns about two axes at least, so that each component of each mount is told.
     assert (np.sort(gyro.std(axis=1), axis=1)[:, 1] > 0.3).all()
-    joints = recording.robot[0]
-    assert isinstance(joints, JointRecord)
     limits = np.radians([(joint.range_deg, joint.velocity_deg) for joint in system.joints])
-    assert (np.abs(joints.position) < limits[:, 0]).all()
+    assert (np.abs(joints(recording).position) < limits[:, 0]).all()
     assert (np.abs(recording.state.velocity[:, 6:]) < limits[:, 1]).all()
 
 

@@ -25,6 +25,7 @@ from imucalib_cli.study.studies.methods import (
     row_of,
 )
 from imucalib_cli.study.study import load_study
+from tests.study.study_samples import study as quick
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
@@ -35,10 +36,8 @@ NOISY = "ADIS16495 with biases"
 
 @pytest.fixture(scope="module")
 def study() -> MethodsStudy:
-    quick = load_study("methods", quick=True)
-    assert isinstance(quick, MethodsStudy)
-    return replace(
-        quick,
+    small: MethodsStudy = quick(
+        "methods",
         duration=14.0,
         imu_rate=100.0,
         robot_rate=100.0,
@@ -46,6 +45,7 @@ def study() -> MethodsStudy:
         paper_exclusions=(0.0,),
         paper_residuals=("l1", "components"),
     )
+    return small
 
 
 @pytest.fixture(scope="module")

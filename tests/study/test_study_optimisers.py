@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,7 +16,7 @@ from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study import least_absolute as least_absolute_module
-from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.conditions import Pose, wrong_guess
 from imucalib_cli.study.least_absolute import (
     by_linear_programs,
     by_relaxation,
@@ -27,8 +26,7 @@ from imucalib_cli.study.least_absolute import (
 from imucalib_cli.study.optimisers import OPTIMISERS, solve_by, value_of
 from imucalib_cli.study.pose_cost import PoseCost, published_cost
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.studies.optimiser import OptimiserStudy
-from imucalib_cli.study.study import load_study
+from tests.study.study_samples import study
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,18 +35,15 @@ if TYPE_CHECKING:
     from imucalib_cli.study.optimisers import Cost
 
 Floats = NDArray[np.float64]
-PHYSICS = PhysicsOptions(duration=12.0, imu_rate=100.0, robot_rate=100.0)
+RECORDED: dict[str, Any] = {"duration": 12.0, "imu_rate": 100.0, "robot_rate": 100.0}
+PHYSICS, SMALL = PhysicsOptions(**RECORDED), {**RECORDED, "seeds": 1}
 GRAVITY = 9.80665
 NEED_NO_GUESS = ("reduced solve", "relaxed linear program")
 
 
-def near(translation: float, angle: float, seed: int = 0) -> Pose:
+def near(translation: float, angle: float) -> Pose:
     """A guess off the truth of the system by these."""
-    truth = clean_recording("rihibot", PHYSICS)
-    direction = np.random.default_rng(seed).normal(size=(2, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    turn = Rotation.from_rotvec(angle * direction[1]).as_matrix()
-    return Pose(turn @ truth.R_parent_imu, truth.t_parent_imu + translation * direction[0])
+    return wrong_guess(clean_recording("rihibot", PHYSICS), translation, angle, 0)
 
 
 def made(noise: NoiseOptions | None = None) -> PoseCost:
@@ -194,16 +189,7 @@ def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
 
 @pytest.mark.slow
 def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
-    loaded = load_study("optimiser", quick=True)
-    assert isinstance(loaded, OptimiserStudy)
-    small = replace(
-        loaded,
-        duration=12.0,
-        imu_rate=100.0,
-        robot_rate=100.0,
-        seeds=1,
-        conditions=loaded.conditions[1:2],
-    )
+    small = study("optimiser", **SMALL, conditions=study("optimiser").conditions[1:2])
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert len(rows) == 2 * len(OPTIMISERS)
     for row in rows:
@@ -226,9 +212,7 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
         raise InputError("linear program: nothing found")
 
     monkeypatch.setattr(least_absolute_module, "least_absolute", unsolved)
-    loaded = load_study("optimiser", quick=True)
-    assert isinstance(loaded, OptimiserStudy)
-    small = replace(loaded, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
+    small = study("optimiser", **SMALL)
     rows = small.measure(small.cells()[0])
     failed = {row["optimiser"] for row in rows if row["failure"] is not None}
     assert failed == {"linear programs", "relaxed linear program"}
@@ -238,19 +222,16 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_cells_are_every_guess_under_every_condition() -> None:
     for quick in (True, False):
-        study = load_study("optimiser", quick=quick)
-        assert isinstance(study, OptimiserStudy)
-        runs = sum(c.seeds or study.seeds for c in study.conditions)
-        assert len(study.cells()) == len(study.systems) * len(study.guesses) * runs
-        assert quick or study.seeds >= 5
+        loaded = study("optimiser", quick=quick)
+        runs = sum(c.seeds or loaded.seeds for c in loaded.conditions)
+        assert len(loaded.cells()) == len(loaded.systems) * len(loaded.guesses) * runs
+        assert quick or loaded.seeds >= 5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cost", ["published", "matched"])
 def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:
-    loaded = load_study("optimiser", quick=True)
-    assert isinstance(loaded, OptimiserStudy)
-    small = replace(loaded, duration=12.0, imu_rate=100.0, robot_rate=100.0, seeds=1)
+    small = study("optimiser", **SMALL)
     rows = small.measure(small.cells()[-1])
     numeric, analytic = (
         next(

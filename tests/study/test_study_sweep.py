@@ -12,13 +12,14 @@ import pytest
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import worst
-from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
-from imucalib_cli.study.study import load_study
+from imucalib_cli.study.studies.sweeps import best_points, summary_table, sweep_table
 from imucalib_cli.study.tables import digits
+from tests.study.study_samples import study
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.study.studies.sweeps import Sweep
     from imucalib_cli.study.study import Row
 
 VALUES: dict[str, dict[str, Any]] = {
@@ -34,12 +35,6 @@ VALUES: dict[str, dict[str, Any]] = {
 }
 
 
-def study(name: str, **changes: Any) -> Sweep:
-    loaded = load_study(name, quick=True)
-    assert isinstance(loaded, Sweep)
-    return replace(loaded, **changes)
-
-
 def tiny(name: str, **changes: Any) -> Sweep:
     """Twelve seconds of the arm at 100 Hz, one value, one seed."""
     whole = study(name)
@@ -53,14 +48,14 @@ def tiny(name: str, **changes: Any) -> Sweep:
         "paper_windows": (5, 11),
         "paper_exclusions": (0.0,),
     }
-    return study(name, **(shrunk | VALUES[name] | changes))
+    made: Sweep = study(name, **(shrunk | VALUES[name] | changes))
+    return made
 
 
 @pytest.mark.parametrize("name", VALUES)
 def test_every_value_meets_every_condition_and_seed(name: str) -> None:
     for quick in (True, False):
-        loaded = load_study(name, quick=quick)
-        assert isinstance(loaded, Sweep)
+        loaded: Sweep = study(name, quick=quick)
         cells = loaded.cells()
         values = sum(len(part.values) for part in loaded.parts())
         seeds = sum(condition.seeds or loaded.seeds for condition in loaded.conditions)
@@ -80,8 +75,7 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
             value = row[key]
             assert isinstance(value, float)
             assert 0.0 < value < math.inf
-    tables = small.tables(rows)
-    *tables, short = tables
+    *tables, short = small.tables(rows)
     assert len(tables) == len(small.parts())
     assert [len(table.rows) for table in tables] == [4] * len(tables)
     assert len(short.rows) == 4 * len(tables)
