@@ -37,7 +37,7 @@ def imus_by_pinocchio(recording: Recording) -> tuple[Floats, Floats, Floats, Flo
     system, state, physics = recording.system, recording.state, recording.physics
     walks = [pin.JointModelFreeFlyer()] if system.legged else []
     model: Any = pin.buildModelFromXML(urdf_text(system), *walks)
-    mounts = [(system.parent, physics.mount_rpy, physics.mount_xyz)]
+    mounts: list[Any] = [(system.parent, physics.mount_rpy, physics.mount_xyz)]
     mounts += [(imu.parent, imu.rpy, imu.xyz) for imu in system.imus]
     frames = []
     for number, (link, rpy, xyz) in enumerate(mounts):
