@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from math import ceil
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -14,16 +14,13 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Arm, FreeBody
 
+X = TypeVar("X", float, "Floats")
 Reference: TypeAlias = "Callable[[float], tuple[Floats, Floats]]"
 """Positions (J,), rad, and rates (J,), rad/s, of joints at a time."""
 
 
-def quintic(x: float) -> tuple[float, float]:
-    """Rise from 0 to 1 over x in [0, 1] with zero rate and acceleration at both ends.
-
-    Returns:
-        Value and derivative by x.
-    """
+def quintic(x: X) -> tuple[X, X]:
+    """Rise from 0 to 1 over x in [0, 1], at rest at both ends: value and derivative by x."""
     return x**3 * (10 - x * (15 - 6 * x)), 30 * x**2 * (1 - x) ** 2
 
 

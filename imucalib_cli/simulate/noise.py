@@ -138,7 +138,6 @@ def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
 
 
 def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -> Floats:
-    """Add encoder errors."""
     read = position + noise.encoder_noise * rng.standard_normal(position.shape)
     if noise.encoder_step == 0:
         return read
@@ -146,7 +145,6 @@ def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -
 
 
 def _tracker(record: PoseRecord, noise: NoiseOptions, rng: np.random.Generator) -> PoseRecord:
-    """Add errors of a pose tracker."""
     position = record.position + noise.pose_noise * rng.standard_normal(record.position.shape)
     if noise.pose_noise_rotation == 0:
         return replace(record, position=position)

@@ -195,7 +195,6 @@ def _run(
     *,
     progress: Callable[[float], None] | None,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Integrate to each event and read the state there."""
     q = np.empty((len(events), model.nq))
     qd, qdd = np.empty((2, len(events), model.nv))
     sensors = np.empty((len(events), model.nsensordata))

@@ -171,7 +171,6 @@ def _bag2(path: Path, _compression: str) -> Iterator[_Log]:
 
 @contextmanager
 def _bag1(path: Path, compression: str) -> Iterator[_Log]:
-    """A ROS 1 bag."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -306,7 +305,6 @@ class _Factory:
         )
 
     def _columns(self, names: tuple[str, ...]) -> list[int]:
-        """Columns in the order of the options."""
         order = self._options.joint_order
         if not order:
             return list(range(len(names)))

@@ -35,7 +35,6 @@ class Recorded:
     """How a free body is pushed."""
 
     def __post_init__(self) -> None:
-        """Refuse impossible rates and durations."""
         if min(self.imu_rate, self.robot_rate, self.duration or 1.0) <= 0.0:
             raise ValueError("imu_rate, robot_rate and duration must be above zero")
 

@@ -38,23 +38,6 @@ def kalibr_command(log: Path) -> str:
     )
 
 
-def write_kalibr(
-    recording: Recording, camera: CameraConfig, log: Path, options: LogOptions
-) -> None:
-    """Write the files beside a log of a recording with a camera.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
-    contents = {
-        "camchain": {"cam0": _camera(camera)},
-        "imu": _imu(recording, camera, options),
-        "target": _target(camera),
-    }
-    for kind, path in kalibr_paths(log).items():
-        write_whole(path, f"{_HEADERS[kind]}{to_yaml([contents[kind]])}")
-
-
 _HEADERS = {
     "camchain": "# The camera before calibration: intrinsics, no T_cam_imu. Made by imucalib.\n",
     "imu": """\
@@ -66,9 +49,16 @@ _HEADERS = {
 }
 
 
-def _camera(camera: CameraConfig) -> dict[str, Any]:
-    lens = camera.intrinsics
-    return {
+def write_kalibr(
+    recording: Recording, camera: CameraConfig, log: Path, options: LogOptions
+) -> None:
+    """Write the files beside a log of a recording with a camera.
+
+    Raises:
+        InputError: A file cannot be written.
+    """
+    lens, target = camera.intrinsics, camera.target
+    cam0 = {
         "camera_model": "pinhole",
         "intrinsics": [lens.fx, lens.fy, lens.cx, lens.cy],
         # also without distortion: AslamCamera leaves `geometry` unset for the model `none`
@@ -78,6 +68,16 @@ def _camera(camera: CameraConfig) -> dict[str, Any]:
         "rostopic": camera.topic,
         "cam_overlaps": [],
     }
+    grid = {
+        "target_type": "aprilgrid",
+        "tagCols": target.tag_cols,
+        "tagRows": target.tag_rows,
+        "tagSize": target.tag_size,
+        "tagSpacing": target.tag_spacing,
+    }
+    contents = {"camchain": {"cam0": cam0}, "imu": _imu(recording, camera, options), "target": grid}
+    for kind, path in kalibr_paths(log).items():
+        write_whole(path, f"{_HEADERS[kind]}{to_yaml([contents[kind]])}")
 
 
 def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dict[str, Any]:
@@ -100,17 +100,6 @@ def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dic
             density(noise.gyro_noise, noise.gyro_white), least.gyro_noise
         ),
         "gyroscope_random_walk": max(noise.gyro_bias_walk, least.gyro_walk),
-    }
-
-
-def _target(camera: CameraConfig) -> dict[str, Any]:
-    target = camera.target
-    return {
-        "target_type": "aprilgrid",
-        "tagCols": target.tag_cols,
-        "tagRows": target.tag_rows,
-        "tagSize": target.tag_size,
-        "tagSpacing": target.tag_spacing,
     }
 
 

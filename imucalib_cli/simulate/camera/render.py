@@ -62,7 +62,6 @@ class Images:
         return image
 
     def _render(self, R_camera_target: Floats, p_camera_target: Floats) -> Bytes:
-        """One image without noise."""
         lens = self._lens
         image = np.full((lens.height, lens.width), round(self._background), dtype=np.uint8)
         box = self._box(R_camera_target, p_camera_target)

@@ -224,7 +224,6 @@ def calibrate_bspline_camera(
 
 
 def _answer(state: State, evaluations: int, frame: Literal["parent", "camera"]) -> Answer:
-    """The answer from a solution."""
     mean = state.biases.mean(axis=0)
     return Answer(
         frame=frame,

@@ -124,7 +124,6 @@ def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
 
 
 def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Derived:
-    """Differentiate the poses at the IMU's instants."""
     t = imu.grid.t - time_offset
     covered = trajectory.covered(t)
     rows = np.flatnonzero(all_hold(covered, imu.first, imu.samples))

@@ -205,7 +205,6 @@ class DerivationStudy(Study, Recorded):
         return compared_by_paper(recording, guess, window, exclusion)
 
     def _brusque(self, found: Comparison) -> Bools:
-        """Samples near starts and stops."""
         return near_changes(found.t, found.measured, self.jerk, self.margin)
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
@@ -239,7 +238,6 @@ class DerivationStudy(Study, Recorded):
 
 
 def _share(row: Row, key: str) -> float:
-    """A mismatch over the signal."""
     return float(row[key] / row["signal"])
 
 

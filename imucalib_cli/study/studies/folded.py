@@ -157,7 +157,6 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
 
 
 def _arm_moves(arm: Arm) -> list[tuple[str, float]]:
-    """Kind and seconds of each move."""
     targets = [arm.start_deg, *(move.to_deg for move in arm.moves)]
     moves = []
     for move, (before, after) in zip(arm.moves, pairwise(targets), strict=True):

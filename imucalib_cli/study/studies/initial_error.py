@@ -47,7 +47,6 @@ class InitialErrorStudy(FoldedStudy):
     realistic_rotation_deg: float
 
     def __post_init__(self) -> None:
-        """Refuse sizes that cannot be paired."""
         super().__post_init__()
         if len(self.translation) != len(self.rotation_deg):
             raise ValueError("translation and rotation_deg need as many sizes: they are paired")

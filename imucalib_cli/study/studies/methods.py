@@ -120,7 +120,6 @@ class MethodsStudy(Study, Conditioned):
     quoted: tuple[Quoted, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse splines without knots, and claims about what is not run."""
         super().__post_init__()
         if min(self.knots_per_second, self.few_knots_per_second, self.bias_interval) <= 0.0:
             raise ValueError("knots_per_second and bias_interval must be above zero")
@@ -242,7 +241,6 @@ class MethodsStudy(Study, Conditioned):
 
 
 def _name(rows: Sequence[Row]) -> str:
-    """The method, with its setting where it has some."""
     method, setting = rows[0]["method"], rows[0]["setting"]
     return str(method) if setting is None else f"{method} ({setting})"
 

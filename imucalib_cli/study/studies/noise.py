@@ -104,7 +104,6 @@ class NoiseStudy(FoldedStudy):
     claims: Criteria
 
     def __post_init__(self) -> None:
-        """Refuse levels that cannot be paired, and cases of one name that differ."""
         super().__post_init__()
         if len(self.accel) != len(self.gyro):
             raise ValueError("accel and gyro need as many levels each: they are paired")
