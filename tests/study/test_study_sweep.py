@@ -57,7 +57,7 @@ def test_every_value_meets_every_condition_and_seed(name: str) -> None:
     for quick in (True, False):
         loaded: Sweep = study(name, quick=quick)
         cells = loaded.cells()
-        values = sum(len(part.values) for part in loaded.parts())
+        values = sum(len(loaded.values(part)) for part in loaded.parts)
         seeds = sum(condition.seeds or loaded.seeds for condition in loaded.conditions)
         assert len(cells) == len(loaded.systems) * values * seeds
         assert len({tuple(cell.items()) for cell in cells}) == len(cells)
@@ -76,7 +76,7 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
             assert isinstance(value, float)
             assert 0.0 < value < math.inf
     *tables, short = small.tables(rows)
-    assert len(tables) == len(small.parts())
+    assert len(tables) == len(small.parts)
     assert [len(table.rows) for table in tables] == [4] * len(tables)
     assert len(short.rows) == 4 * len(tables)
     figures = small.figures(rows)

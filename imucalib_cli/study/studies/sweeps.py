@@ -7,11 +7,9 @@ Every error is shown with the Cramér-Rao bound for the unknowns of its method.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -47,6 +45,7 @@ from imucalib_cli.study.tables import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -77,28 +76,17 @@ class Setup:
     """Of the matched filters."""
 
 
-Change: TypeAlias = Callable[[float, int], Mapping[str, Any]]
-
-
 @dataclass(frozen=True)
 class Part:
     """One of a study's sweeps."""
 
     name: str
+    parameter: str
+    """Of the study, that has the values."""
     words: str
-    """What is swept, with its unit, for headers and axes."""
-    values: tuple[float, ...]
-    change: Change
-    """What a value and a seed set: options of sensors or physics by name, or a window, samples."""
-
-
-def _alone(*names: str) -> Change:
-    return lambda value, _: dict.fromkeys(names, value)
-
-
-def _changed(options: T, changes: Mapping[str, Any]) -> T:
-    own = {name: value for name, value in changes.items() if hasattr(options, name)}
-    return replace(options, **own)
+    """What is swept, with its unit, for headers and axes; may name other parameters."""
+    options: tuple[str, ...]
+    """Of sensors or simulation, that take each value; a vector takes it as its norm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,38 +95,53 @@ class Sweep(Study, Conditioned):
 
     note: ClassVar[str]
     """What its tables need said, beside what all sweeps say."""
+    parts: ClassVar[tuple[Part, ...]]
     systems: tuple[str, ...]
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
     initial_translation: float
     initial_rotation_deg: float
 
-    @abstractmethod
-    def parts(self) -> list[Part]:
-        """What is swept, and over which values."""
+    @property
+    def words(self) -> dict[str, str]:
+        """What is swept, by the name of the part."""
+        return {part.name: part.words.format_map(vars(self)) for part in self.parts}
+
+    def values(self, part: Part) -> Sequence[float]:
+        """What is swept over."""
+        values: Sequence[float] = getattr(self, part.parameter)
+        return values
 
     def cells(self) -> list[Cell]:
         """Every value under every condition with every seed."""
-        parts = {part.name: part for part in self.parts()}
+        values = {part.name: self.values(part) for part in self.parts}
         return grid(
             system=self.systems,
-            part=parts,
+            part=values,
             condition=self.names,
-            value=lambda cell: parts[cell["part"]].values,
+            value=lambda cell: values[cell["part"]],
             seed=self.seeds_of,
         )
 
     def setup(self, cell: Cell) -> Setup:
         """What a cell is run with."""
-        part = next(part for part in self.parts() if part.name == cell["part"])
-        changes = part.change(cell["value"], cell["seed"])
-        samples = changes.get("window")
-        windows = (samples,) if samples else self.paper_windows
+        (part,) = (part for part in self.parts if part.name == cell["part"])
+        direction = np.random.default_rng(cell["seed"]).normal(size=3)  # the same for every norm
+        vector = tuple((cell["value"] * direction / np.linalg.norm(direction)).tolist())
+
+        def changed(options: T) -> T:
+            own: dict[str, Any] = {
+                name: vector if isinstance(old, tuple) else cell["value"]
+                for name, old in vars(options).items()
+                if name in part.options
+            }
+            return replace(options, **own)
+
         return Setup(
-            physics=_changed(self.physics, changes),
-            noise=_changed(self.condition_of(cell).sensors, changes),
-            settings=paper_settings(windows, self.paper_exclusions),
-            window=WindowChoice(samples=samples),
+            physics=changed(self.physics),
+            noise=changed(self.condition_of(cell).sensors),
+            settings=paper_settings(self.paper_windows, self.paper_exclusions),
+            window=WindowChoice(),
         )
 
     def measure(self, cell: Cell) -> list[Row]:
@@ -162,7 +165,7 @@ class Sweep(Study, Conditioned):
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a system, part and condition; what must be known of all stands with the first."""
-        words = {part.name: part.words for part in self.parts()}
+        words = self.words
         titled = {
             f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
             for cell in grid(system=self.systems, part=words, condition=self.names)
@@ -175,11 +178,11 @@ class Sweep(Study, Conditioned):
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """One a system and part, a column of panels a condition."""
         return {
-            f"{self.name}-{system}-{part.name}": partial(
-                draw_sweep, chosen(rows, system=system, part=part.name), part.words
+            f"{self.name}-{system}-{part}": partial(
+                draw_sweep, chosen(rows, system=system, part=part), words
             )
             for system in self.systems
-            for part in self.parts()
+            for part, words in self.words.items()
         }
 
 
@@ -313,13 +316,21 @@ class WindowStudy(Sweep):
     note = (
         "A window is L sample intervals; an even L is taken one longer, as the filters need it odd."
     )
+    parts = (Part("window", "samples", "window s", ()),)
     samples: tuple[int, ...]
 
-    def parts(self) -> list[Part]:
+    def values(self, part: Part) -> Sequence[float]:
         """Seconds, so that rates can be compared."""
-        rate = self.imu_rate
-        seconds = tuple(samples / rate for samples in self.samples)
-        return [Part("window", "window s", seconds, lambda s, _: {"window": round(s * rate)})]
+        return [samples / self.imu_rate for samples in super().values(part)]
+
+    def setup(self, cell: Cell) -> Setup:
+        """The filters of both methods."""
+        samples = round(cell["value"] * self.imu_rate)
+        return replace(
+            super().setup(cell),
+            settings=paper_settings((samples,), self.paper_exclusions),
+            window=WindowChoice(samples=samples),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -334,15 +345,12 @@ class EncoderStudy(Sweep):
         "The bound is that of perfect encoders: noise of the kinematics can only raise it. The "
         "matched filters choose their window from the log."
     )
+    parts = (
+        Part("noise", "noise", "encoder noise rad", ("encoder_noise",)),
+        Part("step", "step", "encoder step rad", ("encoder_step",)),
+    )
     noise: tuple[float, ...]
     step: tuple[float, ...]
-
-    def parts(self) -> list[Part]:
-        """Noise, and quantisation."""
-        return [
-            Part("noise", "encoder noise rad", self.noise, _alone("encoder_noise")),
-            Part("step", "encoder step rad", self.step, _alone("encoder_step")),
-        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,35 +363,19 @@ class BiasStudy(Sweep):
         "bound knows of constant biases, not of their walk. The published method and matched, "
         "pose only, take biases to be zero."
     )
+    parts = (
+        Part("accel", "accel_bias", "accelerometer bias m/s²", ("accel_bias",)),
+        Part("gyro", "gyro_bias", "gyroscope bias rad/s", ("gyro_bias",)),
+        Part(
+            *("accel-walk", "accel_bias_walk", "accelerometer bias walk m/s²/√s"),
+            ("accel_bias_walk",),
+        ),
+        Part(*("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s"), ("gyro_bias_walk",)),
+    )
     accel_bias: tuple[float, ...]
     gyro_bias: tuple[float, ...]
     accel_bias_walk: tuple[float, ...]
     gyro_bias_walk: tuple[float, ...]
-
-    def parts(self) -> list[Part]:
-        """One kind of bias at a time: constant biases, then walks."""
-
-        def vector(name: str) -> Change:
-            def change(norm: float, seed: int) -> Mapping[str, Any]:
-                direction = np.random.default_rng(seed).normal(size=3)  # the same for every norm
-                return {name: tuple((norm * direction / np.linalg.norm(direction)).tolist())}
-
-            return change
-
-        accel, gyro = "accelerometer bias", "gyroscope bias"
-        return [
-            Part("accel", f"{accel} m/s²", self.accel_bias, vector("accel_bias")),
-            Part("gyro", f"{gyro} rad/s", self.gyro_bias, vector("gyro_bias")),
-            Part(
-                "accel-walk",
-                f"{accel} walk m/s²/√s",
-                self.accel_bias_walk,
-                _alone("accel_bias_walk"),
-            ),
-            Part(
-                "gyro-walk", f"{gyro} walk rad/s/√s", self.gyro_bias_walk, _alone("gyro_bias_walk")
-            ),
-        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -399,14 +391,9 @@ class RateStudy(Sweep):
         "published method smooths the IMU with as many samples as it derives the kinematics with, "
         "as its authors do, and takes the nearest sample of the IMU."
     )
+    parts = (
+        Part("together", "together", "rate of IMU and robot Hz", ("imu_rate", "robot_rate")),
+        Part("robot", "robot", "robot's rate Hz, IMU at {imu_rate:g}", ("robot_rate",)),
+    )
     together: tuple[float, ...]
     robot: tuple[float, ...]
-
-    def parts(self) -> list[Part]:
-        """Both rates alike, and the robot's alone."""
-        at = f"robot's rate Hz, IMU at {self.imu_rate:g}"
-        together = _alone("imu_rate", "robot_rate")
-        return [
-            Part("together", "rate of IMU and robot Hz", self.together, together),
-            Part("robot", at, self.robot, _alone("robot_rate")),
-        ]
