@@ -392,14 +392,7 @@ class SystemConfig:
     @property
     def every_imu(self) -> tuple[PlacedImu, ...]:
         """The IMUs, that on ``parent`` first."""
-        first = PlacedImu(
-            link=self.imu.link,
-            xyz=self.imu.xyz,
-            rpy=self.imu.rpy,
-            nominal=self.imu.nominal,
-            parent=self.parent,
-            topic=self.topics.imu,
-        )
+        first = PlacedImu(**vars(self.imu), parent=self.parent, topic=self.topics.imu)
         return first, *self.imus
 
     @property

@@ -51,22 +51,10 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate, corrupt and write a log, with its truth beside it in ``<log>.truth.yaml``.
 
-    With a camera the log contains its images, and the files for Kalibr are written beside it.
-
-    Args:
-        system: The system, from :func:`imucalib_cli.simulate.load.load_system`.
-        output: ``.mcap``, ``.bag``, ``.db3``, or a ROS 2 bag folder.
-        physics: Options of the physics.
-        noise: Errors of sensors and drivers.
-        log: Options of the file.
-        seed: Of the noise.
-        urdf: Path for the system's URDF, which has the IMU's nominal pose.
-        read: Files that system and options come from.
-        force: Overwrite logs and URDFs that are not from a simulation.
-        camera: From :func:`imucalib_cli.simulate.camera.config.load_camera`, which also returns the
-        matching system.
-        progress: Called with the share of the physics done, 0 to 1.
-        writing: Called with the share of the log written.
+    With a camera, which goes with a system of its own (:func:`load_camera` gives both), the log
+    contains its images, and the files for Kalibr are written beside it. The URDF has the IMU's
+    nominal pose. What was read is not overwritten; logs and URDFs that are not from a simulation
+    only by force. ``progress`` and ``writing`` are called with the share done of physics and log.
 
     Returns:
         The content of the truth file, see :func:`truth_of`.

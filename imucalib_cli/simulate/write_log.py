@@ -55,11 +55,7 @@ def write_log(
 ) -> None:
     """Write a recording as a ROS log; an existing file is replaced when the new one is complete.
 
-    Args:
-        recording: Clean or corrupted.
-        path: ``.mcap``, ``.bag`` or ``.db3``; without suffix a ROS 2 bag folder.
-        options: Names, compression, order.
-        progress: Called now and then with the share done, 0 to 1.
+    A path without suffix becomes a ROS 2 bag folder; progress is told the share done, 0 to 1.
 
     Raises:
         InputError: The path cannot be written, or OpenCV is missing for images.

@@ -138,9 +138,7 @@ def ransac(
         )
     rng = np.random.default_rng(options.seed)
     size = min(options.samples, len(motions))
-    best: tuple[float, float] | None = None
-    agreeing = np.ones(len(motions), dtype=bool)
-    why: InputError | None = None
+    best, agreeing, why = (np.inf, np.inf), np.ones(len(motions), dtype=bool), None
     for _ in range(options.iterations):
         chosen = rng.choice(len(motions), size, replace=False)
         try:
@@ -151,12 +149,10 @@ def ransac(
         place, turn = apart(model, motions)
         agree = (place < options.threshold_m) & (turn < options.threshold_rad)
         score = (-float(agree.sum()), float(np.median(place / options.threshold_m)))
-        if best is None or score < best:
-            best = score
-            agreeing = agree
+        if score < best:
+            best, agreeing = score, agree
             if agree.sum() < FEWEST_MOTIONS:
-                agreeing = np.zeros(len(motions), dtype=bool)
-                agreeing[chosen] = True
-    if best is None and why is not None:
+                agreeing = np.isin(np.arange(len(motions)), chosen)
+    if why is not None and best[0] == np.inf:
         raise why
     return solve(motions.only(agreeing)), agreeing

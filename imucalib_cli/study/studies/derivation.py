@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -327,25 +327,19 @@ def draw_comparison(
 
 def _pair(axes: Axes, one: Comparison, shown: Bools) -> None:
     _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
-    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", dashed=True)
+    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", linestyle="--")
     dropped = shown & ~one.kept
     if dropped.any():
         every = max(int(dropped.sum()) // _MARKS, 1)
-        axes.plot(
-            one.t[dropped][::every],
-            one.derived[dropped][::every],
-            linestyle="",
-            marker="x",
-            markersize=3.0,
-            color=COLOURS[6],
-            label="excluded",
-        )
+        t, y = one.t[dropped][::every], one.derived[dropped][::every]
+        marks: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 3.0}
+        axes.plot(t, y, color=COLOURS[6], label="excluded", **marks)
     axes.set_ylabel("acceleration, m/s²")
 
 
 def _line(
-    axes: Axes, t: Floats, y: Floats, colour: str, name: str, *, dashed: bool = False
+    axes: Axes, t: Floats, y: Floats, colour: str, name: str, *, linestyle: str = "-"
 ) -> None:
     every = max(len(t) // _MOST_POINTS, 1)
-    style = "--" if dashed else "-"
-    axes.plot(t[::every], y[::every], linestyle=style, linewidth=1.0, color=colour, label=name)
+    style: dict[str, Any] = {"linestyle": linestyle, "linewidth": 1.0, "color": colour}
+    axes.plot(t[::every], y[::every], label=name, **style)
