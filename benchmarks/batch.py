@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from benchmarks.common import table
+from benchmarks.common import rihibot_log, table
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, urdf_hash
 from imucalib_cli.batch.local import preloaded
@@ -37,9 +37,6 @@ from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.process import prepare_to_compute
-from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -99,10 +96,8 @@ def main() -> None:
 def make_logs(folder: Path, count: int, seconds: float) -> Path:
     """Copies of one log, and its URDF."""
     folder.mkdir()
-    urdf = folder.parent / "robot.urdf"
-    physics = PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds)
-    first = folder / "0.mcap"
-    simulate(load_system("rihibot"), first, physics=physics, noise=load_grade("mems"), urdf=urdf)
+    first, urdf = rihibot_log(folder, seconds, "mems")
+    urdf = urdf.rename(folder.parent / urdf.name)
     for truth in folder.glob("*.yaml"):
         truth.unlink()
     for number in range(1, count):

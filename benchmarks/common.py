@@ -9,6 +9,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -62,6 +63,18 @@ class Scores:
         """Mean of the NEES and its standard error."""
         spread = np.std(self.nees) / np.sqrt(len(self.nees))
         return f"{np.mean(self.nees):.2f} ± {spread:.2f}"
+
+
+def rihibot_log(folder: Path, seconds: float | None, imu: str) -> tuple[Path, Path]:
+    """RiHIBot at 500 Hz with an IMU of a grade: its log and its URDF."""
+    from imucalib_cli.simulate.load import load_grade, load_system
+    from imucalib_cli.simulate.options import PhysicsOptions
+    from imucalib_cli.simulate.simulate import simulate
+
+    log, urdf = folder / "0.mcap", folder / "robot.urdf"
+    physics = PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds)
+    simulate(load_system("rihibot"), log, physics=physics, noise=load_grade(imu), urdf=urdf)
+    return log, urdf
 
 
 def grade(name: str, **changes: object) -> NoiseOptions:

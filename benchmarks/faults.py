@@ -24,6 +24,7 @@ from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.recordings import clean_recording
@@ -34,15 +35,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.findings import Finding
 
-JOINTS = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
-LINKS = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link")
+ROBOT = load_system("rihibot").joints
+JOINTS, LINKS = tuple(joint.name for joint in ROBOT), tuple(joint.child for joint in ROBOT[:-1])
 PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=125)
 OFFSET = 0.0125
 LEAST = (1e-5, 1e-5)
