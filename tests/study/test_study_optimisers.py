@@ -15,15 +15,17 @@ from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.study import least_absolute as least_absolute_module
+from imucalib_cli.study import optimisers
 from imucalib_cli.study.conditions import Pose, wrong_guess
-from imucalib_cli.study.least_absolute import (
+from imucalib_cli.study.optimisers import (
+    OPTIMISERS,
     by_linear_programs,
     by_relaxation,
     by_reweighting,
     least_absolute,
+    solve_by,
+    value_of,
 )
-from imucalib_cli.study.optimisers import OPTIMISERS, solve_by, value_of
 from imucalib_cli.study.pose_cost import PoseCost, published_cost
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from tests.study.study_samples import study
@@ -211,7 +213,7 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
         del J, r
         raise InputError("linear program: nothing found")
 
-    monkeypatch.setattr(least_absolute_module, "least_absolute", unsolved)
+    monkeypatch.setattr(optimisers, "least_absolute", unsolved)
     small = study("optimiser", **SMALL)
     rows = small.measure(small.cells()[0])
     failed = {row["optimiser"] for row in rows if row["failure"] is not None}
