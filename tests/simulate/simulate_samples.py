@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.simulate.recording import CameraRecord, JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 Floats = NDArray[np.float64]
+ROOT = Path(__file__).parents[2]
+
+
+def configured(folder: Path, system: str, change: Callable[[Any], object]) -> Path:
+    """A file of a system of the package, changed."""
+    raw = yaml.safe_load((ROOT / "configs" / f"{system}.yaml").read_text())
+    change(raw)
+    path = folder / "mine.yaml"
+    path.write_text(yaml.safe_dump(raw))
+    return path
 
 
 def joints(recording: Recording, number: int = 0) -> JointRecord:

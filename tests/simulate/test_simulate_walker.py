@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,15 +24,15 @@ from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptio
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.simulate import truth_of
 from imucalib_cli.simulate.urdf import urdf_text
-from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints
+from tests.simulate.simulate_samples import Floats, configured, imus_by_pinocchio, joints
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.recording import Recording
 
-ROOT = Path(__file__).parents[2]
 TOPICS = ["/imu/data", "/imu/head", *(f"/imu/{leg}_foot" for leg in ("FR", "FL", "RR", "RL"))]
 
 
@@ -224,9 +223,8 @@ def test_noise_is_each_imus_own() -> None:
 
 
 def test_the_log_the_truth_and_the_urdf_name_every_imu(tmp_path: Path) -> None:
-    config = tmp_path / "walker.yaml"
-    text = (ROOT / "configs" / "walker.yaml").read_text()
-    config.write_text(text.replace("start_rest: 2.0", "start_rest: 0.2"))
+    soon = {"start_rest": 0.2}
+    config = configured(tmp_path, "walker", lambda raw: raw["legged"]["gait"].update(soon))
     words = ["--duration", "1", "--grade", "mems", "--dropouts", "0.1", "--tf-static"]
     for name in ("walk", "again"):
         places = ["-o", str(tmp_path / f"{name}.mcap"), "--urdf", str(tmp_path / f"{name}.urdf")]
@@ -307,20 +305,13 @@ def _remove_joint(raw: Any) -> None:
 def test_faults_of_a_walker_are_named(
     tmp_path: Path, change: Callable[[Any], Any], words: str
 ) -> None:
-    raw = yaml.safe_load((ROOT / "configs" / "walker.yaml").read_text())
-    change(raw)
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(raw))
     with pytest.raises(InputError, match=re.escape(words)):
-        load_system(path)
+        load_system(configured(tmp_path, "walker", change))
 
 
 def test_an_imu_on_a_link_that_is_none_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    raw = yaml.safe_load((ROOT / "configs" / "walker.yaml").read_text())
-    raw["imus"][0]["parent"] = "tail"
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(raw))
+    path = configured(tmp_path, "walker", lambda raw: raw["imus"][0].update(parent="tail"))
     assert main(["simulate", "--config", str(path), "-o", str(tmp_path / "x.mcap")]) == 1
     assert "walker: no link tail; it has trunk, FR_hip" in capsys.readouterr().err
