@@ -39,8 +39,6 @@ class Cost(Generic[T]):
 
     value: T | None
     """Its result; None if it failed."""
-    failure: str | None
-    """Reason of the failure, in one line."""
     seconds: float
     """Wall-clock time, s."""
     cpu_seconds: float
@@ -48,6 +46,8 @@ class Cost(Generic[T]):
     """Peak minus the size before, bytes."""
     held: float
     """Size before, bytes."""
+    failure: str | None
+    """Reason of the failure, in one line."""
 
 
 def run_alone(

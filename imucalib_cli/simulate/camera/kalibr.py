@@ -111,7 +111,7 @@ def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
     """
     T_camera_imu = np.eye(4)
     T_camera_imu[:3, :3], T_camera_imu[:3, 3] = seen_from_camera(
-        recording, camera, recording.R_parent_imu, recording.t_parent_imu
+        recording, recording.R_parent_imu, recording.t_parent_imu
     )
     offset = recording.noise.camera_offset
     target = camera.config.target

@@ -41,14 +41,16 @@ def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
 
 
 def seen_from_camera(
-    recording: Recording, camera: CameraRecord, R_parent_imu: Floats, t_parent_imu: Floats
+    recording: Recording, R_parent_imu: Floats, t_parent_imu: Floats
 ) -> tuple[Floats, Floats]:
     """A pose of the IMU in the camera's optical frame, from that in their link; (3, 3), (3,), m.
 
     Raises:
-        InputError: They are not on the same link.
+        InputError: They are not on the same link, or there is no camera.
     """
-    frame = camera.config.frame.link
+    if recording.camera is None:
+        raise InputError("the recording has no camera")
+    frame = recording.camera.config.frame.link
     link, R, p = camera_mount(recording.system, frame)
     if link != recording.system.parent:
         raise InputError(

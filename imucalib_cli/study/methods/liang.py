@@ -103,9 +103,8 @@ def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Po
     inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
     if len(inside) == 0:
         return None
-    if not tuned:
-        return target_pose(camera, camera.corners[inside[len(inside) // 2]])
-    return target_pose(camera, camera.corners[inside].mean(axis=0))
+    seen = camera.corners[inside]
+    return target_pose(camera, seen.mean(axis=0) if tuned else seen[len(inside) // 2])
 
 
 def _displaced(

@@ -332,25 +332,15 @@ def row_of(cost: Cost[Answer], recording: Recording) -> Row:
     """Errors of T_camera_imu, and what they cost.
 
     Raises:
-        ValueError: The recording has no camera.
-        InputError: It is not on the IMU's link.
+        InputError: The camera is not on the IMU's link.
     """
-    row: Row = {
-        "seconds": cost.seconds,
-        "cpu_seconds": cost.cpu_seconds,
-        "memory": cost.memory,
-        "held": cost.held,
-        "failure": cost.failure,
-    }
+    row = {key: value for key, value in vars(cost).items() if key != "value"}
     answer = cost.value
     if answer is None:
         return row | NO_ERRORS | {"time_offset": None, "evaluations": None}
-    if recording.camera is None:
-        raise ValueError("the recording has no camera")
     found = answer.R_frame_imu, answer.t_frame_imu
     if answer.frame == "parent":
-        found = seen_from_camera(recording, recording.camera, *found)
-    truth = recording.R_parent_imu, recording.t_parent_imu
-    truth = seen_from_camera(recording, recording.camera, *truth)
+        found = seen_from_camera(recording, *found)
+    truth = seen_from_camera(recording, recording.R_parent_imu, recording.t_parent_imu)
     effort: Row = {"time_offset": answer.time_offset, "evaluations": answer.evaluations}
     return row | asdict(pose_error(*found, *truth)) | effort

@@ -367,10 +367,12 @@ class BiasStudy(Sweep):
         Part("accel", "accel_bias", "accelerometer bias m/s²", ("accel_bias",)),
         Part("gyro", "gyro_bias", "gyroscope bias rad/s", ("gyro_bias",)),
         Part(
-            *("accel-walk", "accel_bias_walk", "accelerometer bias walk m/s²/√s"),
+            "accel-walk",
+            "accel_bias_walk",
+            "accelerometer bias walk m/s²/√s",
             ("accel_bias_walk",),
         ),
-        Part(*("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s"), ("gyro_bias_walk",)),
+        Part("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s", ("gyro_bias_walk",)),
     )
     accel_bias: tuple[float, ...]
     gyro_bias: tuple[float, ...]
