@@ -65,19 +65,19 @@ def run_alone(
     """
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(1, mp_context=context, initializer=obey_the_parent)
+    with children_ignore_interruptions():
+        running = pool.submit(_costs, tuple(calls), given, tuple(modules))
     try:
-        with children_ignore_interruptions():
-            running = pool.submit(_costs, tuple(calls), given, tuple(modules))
         return running.result()
     except BrokenProcessPool:
         raise InputError("a method's process was killed, for want of memory perhaps") from None
     finally:
-        end_workers(pool)
+        end_workers(pool, busy=not running.done())
 
 
-def end_workers(pool: ProcessPoolExecutor) -> None:
-    """End a pool; what its workers still do is not needed."""
-    for child in multiprocessing.active_children():
+def end_workers(pool: ProcessPoolExecutor, *, busy: bool) -> None:
+    """End a pool; what busy workers still do is not needed."""
+    for child in multiprocessing.active_children() if busy else ():
         child.terminate()
     # Waits for the pool's thread, which holds semaphores that the system would keep.
     pool.shutdown(cancel_futures=True)

@@ -109,7 +109,7 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
             "command again, with fewer --jobs; what is done is kept"
         ) from error
     finally:
-        end_workers(pool)
+        end_workers(pool, busy=bool(waiting))
 
 
 def _key(cell: Cell) -> str:
