@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from math import ceil
-from typing import TYPE_CHECKING, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Arm, FreeBody
 
 X = TypeVar("X", float, "Floats")
-Reference: TypeAlias = "Callable[[float], tuple[Floats, Floats]]"
-"""Positions (J,), rad, and rates (J,), rad/s, of joints at a time."""
 
 
 def quintic(x: X) -> tuple[X, X]:

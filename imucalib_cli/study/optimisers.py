@@ -48,8 +48,8 @@ TOLERANCE = 1e-10
 values at which its iteration ends."""
 HUBER, CAUCHY = 1.345, 2.385
 """In standard deviations: 95 % efficient for normal noise (Holland and Welsch 1977)."""
-_STEPS = 100
-_HALVINGS = 20
+_STEPS, _HALVINGS = 100, 20
+"""Most rounds of an iteration, and most halvings of a step that does not go down."""
 _SHARPEN = 0.5
 """Factor by which the lower limit of the residuals' size shrinks with each reweighting."""
 _SHARPEST = 1e-9

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 MILLIMETRES = 1e3
 DEGREES = 180.0 / math.pi
+ERRORS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
+"""Of a pose, with the scale and the unit in which they are shown."""
 
 
 def chosen(rows: Iterable[Row], **values: Any) -> list[Row]:

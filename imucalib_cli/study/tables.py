@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 TableFormat = Literal["markdown", "csv", "json"]
-FORMATS: tuple[TableFormat, ...] = ("markdown", "csv", "json")
 
 Column: TypeAlias = tuple[str, Callable[[Sequence[Row]], str]]
 """Header with units, and the function from a line's rows to the cell."""

@@ -46,6 +46,10 @@ def opencv() -> Any:
     return optional("cv2", "images need", "camera")
 
 
+def _family(cv2: Any) -> Any:
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+
+
 def tag_cells(number: int, border_bits: int = BORDER_BITS) -> Bools:
     """White cells of an upright tag on the board, top row first.
 
@@ -60,9 +64,8 @@ def tag_cells(number: int, border_bits: int = BORDER_BITS) -> Bools:
         InputError: OpenCV is not installed.
     """
     cv2 = opencv()
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     edge = BITS + 2 * border_bits
-    drawn = cv2.aruco.generateImageMarker(dictionary, number, edge, borderBits=border_bits)
+    drawn = cv2.aruco.generateImageMarker(_family(cv2), number, edge, borderBits=border_bits)
     return np.asarray(np.rot90(drawn, 2) > 0)
 
 
@@ -81,9 +84,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
     if abs(gap - target.tag_spacing * edge) > 1e-6:
         raise InputError(f"tag_spacing {target.tag_spacing:g}: must be a multiple of {1 / edge:g}")
     rows, cols = target.tag_rows, target.tag_cols
-    known = len(
-        opencv().aruco.getPredefinedDictionary(opencv().aruco.DICT_APRILTAG_36h11).bytesList
-    )
+    known = len(_family(opencv()).bytesList)
     if rows * cols > known:
         raise InputError(f"{rows} x {cols} tags: the family 36h11 has {known}")
     margin, pitch = 2 * gap, edge + gap

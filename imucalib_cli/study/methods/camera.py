@@ -121,7 +121,9 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
         squares += float(np.sum(residual * residual))
         count += residual.size - 6
     if len(rows) < _FEWEST_IMAGES:
-        raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
+        raise InputError(
+            f"the target is seen in {len(rows)} images, need at least {_FEWEST_IMAGES}"
+        )
     pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)
     whiten = np.swapaxes(np.linalg.cholesky(np.array(information)), 1, 2) / pixel
     track = Track(name="camera", kind="pose", t=camera.t[rows], values=np.array(values))

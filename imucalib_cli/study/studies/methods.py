@@ -33,7 +33,7 @@ from imucalib_cli.study.methods.liang import LiangOptions, StillOptions
 from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
 from imucalib_cli.study.rows import (
     DEGREES,
-    MILLIMETRES,
+    ERRORS,
     best_setting,
     chosen,
     mean,
@@ -73,7 +73,6 @@ _RIVALS = {
     _LIANG: "Liang et al. as published",
     "hand-eye + RANSAC, tuned": "Liang et al. tuned for start-stop motion",
 }
-_METRICS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +213,7 @@ class MethodsStudy(Study, Conditioned):
             return scale * mean(best_setting(mine, mean_error(key)), key)
 
         rivals: dict[str, dict[str, float]] = {
-            words: {key: error(rival, key, scale) for key, scale, _ in _METRICS}
+            words: {key: error(rival, key, scale) for key, scale, _ in ERRORS}
             for rival, words in _RIVALS.items()
         }
         for quote in self.quoted:
@@ -224,7 +223,7 @@ class MethodsStudy(Study, Conditioned):
                     "rotation": _number(quote.rotation),
                 }
         for name, words in _CONTENDERS.items():
-            for key, scale, unit in _METRICS:
+            for key, scale, unit in ERRORS:
                 ours = error(name, key, scale)
                 for rival, errors in rivals.items():
                     yield Claim(

@@ -21,7 +21,7 @@ from imucalib_cli.study.contest import METHODS, contest
 from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import (
-    DEGREES,
+    ERRORS,
     MILLIMETRES,
     best_setting,
     chosen,
@@ -203,14 +203,13 @@ def _badness(rows: Sequence[Row]) -> tuple[int, float]:
     return sum(not answered(row) for row in rows), math.inf if math.isnan(error) else error
 
 
-_ERRORS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
 _COLUMNS: tuple[Column, ...] = (
     text("method"),
     text("window", "its L"),
     number("exclusion", "its exclusion m/s²"),
     *(
         made
-        for key, scale, unit in _ERRORS
+        for key, scale, unit in ERRORS
         for made in (
             statistic(f"{key} {unit}", root_mean_square, key, scale),
             statistic(f"worst {unit}", worst, key, scale),
@@ -265,8 +264,8 @@ def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
 def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     """Translation above, rotation below, a column of panels a condition."""
     conditions = groups(rows, "condition")
-    figure, panels = new_figure(len(_ERRORS), len(conditions), share_x=True)
-    for line, (key, scale, unit) in enumerate(_ERRORS):
+    figure, panels = new_figure(len(ERRORS), len(conditions), share_x=True)
+    for line, (key, scale, unit) in enumerate(ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
             _draw_errors(axes, best_points(mine), key, scale)
