@@ -21,23 +21,6 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 
 
-KINDS = ("camchain", "imu", "target")
-
-
-def kalibr_paths(log: Path) -> dict[str, Path]:
-    """Paths of Kalibr's files for a log; Kalibr itself writes to ``<log>-imu.yaml``."""
-    return {kind: log.with_suffix(f".{kind}.yaml") for kind in KINDS}
-
-
-def kalibr_command(log: Path) -> str:
-    """The command that calibrates a log; its result is ``<log>-camchain-imucam.yaml``."""
-    paths = kalibr_paths(log)
-    return (
-        f"kalibr_calibrate_imu_camera --bag {log} --cams {paths['camchain']} "
-        f"--imu {paths['imu']} --target {paths['target']} --dont-show-report"
-    )
-
-
 _HEADERS = {
     "camchain": "# The camera before calibration: intrinsics, no T_cam_imu. Made by imucalib.\n",
     "imu": """\
@@ -47,6 +30,20 @@ _HEADERS = {
 """,
     "target": "# tagSize in m, tagSpacing as a share of it. Made by imucalib.\n",
 }
+
+
+def kalibr_paths(log: Path) -> dict[str, Path]:
+    """Paths of Kalibr's files for a log; Kalibr itself writes to ``<log>-imu.yaml``."""
+    return {kind: log.with_suffix(f".{kind}.yaml") for kind in _HEADERS}
+
+
+def kalibr_command(log: Path) -> str:
+    """The command that calibrates a log; its result is ``<log>-camchain-imucam.yaml``."""
+    paths = kalibr_paths(log)
+    return (
+        f"kalibr_calibrate_imu_camera --bag {log} --cams {paths['camchain']} "
+        f"--imu {paths['imu']} --target {paths['target']} --dont-show-report"
+    )
 
 
 def write_kalibr(
