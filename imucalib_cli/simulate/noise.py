@@ -7,7 +7,7 @@ for the same seed.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from imucalib_cli.simulate.recording import (
     JointRecord,
     Messages,
     PoseRecord,
+    Record,
     Recording,
     rows_kept,
 )
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.options import NoiseOptions, Vector
 
-Record = TypeVar("Record", bound=Messages)
 Robot = JointRecord | PoseRecord
 
 MAX_JITTER = 0.45
