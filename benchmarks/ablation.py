@@ -10,17 +10,14 @@ in mm and in degrees, and the mean NEES, 6 where the stated covariance is true.
 from __future__ import annotations
 
 import argparse
-import os
 from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import TYPE_CHECKING
 
-# Before numpy: as many processes as workers, each on one core.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
 
 from benchmarks import sweeps
+from benchmarks.common import table
 from benchmarks.robots import ROBOTS, ROWS
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.unknowns import TABLE, Unknown
@@ -75,8 +72,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=16)
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    print(f"| left out | {' | '.join(f'{row}: mm, deg, NEES' for row in asked.rows)} |")
-    print("|---" * (1 + len(asked.rows)) + "|")
+    line = table("left out", *(f"{row}: mm, deg, NEES" for row in asked.rows))
     with ProcessPoolExecutor(asked.workers) as pool:
         for group in asked.groups:
             jobs = [
@@ -85,11 +81,11 @@ def main() -> None:
             ]
             found = np.array(list(pool.map(run, *zip(*jobs, strict=True))))
             found = found.reshape(len(asked.rows), asked.seeds, 3).mean(axis=1)
-            cells = [
+            cells = (
                 f"{1e3 * shift**0.5:.3f}, {np.degrees(turn**0.5):.4f}, {nees:.3g}"
                 for shift, turn, nees in found
-            ]
-            print(f"| {group} | {' | '.join(cells)} |", flush=True)
+            )
+            line(group, *cells)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.common import clean_recording
+from benchmarks.common import table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.contest import exact_system
-from imucalib_cli.study.recordings import streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
 from tools.errors import error_of
 
 WINDOWS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5)
@@ -33,8 +33,7 @@ def main() -> None:
         imu, path = streams_of(clean)
         norm = float(np.linalg.norm(clean.gravity_world))
         print(f"\n{system}, {rate:.0f} Hz")
-        print("| window s | matched mm | matched deg | paper mm | paper deg |")
-        print("|---|---|---|---|---|")
+        line = table("window s", "matched mm", "matched deg", "paper mm", "paper deg")
         for seconds in WINDOWS:
             window = WindowChoice(seconds=seconds)
             ours = error_of(
@@ -55,11 +54,12 @@ def main() -> None:
                 ),
                 clean,
             )
-            print(
-                f"| {seconds} | {ours.translation_norm * 1e3:.6f} | "
-                f"{np.degrees(ours.rotation_angle):.7f} | {theirs.translation_norm * 1e3:.4f} | "
-                f"{np.degrees(theirs.rotation_angle):.5f} |",
-                flush=True,
+            line(
+                seconds,
+                f"{ours.translation_norm * 1e3:.6f}",
+                f"{np.degrees(ours.rotation_angle):.7f}",
+                f"{theirs.translation_norm * 1e3:.4f}",
+                f"{np.degrees(theirs.rotation_angle):.5f}",
             )
 
 

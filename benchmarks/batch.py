@@ -10,13 +10,10 @@ for each log, one after the other. That 16 workers share a memory bus and a disk
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 import heapq
 import math
+import os
 import shutil
 import statistics
 import subprocess
@@ -24,13 +21,13 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from benchmarks.common import rihibot_log, table
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, urdf_hash
 from imucalib_cli.batch.local import preloaded
@@ -40,12 +37,9 @@ from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.process import prepare_to_compute
-from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.simulate import simulate
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator, Sequence
+    from collections.abc import Generator, Sequence
 
 PROGRAM = [sys.executable, "-m", "imucalib_cli", "batch"]
 STARTS, REPEATS, ROUNDS = 20, 5, 3
@@ -79,36 +73,31 @@ def main() -> None:
         urdf = make_logs(folder / "logs", arguments.logs, arguments.seconds)
         megabytes = sum(path.stat().st_size for path in (folder / "logs").iterdir()) / 1e6
         print(f"{arguments.logs} logs of {arguments.seconds:g} s, {megabytes:.0f} MB\n")
-        print("| workers | s | logs a minute | median s a log | MB a worker | MB in all |")
-        print("|---|---|---|---|---|---|")
         best: dict[int, tuple[float, ...]] = {}
         for _ in range(ROUNDS):  # in turn, so that what else the machine does is shared
             for workers in arguments.workers:
                 measured = timed(folder, urdf, "--workers", workers, "--fresh")
                 each = statistics.median(record.seconds for record in records_in(folder))
                 best[workers] = min(best.get(workers, (math.inf,)), (*measured, each))
+        line = table("workers", "s", "logs a minute", "median s a log", "MB a worker", "MB in all")
         for workers, (seconds, worker, whole, each) in best.items():
-            rate = 60.0 * arguments.logs / seconds
-            print(
-                f"| {workers} | {seconds:.1f} | {rate:.1f} | {each:.2f} | {worker:.0f} | "
-                f"{whole:.0f} |"
-            )
+            rate = f"{60.0 * arguments.logs / seconds:.1f}"
+            line(workers, f"{seconds:.1f}", rate, f"{each:.2f}", f"{worker:.0f}", f"{whole:.0f}")
         task = task_of(urdf)
-        print(f"\n| {arguments.logs} finished logs once more | whole command, s | CPU ms a log |")
-        print("|---|---|---|")
+        print()
+        finished = f"{arguments.logs} finished logs once more"
+        line = table(finished, "whole command, s", "CPU ms a log")
         for words, rehash in {"by size and time": False, "`--rehash`": True}.items():
             seconds, _, _ = timed(folder, urdf, *(["--rehash"] if rehash else []))
-            print(f"| {words} | {seconds:.2f} | {1e3 * resumed(folder, task, rehash=rehash):.2f} |")
+            line(words, f"{seconds:.2f}", f"{1e3 * resumed(folder, task, rehash=rehash):.2f}")
         on_paper(folder, task)
 
 
 def make_logs(folder: Path, count: int, seconds: float) -> Path:
     """Copies of one log, and its URDF."""
     folder.mkdir()
-    urdf = folder.parent / "robot.urdf"
-    physics = PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds)
-    first = folder / "0.mcap"
-    simulate(load_system("rihibot"), first, physics=physics, noise=load_grade("mems"), urdf=urdf)
+    first, urdf = rihibot_log(folder, seconds, "mems")
+    urdf = urdf.rename(folder.parent / urdf.name)
     for truth in folder.glob("*.yaml"):
         truth.unlink()
     for number in range(1, count):
@@ -187,29 +176,16 @@ def task_of(urdf: Path) -> Task:
 
 def resumed(folder: Path, task: Task, *, rehash: bool) -> float:
     """CPU seconds for each log that is finished, the least of some."""
+    os.chdir(folder / "logs")  # where the command was run
 
     def once() -> float:
-        with chdir(folder / "logs"):
-            logs = find_logs(["."]).logs
-            batch = Batch(
-                logs=logs, task=task, engine=none, folder=folder / "results", rehash=rehash
-            )
-            begun = time.process_time()
-            assert sum(1 for _ in batch.run()) == len(logs)  # noqa: S101 - all are finished
-            return (time.process_time() - begun) / len(logs)
+        logs = find_logs(["."]).logs
+        batch = Batch(logs=logs, task=task, engine=none, folder=folder / "results", rehash=rehash)
+        begun = time.process_time()
+        assert sum(1 for _ in batch.run()) == len(logs)  # noqa: S101 - all are finished
+        return (time.process_time() - begun) / len(logs)
 
     return min(once() for _ in range(REPEATS))
-
-
-@contextmanager
-def chdir(folder: Path) -> Iterator[None]:
-    """Work in a folder."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
 
 
 def none(_: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
@@ -229,15 +205,17 @@ def on_paper(folder: Path, task: Task) -> None:
         seconds.append(time.process_time() - begun)
     del seconds[0]  # with imports
     own = work_of_the_command(done, folder)
-    print("\n| part | s |\n|---|---|")
-    print(f"| a log in a worker, CPU, median of {REPEATS} | {statistics.median(seconds):.3f} |")
-    print(f"| first process, with all imports | {first:.2f} |")
-    print(f"| each further process, the least of {STARTS} | {start:.4f} |")
-    print(f"| the command itself, for each log, the least of {REPEATS} | {own:.4f} |")
-    print(f"\n| cores, {ON_PAPER} logs on paper | minutes | logs a minute |\n|---|---|---|")
+    print()
+    line = table("part", "s")
+    line(f"a log in a worker, CPU, median of {REPEATS}", f"{statistics.median(seconds):.3f}")
+    line("first process, with all imports", f"{first:.2f}")
+    line(f"each further process, the least of {STARTS}", f"{start:.4f}")
+    line(f"the command itself, for each log, the least of {REPEATS}", f"{own:.4f}")
+    print()
+    line = table(f"cores, {ON_PAPER} logs on paper", "minutes", "logs a minute")
     for cores in (1, 2, 4, 8, CORES, 32):
         whole = first + simulated(seconds, start, own, cores)
-        print(f"| {cores} | {whole / 60.0:.1f} | {60.0 * ON_PAPER / whole:.0f} |")
+        line(cores, f"{whole / 60.0:.1f}", f"{60.0 * ON_PAPER / whole:.0f}")
 
 
 def start_of_a_process(task: Task) -> tuple[float, float]:

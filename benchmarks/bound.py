@@ -13,17 +13,14 @@ sweep, root mean squares over the same logs.
 from __future__ import annotations
 
 import argparse
-import os
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-# Before numpy: as many processes as workers, each on one core.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import numpy as np
 
+from benchmarks.common import rms, table
 from benchmarks.robots import ROBOTS, ROWS, Row
 from benchmarks.sweeps import Job, Line, read
 from imucalib_cli.estimate.model.unknowns import SCALES
@@ -101,25 +98,30 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
     groups: dict[tuple[str, str], list[Line]] = defaultdict(list)
-    for line in read(asked.sweep).values():
-        if "failed" not in line:
-            groups[line["robot"], line["row"]].append(line)
-    print(f"| {' | '.join(HEADER)} |")
-    print("|---" * len(HEADER) + "|")
+    for each in read(asked.sweep).values():
+        if "failed" not in each:
+            groups[each["robot"], each["row"]].append(each)
+    line = table(*HEADER)
     with ProcessPoolExecutor(asked.workers) as pool:
         for key in ((robot, row) for robot in ROBOTS for row in ROWS):
-            lines = sorted(groups[key], key=lambda line: line["seed"])[: asked.logs]
+            lines = sorted(groups[key], key=lambda each: each["seed"])[: asked.logs]
             if not lines:
                 continue
             least = np.sqrt(np.mean(list(pool.map(bound, lines)), axis=0))
-            errors = np.square([line["error"] for line in lines])
-            rms = np.sqrt([errors[:, :3].sum(axis=1).mean(), errors[:, 3:].sum(axis=1).mean()])
-            cells = (
-                f"{1e3 * rms[0]:.3f} | {1e3 * least[0]:.3f} | {rms[0] / least[0]:.2f}",
-                f"{np.degrees(rms[1]):.4f} | {np.degrees(least[1]):.4f} | {rms[1] / least[1]:.2f}",
-                f"{np.degrees(least[2]):.4f} | {rms[1] / least[2]:.2f}",
+            errors = np.array([each["error"] for each in lines])
+            place, turn = rms(errors[:, :3]), rms(errors[:, 3:])
+            line(
+                *key,
+                len(lines),
+                f"{1e3 * place:.3f}",
+                f"{1e3 * least[0]:.3f}",
+                f"{place / least[0]:.2f}",
+                f"{np.degrees(turn):.4f}",
+                f"{np.degrees(least[1]):.4f}",
+                f"{turn / least[1]:.2f}",
+                f"{np.degrees(least[2]):.4f}",
+                f"{turn / least[2]:.2f}",
             )
-            print(f"| {' | '.join((*key, str(len(lines)), *cells))} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,83 +1,85 @@
-"""What the benchmarks share: recordings, trials in parallel, root mean squares."""
+"""What the benchmarks share: tables that grow line by line, scores of poses, IMU grades."""
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.process import prepare_to_compute
-from imucalib_cli.simulate.load import load_grade
-from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.study.recordings import clean_recording, streams_of
-from tools.errors import error_of, nees
-
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from imucalib_cli.simulate.options import NoiseOptions
 
 
-@dataclass(frozen=True, kw_only=True)
-class Case:
-    """One condition of a Monte Carlo study."""
+def table(*header: str) -> Callable[..., None]:
+    """Print a header; what is returned prints a line of cells."""
 
-    name: str
-    physics: PhysicsOptions
-    noise: NoiseOptions
-    options: MatchedOptions = field(default_factory=MatchedOptions)
-    system: str = "rihibot"
+    def line(*cells: object) -> None:
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
-
-@dataclass(frozen=True, kw_only=True)
-class Trial:
-    """One seed's outcome."""
-
-    pose: tuple[float, ...]
-    nees: float
-    offset: float
-    offset_nees: float
-    bias_nees: tuple[float, float]
-    trusted: bool
+    line(*header)
+    print("|---" * len(header) + "|")
+    return line
 
 
-def run_trial(case: Case, seed: int) -> Trial:
-    """Corrupt the case's recording with a seed and calibrate it."""
-    clean = clean_recording(case.system, case.physics)
-    noisy = corrupt(clean, case.noise, seed)
-    imu, path = streams_of(noisy)
-    estimate = calibrate_matched(imu, path, case.options)
-    error = error_of(estimate, noisy)
-    ratios = [
-        float(np.mean(((bias - true.mean(axis=0)) / std) ** 2))
-        for bias, std, true in (
-            (estimate.accel_bias, estimate.accel_bias_std, noisy.corruption.accel_bias),
-            (estimate.gyro_bias, estimate.gyro_bias_std, noisy.corruption.gyro_bias),
-        )
-    ]
-    return Trial(
-        pose=tuple(error.pose),
-        nees=nees(error.pose, np.asarray(estimate.covariance)),
-        offset=error.time_offset,
-        offset_nees=(error.time_offset / (estimate.time_offset_std or np.inf)) ** 2,
-        bias_nees=(ratios[0], ratios[1]),
-        trusted=estimate.trusted,
-    )
+def rms(errors: ArrayLike) -> float:
+    """Root mean square of numbers (N,), or of the norms of vectors (N, n)."""
+    return float(np.sqrt(np.mean(np.sum(np.atleast_2d(np.square(errors).T), axis=0))))
 
 
-def run_trials(case: Case, seeds: int) -> list[Trial]:
-    """Seeds 0 to seeds - 1, on all processors."""
-    with ProcessPoolExecutor(initializer=prepare_to_compute) as pool:
-        return list(pool.map(partial(run_trial, case), range(seeds), chunksize=4))
+@dataclass
+class Scores:
+    """Errors of poses, and how they compare with what is stated."""
+
+    errors: list[NDArray[np.float64]] = field(default_factory=list)
+    """(6,) each, m and rad."""
+    nees: list[float] = field(default_factory=list)
+    """Squared error in units of the stated covariance: 6 where that is true."""
+    trusted: int = 0
+
+    def add(self, error: NDArray[np.float64], covariance: ArrayLike, *, trusted: bool) -> None:
+        """One estimate."""
+        self.errors.append(error)
+        self.nees.append(float(error @ np.linalg.solve(covariance, error)))
+        self.trusted += trusted
+
+    @property
+    def mm(self) -> float:
+        """Root mean square."""
+        return 1e3 * rms(np.array(self.errors)[:, :3])
+
+    @property
+    def degrees(self) -> float:
+        """Root mean square."""
+        return float(np.degrees(rms(np.array(self.errors)[:, 3:])))
+
+    @property
+    def honesty(self) -> str:
+        """Mean of the NEES and its standard error."""
+        spread = np.std(self.nees) / np.sqrt(len(self.nees))
+        return f"{np.mean(self.nees):.2f} ± {spread:.2f}"
+
+
+def rihibot_log(folder: Path, seconds: float | None, imu: str) -> tuple[Path, Path]:
+    """RiHIBot at 500 Hz with an IMU of a grade: its log and its URDF."""
+    from imucalib_cli.simulate.load import load_grade, load_system
+    from imucalib_cli.simulate.options import PhysicsOptions
+    from imucalib_cli.simulate.simulate import simulate
+
+    log, urdf = folder / "0.mcap", folder / "robot.urdf"
+    physics = PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds)
+    simulate(load_system("rihibot"), log, physics=physics, noise=load_grade(imu), urdf=urdf)
+    return log, urdf
 
 
 def grade(name: str, **changes: object) -> NoiseOptions:
     """An IMU grade with changes; its bias walks off, so that the bound holds exactly."""
+    from imucalib_cli.simulate.load import load_grade
+
     noise = replace(load_grade(name), accel_bias_walk=0.0, gyro_bias_walk=0.0)
     return replace(noise, **changes)  # type: ignore[arg-type]

@@ -17,6 +17,7 @@ import venv
 from pathlib import Path
 
 from benchmarks.batch import family, megabytes
+from benchmarks.common import table
 
 REPEATS = 3
 SCRIPTS = {
@@ -55,15 +56,15 @@ def main() -> None:
                 measured[name].append(
                     started(python, Path(temporary) / f"start_{name}.py", SCRIPTS[name])
                 )
-        print("| | packages | MB installed | s to the first answer | s to stop | MB | processes |")
-        print("|---|---|---|---|---|---|---|")
+        line = table(
+            *("", "packages", "MB installed", "s to the first answer", "s to stop"),
+            *("MB", "processes"),
+        )
         for name, python in pythons.items():
             ready, stop, size, processes = map(statistics.median, zip(*measured[name], strict=True))
             packages, weight = weight_of(python)
-            print(
-                f"| {name} {version_of(python, name)} | {packages} | {weight:.0f} | {ready:.2f} | "
-                f"{stop:.2f} | {size:.0f} | {processes:.0f} |"
-            )
+            times = f"{ready:.2f}", f"{stop:.2f}", f"{size:.0f}", f"{processes:.0f}"
+            line(f"{name} {version_of(python, name)}", packages, f"{weight:.0f}", *times)
 
 
 def installed(folder: Path, name: str) -> Path:

@@ -19,13 +19,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.common import clean_recording, grade
+from benchmarks.common import grade, table
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.study.recordings import clean_recording
 from tools.errors import error_of
 from tools.faults import Fault, misdescribed, with_faulty_sensor
 
@@ -33,15 +35,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.findings import Finding
 
-JOINTS = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
-LINKS = ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link")
+ROBOT = load_system("rihibot").joints
+JOINTS, LINKS = tuple(joint.name for joint in ROBOT), tuple(joint.child for joint in ROBOT[:-1])
 PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=125)
 OFFSET = 0.0125
 LEAST = (1e-5, 1e-5)
@@ -205,18 +200,18 @@ def main() -> None:
     ]
     with ProcessPoolExecutor() as pool:
         verdicts = list(pool.map(judge, *zip(*cases, strict=True)))
-    table: dict[str, Counter[str]] = {}
-    for verdict in verdicts:
-        table.setdefault(verdict.fault.kind, Counter())[verdict.named] += 1
-    print("| told | named | names and figures right | untrusted | ok though off by 3 sigma |")
-    print("|---|---|---|---|---|")
-    for kind, counts in table.items():
+    line = table(
+        "told", "named", "names and figures right", "untrusted", "ok though off by 3 sigma"
+    )
+    for kind in dict.fromkeys(verdict.fault.kind for verdict in verdicts):
         own = [verdict for verdict in verdicts if verdict.fault.kind == kind]
         named = [v for v in own if v.named == NAMED.get(kind, kind)]
-        print(
-            f"| {kind} | {', '.join(f'{name} {n}' for name, n in counts.most_common())} | "
-            f"{sum(v.right for v in named)} of {len(named)} | "
-            f"{sum(not v.trusted for v in own)} of {len(own)} | {sum(v.wrong_ok for v in own)} |"
+        line(
+            kind,
+            ", ".join(f"{name} {n}" for name, n in Counter(v.named for v in own).most_common()),
+            f"{sum(v.right for v in named)} of {len(named)}",
+            f"{sum(not v.trusted for v in own)} of {len(own)}",
+            sum(v.wrong_ok for v in own),
         )
     print()
     for verdict in verdicts:

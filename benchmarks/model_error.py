@@ -11,17 +11,18 @@ else: no data can tell.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
-from benchmarks.common import clean_recording, grade
+from benchmarks.common import Scores, grade, rms, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.recordings import robot_of, streams_of
-from tools.errors import error_of, nees
+from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
+from tools.errors import error_of
 
 JOINTS = ("elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 MOUNTS = ((-0.0225, 0.1, 0.0), (0.05, 0.02, 0.03), (0.0, -0.08, 0.06), (0.1, 0.1, -0.02))
@@ -30,9 +31,8 @@ MOUNTS = ((-0.0225, 0.1, 0.0), (0.05, 0.02, 0.03), (0.0, -0.08, 0.06), (0.1, 0.1
 def main() -> None:
     """Print a line for each wrong length."""
     robot = robot_of(load_system("rihibot"))
-    print("| origin 1 % long | noise | error mm | stated mm | NEES | trusted |")
-    print("|---|---|---|---|---|---|")
-    for name in JOINTS:
+    line = table("origin 1 % long", "noise", "error mm", "stated mm", "NEES", "trusted")
+    for name, noise in product(JOINTS, ("industrial", "mems")):
         wrong = replace(
             robot,
             joints=tuple(
@@ -40,24 +40,22 @@ def main() -> None:
                 for joint in robot.joints
             ),
         )
-        for noise in ("industrial", "mems"):
-            errors, stated, scores, trusted = [], [], [], 0
-            for seed, mount in enumerate(MOUNTS):
-                physics = PhysicsOptions(imu_rate=200, robot_rate=200, mount_xyz=mount)
-                noisy = corrupt(clean_recording("rihibot", physics), grade(noise), seed)
-                estimate = calibrate_matched(*streams_of(noisy, wrong), MatchedOptions())
-                covariance = np.asarray(estimate.covariance)
-                error = error_of(estimate, noisy)
-                errors.append(error.translation_norm)
-                stated.append(np.sqrt(np.trace(covariance[:3, :3])))
-                scores.append(nees(error.pose, covariance))
-                trusted += estimate.trusted
-            rms = [np.sqrt(np.mean(np.square(values))) * 1e3 for values in (errors, stated)]
-            print(
-                f"| {name} | {noise} | {rms[0]:.3f} | {rms[1]:.3f} | {np.mean(scores):.1f} | "
-                f"{trusted} of {len(MOUNTS)} |",
-                flush=True,
-            )
+        scores, stated = Scores(), []
+        for seed, mount in enumerate(MOUNTS):
+            physics = PhysicsOptions(imu_rate=200, robot_rate=200, mount_xyz=mount)
+            noisy = corrupt(clean_recording("rihibot", physics), grade(noise), seed)
+            estimate = calibrate_matched(*streams_of(noisy, wrong), MatchedOptions())
+            covariance = np.asarray(estimate.covariance)
+            stated.append(np.sqrt(np.diag(covariance)[:3]))
+            scores.add(error_of(estimate, noisy).pose, covariance, trusted=estimate.trusted)
+        line(
+            name,
+            noise,
+            f"{scores.mm:.3f}",
+            f"{1e3 * rms(stated):.3f}",
+            f"{np.mean(scores.nees):.1f}",
+            f"{scores.trusted} of {len(MOUNTS)}",
+        )
 
 
 if __name__ == "__main__":

@@ -24,26 +24,31 @@ import lz4.frame
 import numpy as np
 import zstandard
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
-from rosbags.rosbag1 import Writer as BagWriter
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as FolderWriter
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.rosbag1 import Reader
 
+from benchmarks.common import table
 from imucalib_cli.logs.log import open_log
+from tests.logs.logs_samples import (
+    ROS1,
+    ROS2,
+    START_NS,
+    Said,
+    T,
+    header,
+    imu,
+    joints,
+    transform,
+    write_log,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 STORAGES = ("mcap-zstd", "mcap-lz4", "mcap-none", "db3", "bag-none", "bag-lz4", "bag-bz2")
+CHUNK = 1 << 20
+"""Bytes, what writers take by default."""
 TOPICS = ("/imu/data", "/joint_states", "/tf")
-ROS2 = get_typestore(Stores.ROS2_HUMBLE)
-ROS1 = get_typestore(Stores.ROS1_NOETIC)
-ROS1.register(
-    get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage")
-)
 TYPES = {
     "/imu/data": "sensor_msgs/msg/Imu",
     "/joint_states": "sensor_msgs/msg/JointState",
@@ -52,96 +57,26 @@ TYPES = {
 }
 
 
-def make_messages(seconds: float, image_bytes: int) -> list[tuple[int, str, bytes]]:
-    """Serialised messages in order of time: receive time, topic, CDR."""
-    rng = np.random.default_rng(0)
-    kinds = ROS2.types
-
-    def kind(name: str) -> Any:
-        return kinds[name]
-
-    def header(ns: int, frame: str) -> Any:
-        stamp = kind("builtin_interfaces/msg/Time")(ns // 10**9, ns % 10**9)
-        return kind("std_msgs/msg/Header")(stamp, frame)
-
-    def imu(ns: int) -> Any:
-        vector, quaternion = kind("geometry_msgs/msg/Vector3"), kind("geometry_msgs/msg/Quaternion")
-        return kind(TYPES["/imu/data"])(
-            header(ns, "imu_link"),
-            quaternion(0.0, 0.0, 0.0, 1.0),
-            np.zeros(9),
-            vector(*rng.normal(size=3)),
-            np.zeros(9),
-            vector(*rng.normal(size=3)),
-            np.zeros(9),
-        )
-
-    def joints(ns: int) -> Any:
-        names = [f"joint_number_{k}" for k in range(6)]
-        values = rng.normal(size=(3, 6))
-        return kind(TYPES["/joint_states"])(header(ns, ""), names, *values)
-
-    def tf(ns: int) -> Any:
-        transform = kind("geometry_msgs/msg/Transform")(
-            kind("geometry_msgs/msg/Vector3")(*rng.normal(size=3)),
-            kind("geometry_msgs/msg/Quaternion")(0.0, 0.0, 0.0, 1.0),
-        )
-        stamped = kind("geometry_msgs/msg/TransformStamped")(header(ns, "odom"), "base", transform)
-        return kind(TYPES["/tf"])([stamped])
+def make_messages(seconds: float, image_bytes: int) -> list[Said]:
+    """In order of time."""
+    rng, names = np.random.default_rng(0), [f"joint_number_{k}" for k in range(6)]
 
     def image(ns: int) -> Any:
         data = rng.integers(0, 256, size=image_bytes, dtype=np.uint8)
-        return kind(TYPES["/camera"])(header(ns, "camera"), "jpeg", data)
+        return T["CompressedImage"](header(ns, "camera"), "jpeg", data)
 
     makers: list[tuple[str, float, Callable[[int], Any]]] = [
-        ("/imu/data", 400.0, imu),
-        ("/joint_states", 500.0, joints),
-        ("/tf", 100.0, tf),
+        ("/imu/data", 400.0, lambda ns: imu(ns, rng)),
+        ("/joint_states", 500.0, lambda ns: joints(ns, rng, names)),
+        ("/tf", 100.0, lambda ns: T["TFMessage"]([transform(ns, rng, "odom", "base")])),
         ("/camera", 30.0, image),
     ]
     found = []
     for topic, rate, make in makers:
         for k in range(int(seconds * rate)):
-            ns = 1_700_000_000_000_000_000 + int(k / rate * 1e9)
-            found.append((ns, topic, bytes(ROS2.serialize_cdr(make(ns), TYPES[topic]))))
-    return sorted(found, key=lambda each: each[0])
-
-
-def write(path: Path, messages: list[tuple[int, str, bytes]], storage: str) -> Path:
-    """Write the messages; where the file lies."""
-    kind, _, compression = storage.partition("-")
-    if kind == "mcap":
-        with path.open("wb") as file:
-            mcap = McapWriter(file, compression=CompressionType[compression.upper()])
-            mcap.start(profile="ros2")
-            numbers = {}
-            for topic, name in TYPES.items():
-                text = ROS2.generate_msgdef(name, ros_version=2)[0].encode()
-                schema = mcap.register_schema(name=name, encoding="ros2msg", data=text)
-                numbers[topic] = mcap.register_channel(
-                    topic=topic, message_encoding="cdr", schema_id=schema
-                )
-            for ns, topic, data in messages:
-                mcap.add_message(numbers[topic], log_time=ns, publish_time=ns, data=data)
-            mcap.finish()
-        return path
-    writer: Any
-    if kind == "bag":
-        writer = BagWriter(path)
-        if compression != "none":
-            writer.set_compression(BagWriter.CompressionFormat[compression.upper()])
-    else:
-        writer = FolderWriter(path, version=8, storage_plugin=StoragePlugin.SQLITE3)
-    store = ROS1 if kind == "bag" else ROS2
-    with writer:
-        connections = {
-            topic: writer.add_connection(topic, name, typestore=store)
-            for topic, name in TYPES.items()
-        }
-        for ns, topic, data in messages:
-            raw = ROS2.cdr_to_ros1(data, TYPES[topic]) if kind == "bag" else data
-            writer.write(connections[topic], ns, raw)
-    return next(path.glob("*.db3")) if kind == "db3" else path
+            ns = START_NS + int(k / rate * 1e9)
+            found.append(Said(topic, TYPES[topic], make(ns), ns))
+    return sorted(found, key=lambda each: each.log_ns)
 
 
 def floor_of(path: Path, storage: str) -> Callable[[], None]:
@@ -157,8 +92,6 @@ def floor_of(path: Path, storage: str) -> Callable[[], None]:
                 at = chunk.chunk_start_offset + 9 + 40 + len(chunk.compression)
                 spans.append((at, chunk.compressed_size, chunk.uncompressed_size))
     elif kind == "bag":
-        from rosbags.rosbag1 import Reader
-
         with Reader(path) as reader:
             found = reader.chunks.values()
             spans = [(each.datapos, each.datasize, each.datasize) for each in found]
@@ -247,25 +180,26 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        messages: list[tuple[int, str, bytes]] = []
-        print("| storage | MB | floor s | ours s | ours / floor | AnyReader s | AnyReader / ours |")
-        print("|---|---|---|---|---|---|---|")
+        messages: list[Said] = []
+        line = table(
+            *("storage", "MB", "floor s", "ours s", "ours / floor"),
+            *(() if options.no_anyreader else ("AnyReader s", "AnyReader / ours")),
+        )
         for storage in options.storage or STORAGES:
             suffix = {"db3": ""}.get(storage, "." + storage.partition("-")[0])
             path = folder / f"log-{storage}-{options.seconds:g}{suffix}"
             if not path.exists():
                 messages = messages or make_messages(options.seconds, options.image_bytes)
-                write(path, messages, storage)
+                write_log(path, messages, storage, chunk_bytes=CHUNK)
             if storage == "db3":
                 path = next(path.glob("*.db3"))
             repeats = 1 if storage == "bag-bz2" else options.repeats
             ours, floor = typical([partial(read_ours, path), floor_of(path, storage)], repeats)
-            line = f"| {storage} | {path.stat().st_size / 1e6:.0f} | {floor:.3f} | {ours:.3f} "
-            line += f"| {ours / floor:.2f} "
+            cells = [f"{floor:.3f}", f"{ours:.3f}", f"{ours / floor:.2f}"]
             if not options.no_anyreader:
                 slow, *_ = typical([partial(read_anyreader, path)], 1 if repeats == 1 else 3)
-                line += f"| {slow:.2f} | {slow / ours:.1f} "
-            print(line + "|", flush=True)
+                cells += [f"{slow:.2f}", f"{slow / ours:.1f}"]
+            line(storage, f"{path.stat().st_size / 1e6:.0f}", *cells)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"\npeak memory of everything above: {peak:.0f} MiB", file=sys.stderr)
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.rosbag1 import Reader as BagReader
 
+from benchmarks.common import table
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.remote.file import RemoteFile
 from tests.logs.logs_remote import wanted_bytes, with_images
@@ -43,8 +44,8 @@ def bag_chunks(path: Path, topics: Collection[str]) -> int:
         )
 
 
-def row(name: str, path: Path, topics: Collection[str], wanted: int) -> None:
-    """Print what reading some topics of a log takes."""
+def row(name: str, path: Path, topics: Collection[str], wanted: int) -> tuple[object, ...]:
+    """What reading some topics of a log takes."""
 
     def seconds(read: Callable[[], object]) -> float:
         start = time.perf_counter()
@@ -57,11 +58,9 @@ def row(name: str, path: Path, topics: Collection[str], wanted: int) -> None:
         sent, requests = web.sent, len(web.asked)
         web.behaviour.seconds_per_request = LINE_S
         slow = seconds(lambda: open_log([RemoteFile(web.url(path.name))]).read(topics))
-    print(
-        f"| {name} | {path.stat().st_size / 1e6:.0f} | {wanted / 1e6:.1f} | {sent / 1e6:.1f} | "
-        f"{sent / wanted:.3f} | {requests} | {local:.2f} | {fast:.2f} | {slow:.2f} |",
-        flush=True,
-    )
+    sizes = f"{path.stat().st_size / 1e6:.0f}", f"{wanted / 1e6:.1f}", f"{sent / 1e6:.1f}"
+    times = (f"{each:.2f}" for each in (local, fast, slow))
+    return name, *sizes, f"{sent / wanted:.3f}", requests, *times
 
 
 def main() -> None:
@@ -71,9 +70,9 @@ def main() -> None:
     size = parser.parse_args().megabytes << 20
     rihibot = SAMPLES / "rihibot.mcap"
     topics = ("/imu/data", "/joint_states")
-    print(
-        "| log | MB | wanted chunks, MB | read, MB | read / wanted | requests | s, on disk | "
-        "s, server | s, server after 50 ms |\n|---|---|---|---|---|---|---|---|---|"
+    line = table(
+        *("log", "MB", "wanted chunks, MB", "read, MB", "read / wanted", "requests"),
+        *("s, on disk", "s, server", "s, server after 50 ms"),
     )
     with tempfile.TemporaryDirectory() as folder:
         for name, apart in (
@@ -82,11 +81,11 @@ def main() -> None:
         ):
             path = Path(folder) / "log.mcap"
             with_images(rihibot, path, size=size, image_bytes=1 << 20, apart=apart)
-            row(name, path, topics, wanted_bytes(path, topics))
+            line(*row(name, path, topics, wanted_bytes(path, topics)))
             path.unlink()
-    row("MCAP, zstd, no images", rihibot, topics, wanted_bytes(rihibot, topics))
+    line(*row("MCAP, zstd, no images", rihibot, topics, wanted_bytes(rihibot, topics)))
     bag, poses = SAMPLES / "barbot.bag", ("/imu/data", "/tf")
-    row("ROS 1 bag, no images", bag, poses, bag_chunks(bag, poses))
+    line(*row("ROS 1 bag, no images", bag, poses, bag_chunks(bag, poses)))
 
 
 if __name__ == "__main__":

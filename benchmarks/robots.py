@@ -29,7 +29,7 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseSte
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 Floats = NDArray[np.float64]
 
@@ -54,22 +54,12 @@ EDGE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Origin:
-    """Where a joint, or the flange, sits in the link before it."""
-
-    p: Floats
-    """(3,), m."""
-    R: Floats
-    """(3, 3)."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
     """A chain of joints that turn about their z, perhaps on a tracked base."""
 
-    origins: tuple[Origin, ...]
-    """Of each joint."""
-    flange: Origin
+    origins: tuple[FixedStep, ...]
+    """Where each joint sits in the link before it."""
+    flange: FixedStep
     home: tuple[float, ...]
     """rad, one for each joint."""
     amplitude: tuple[float, ...]
@@ -79,9 +69,9 @@ class Robot:
     moving_base: bool = False
 
 
-def _origin(xyz: tuple[float, float, float], roll: float, yaw: float = 0.0) -> Origin:
+def _origin(xyz: tuple[float, float, float], roll: float, yaw: float = 0.0) -> FixedStep:
     R = Rotation.from_euler("xyz", [roll, 0.0, yaw]).as_matrix()
-    return Origin(p=np.array(xyz), R=R)
+    return FixedStep(R=R, p=np.array(xyz))
 
 
 _RIGHT = np.pi / 2
@@ -361,34 +351,29 @@ class Truth:
 
     def gyro(self, motion: Motion, t: Floats) -> Floats:
         """(N, 3), rad/s, IMU frame."""
-        q, v, _ = motion.at(t)
-        gyro = np.empty((len(t), 3))
-        for k in range(len(t)):
-            pin.forwardKinematics(self._model, self._data, q[k], v[k])
-            rates = pin.getFrameVelocity(self._model, self._data, self._imu, pin.LOCAL)
-            gyro[k] = rates.angular
-        return gyro
+        return np.array([self._imu_velocity().angular for _ in self._along(motion, t)])
 
     def accel(self, motion: Motion, t: Floats, gravity: float) -> Floats:
         """(N, 3), specific force, m/s², IMU frame."""
-        q, v, a = motion.at(t)
-        accel = np.empty((len(t), 3))
-        for k in range(len(t)):
-            pin.forwardKinematics(self._model, self._data, q[k], v[k], a[k])
+        forces = []
+        for _ in self._along(motion, t):
             place = pin.updateFramePlacement(self._model, self._data, self._imu)
             own = pin.getFrameClassicalAcceleration(self._model, self._data, self._imu, pin.LOCAL)
-            accel[k] = own.linear + gravity * place.rotation[2]
-        return accel
+            forces.append(own.linear + gravity * place.rotation[2])
+        return np.array(forces)
 
     def base_poses(self, motion: Motion, t: Floats) -> tuple[Floats, Floats]:
         """Of a moving base: (N, 3, 3) and (N, 3), m, in the world."""
-        q, _, _ = motion.at(t)
-        R, p = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
-        for k in range(len(t)):
-            pin.forwardKinematics(self._model, self._data, q[k])
-            R[k] = self._data.oMi[self.base].rotation
-            p[k] = self._data.oMi[self.base].translation
-        return R, p
+        poses = [self._data.oMi[self.base].copy() for _ in self._along(motion, t)]
+        return np.array([pose.rotation for pose in poses]), np.array([p.translation for p in poses])
+
+    def _imu_velocity(self) -> Any:
+        return pin.getFrameVelocity(self._model, self._data, self._imu, pin.LOCAL)
+
+    def _along(self, motion: Motion, t: Floats) -> Iterator[None]:
+        """Take the model to each instant."""
+        for q, v, a in zip(*motion.at(t), strict=True):
+            yield pin.forwardKinematics(self._model, self._data, q, v, a)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -589,6 +574,6 @@ def _path(robot: Robot, tracks: tuple[Track, ...]) -> KinematicPath:
         joint = JointStep(
             name=f"j{index}", kind="revolute", axis=np.array([0.0, 0.0, 1.0]), track=0, column=index
         )
-        steps += [FixedStep(R=origin.R, p=origin.p), joint]
-    steps.append(FixedStep(R=robot.flange.R, p=robot.flange.p))
+        steps += [origin, joint]
+    steps.append(robot.flange)
     return KinematicPath(world="world", parent="flange", steps=tuple(steps), tracks=tracks)

@@ -9,10 +9,6 @@ IMUs of `imucalib simulate walker --grade mems --duration 30`, whose feet strike
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 import subprocess
 import sys
@@ -25,6 +21,7 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
+from benchmarks.common import Scores, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
@@ -34,7 +31,7 @@ from tests.estimate.estimate_arm import Mount, pose_error
 from tests.estimate.estimate_walk import FOOT, SHANK, Walk
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from imucalib_cli.estimate.estimate import Estimate
 
@@ -90,23 +87,16 @@ def walkers(count: int) -> Iterator[Row]:
             yield f"walker: {imu}", "together", each.estimate, mount
 
 
-def report(rows: Iterator[Row]) -> None:
+def report(rows: Iterator[Row], line: Callable[..., None]) -> None:
     """Print a line for each IMU and way."""
-    found: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
+    found: dict[tuple[str, str], Scores] = {}
     for name, way, estimate, mount in rows:
         if estimate.covariance is not None:
+            scores = found.setdefault((name, way), Scores())
             error = pose_error(estimate, mount)
-            square = float(error @ np.linalg.solve(estimate.covariance, error))
-            sums = float(error[:3] @ error[:3]), float(error[3:] @ error[3:]), square
-            found.setdefault((name, way), []).append(sums)
-    for (name, way), values in found.items():
-        place, turn, square = np.mean(values, axis=0)
-        spread = np.std([each[2] for each in values]) / np.sqrt(len(values))
-        print(
-            f"| {name} | {way} | {len(values)} | {1e3 * np.sqrt(place):.3f} | "
-            f"{np.degrees(np.sqrt(turn)):.4f} | {square:.2f} ± {spread:.2f} |",
-            flush=True,
-        )
+            scores.add(error, estimate.covariance, trusted=estimate.trusted)
+    for key, s in found.items():
+        line(*key, len(s.nees), f"{s.mm:.3f}", f"{s.degrees:.4f}", s.honesty)
 
 
 def main() -> None:
@@ -115,10 +105,10 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=60)
     parser.add_argument("--walkers", type=int, default=6)
     asked = parser.parse_args()
-    print("| log and IMU | solved | logs | mm | deg | NEES |\n|---|---|---|---|---|---|")
+    line = table("log and IMU", "solved", "logs", "mm", "deg", "NEES")
     for name, walk in WALKS.items():
-        report(walks(name, walk, asked.seeds))
-    report(walkers(asked.walkers))
+        report(walks(name, walk, asked.seeds), line)
+    report(walkers(asked.walkers), line)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,6 @@ counts on a shared machine.
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 import statistics
 import subprocess
@@ -25,6 +21,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.highlevel import AnyReader
 
+from benchmarks.common import rihibot_log, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.logs.clock import choose_clock
@@ -33,9 +30,6 @@ from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.simulate import simulate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,16 +55,6 @@ print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 """In a small process: a child's memory counts from that of the process that starts it."""
 
 
-def make_log(folder: Path, seconds: float | None) -> tuple[Path, Path]:
-    """RiHIBot at 500 Hz with industrial noise."""
-    log, urdf = folder / "rihibot.mcap", folder / "rihibot.urdf"
-    physics = PhysicsOptions(imu_rate=500, robot_rate=500, duration=seconds)
-    simulate(
-        load_system("rihibot"), log, physics=physics, noise=load_grade("industrial"), urdf=urdf
-    )
-    return log, urdf
-
-
 def timed(call: Callable[[], object]) -> float:
     """Seconds of one call."""
     start = time.perf_counter()
@@ -87,7 +71,8 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         if arguments.log is None:
-            arguments.log, arguments.urdf = make_log(Path(folder), arguments.seconds)
+            made = rihibot_log(Path(folder), arguments.seconds, "industrial")
+            arguments.log, arguments.urdf = made
         measure(arguments.log, arguments.urdf)
         measure_runs(arguments.log, arguments.urdf)
 
@@ -112,11 +97,11 @@ def measure_runs(log: Path, urdf: Path) -> None:
         for name, command in commands.items():
             found[name].append(spent(command))
     theirs = statistics.median(cpu for cpu, _ in found["AnyReader, two topics"])
-    print("\n| whole process | median CPU s | over AnyReader | MB |")
-    print("|---|---|---|---|")
+    print()
+    line = table("whole process", "median CPU s", "over AnyReader", "MB")
     for name, values in found.items():
         cpu = statistics.median(cpu for cpu, _ in values)
-        print(f"| {name} | {cpu:.2f} | {cpu / theirs:.2f} | {max(mb for _, mb in values):.0f} |")
+        line(name, f"{cpu:.2f}", f"{cpu / theirs:.2f}", f"{max(mb for _, mb in values):.0f}")
 
 
 def measure(path: Path, urdf: Path) -> None:
@@ -161,10 +146,9 @@ def measure(path: Path, urdf: Path) -> None:
             if repeat > 0:
                 times[name].append(seconds)
     medians = {name: statistics.median(values) for name, values in times.items()}
-    print("| what | median s | over AnyReader |")
-    print("|---|---|---|")
+    line = table("what", "median s", "over AnyReader")
     for name, value in medians.items():
-        print(f"| {name} | {value:.3f} | {value / medians['AnyReader, IMU topic']:.2f} |")
+        line(name, f"{value:.3f}", f"{value / medians['AnyReader, IMU topic']:.2f}")
 
 
 if __name__ == "__main__":

@@ -17,23 +17,21 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-# Before numpy: as many processes as workers, each on one core.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import imucalib_cli
+from benchmarks.common import rms, table
 from benchmarks.robots import ROBOTS, ROWS, Case, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
@@ -41,6 +39,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
 
 FIVE_SIGMA = 5.7e-7
@@ -111,44 +110,42 @@ def _outcome(estimate: Estimate, case: Case) -> Line:
     }
 
 
-def _rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+Logs = list[Line]
+"""Of one robot and row, those that gave a result."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Logs:
-    """The logs of one robot and row that gave a result."""
+def values(logs: Logs, name: str) -> list[float]:
+    """One number of each."""
+    return [float(line[name]) for line in logs]
 
-    lines: list[Line]
 
-    def errors(self, part: slice) -> list[float]:
-        """Norms of the translation's or the rotation's error, m or rad."""
-        return [float(np.linalg.norm(line["error"][part])) for line in self.lines]
+def errors(logs: Logs, part: slice) -> Floats:
+    """The translation's or the rotation's errors, (N, 3), m or rad."""
+    return np.array([line["error"][part] for line in logs])
 
-    def values(self, name: str) -> list[float]:
-        """One number of each."""
-        return [float(line[name]) for line in self.lines]
 
-    def wrong(self) -> int:
-        """Trusted although beyond five sigma."""
-        return sum(
-            bool(line["trusted"]) and not chi2.sf(line["nees"], 6) >= FIVE_SIGMA
-            for line in self.lines
-        )
+def wrong(logs: Logs) -> int:
+    """Trusted although beyond five sigma."""
+    return sum(line["trusted"] and not chi2.sf(line["nees"], 6) >= FIVE_SIGMA for line in logs)
+
+
+def worst(logs: Logs) -> float:
+    """Longest error of translation, m."""
+    return float(np.linalg.norm(errors(logs, _TRANSLATION), axis=1).max())
 
 
 _TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)
 
 COLUMNS: dict[str, Callable[[Logs], str]] = {
-    "RMS mm": lambda logs: f"{1e3 * _rms(logs.errors(_TRANSLATION)):.3f}",
-    "worst mm": lambda logs: f"{1e3 * max(logs.errors(_TRANSLATION)):.3f}",
-    "RMS deg": lambda logs: f"{np.degrees(_rms(logs.errors(_ROTATION))):.4f}",
-    "NEES mean": lambda logs: f"{np.mean(logs.values('nees')):.3g}",
-    "median": lambda logs: f"{np.median(logs.values('nees')):.3g}",
-    "max": lambda logs: f"{max(logs.values('nees')):.3g}",
-    "trusted": lambda logs: f"{np.mean(logs.values('trusted')):.0%}",
-    "wrong": lambda logs: str(logs.wrong()),
-    "CPU s": lambda logs: f"{np.mean(logs.values('cpu_seconds')):.2f}",
+    "RMS mm": lambda logs: f"{1e3 * rms(errors(logs, _TRANSLATION)):.3f}",
+    "worst mm": lambda logs: f"{1e3 * worst(logs):.3f}",
+    "RMS deg": lambda logs: f"{np.degrees(rms(errors(logs, _ROTATION))):.4f}",
+    "NEES mean": lambda logs: f"{np.mean(values(logs, 'nees')):.3g}",
+    "median": lambda logs: f"{np.median(values(logs, 'nees')):.3g}",
+    "max": lambda logs: f"{max(values(logs, 'nees')):.3g}",
+    "trusted": lambda logs: f"{np.mean(values(logs, 'trusted')):.0%}",
+    "wrong": lambda logs: str(wrong(logs)),
+    "CPU s": lambda logs: f"{np.mean(values(logs, 'cpu_seconds')):.2f}",
 }
 """Of the table, after robot, row and logs."""
 
@@ -166,32 +163,25 @@ def read(file: Path) -> dict[str, Line]:
     return lines
 
 
-def table(*runs: dict[str, Line]) -> str:
-    """Markdown, a line for each robot and row, of the logs that all runs have.
+def show(*runs: dict[str, Line]) -> None:
+    """Print a line for each robot and row, of the logs that all runs have.
 
     Args:
         runs: Lines by their key; the values of several stand side by side.
     """
-    shared = set.intersection(*(set(run_lines) for run_lines in runs))
     groups: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for key in sorted(shared):
+    for key in sorted(set.intersection(*(set(run_lines) for run_lines in runs))):
         groups[runs[0][key]["robot"], runs[0][key]["row"]].append(key)
-    text = [
-        f"| {' | '.join(('robot', 'row', 'logs', 'failed', *COLUMNS))} |",
-        "|---" * (4 + len(COLUMNS)) + "|",
-    ]
-    for robot, row in ((robot, row) for robot in ROBOTS for row in ROWS):
-        if keys := groups.get((robot, row)):
-            lines = [[run_lines[key] for key in keys] for run_lines in runs]
-            kept = [Logs(lines=[line for line in one if "failed" not in line]) for one in lines]
-            failed = [str(len(keys) - len(logs.lines)) for logs in kept]
-            cells = [robot, row, str(len(keys)), _beside(failed)]
-            cells += [
-                _beside([column(logs) if logs.lines else "-" for logs in kept])
-                for column in COLUMNS.values()
-            ]
-            text.append(f"| {' | '.join(cells)} |")
-    return "\n".join(text)
+    line = table("robot", "row", "logs", "failed", *COLUMNS)
+    for robot, row in product(ROBOTS, ROWS):
+        if not (keys := groups.get((robot, row))):
+            continue
+        kept = [[one[key] for key in keys if "failed" not in one[key]] for one in runs]
+        failed = [str(len(keys) - len(logs)) for logs in kept]
+        cells = (
+            _beside([column(logs) if logs else "-" for logs in kept]) for column in COLUMNS.values()
+        )
+        line(robot, row, len(keys), _beside(failed), *cells)
 
 
 def _beside(cells: list[str]) -> str:
@@ -235,7 +225,7 @@ def main() -> None:
         for file in asked.compare:
             if not file.exists():
                 parser.error(f"{file} does not exist")
-        print(table(*(read(file) for file in asked.compare)))
+        show(*(read(file) for file in asked.compare))
         return
     jobs = [
         Job(
@@ -252,7 +242,7 @@ def main() -> None:
     ]
     # An editable install and PYTHONPATH may both offer one: say which it is.
     print(f"package: {imucalib_cli.__file__}", file=sys.stderr)
-    print(table(sweep(jobs, asked.output, asked.workers)))
+    show(sweep(jobs, asked.output, asked.workers))
 
 
 if __name__ == "__main__":

@@ -8,18 +8,13 @@ behind them; 60 s at 200 Hz. Everything that is wrong with it is drawn anew for 
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import argparse
 from dataclasses import replace
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
+from benchmarks.common import Scores, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from tests.estimate.estimate_arm import pose_error
 from tests.estimate.estimate_walk import FOOT, Walk
 
 NOISE = Walk(seconds=60.0, noisy=True)
@@ -42,30 +37,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=200)
     seeds = parser.parse_args().seeds
-    print("| what is wrong | walks | mm | deg | NEES | trusted |")
-    print("|---|---|---|---|---|---|")
+    line = table("what is wrong", "walks", "mm", "deg", "NEES", "trusted")
     for name, walk in ROWS.items():
-        errors, squares, trusted = [], [], 0
+        scores = Scores()
         for seed in range(seeds):
             found = calibrate_matched(
                 *replace(walk, seed=seed).log(), MatchedOptions(gravity="none")
             )
-            if found.covariance is None:
-                continue
-            turn = Rotation.from_matrix(found.R_parent_imu @ FOOT.R.T).as_rotvec()
-            error = np.concatenate([found.t_parent_imu - FOOT.t, turn])
-            errors.append(error)
-            squares.append(float(error @ np.linalg.solve(found.covariance, error)))
-            trusted += found.trusted
-        mm, deg = (
-            float(np.sqrt(np.mean((np.array(errors)[:, part] ** 2).sum(axis=1))))
-            for part in (slice(0, 3), slice(3, 6))
-        )
-        spread = np.std(squares) / np.sqrt(len(squares))
-        print(
-            f"| {name} | {len(squares)} | {1e3 * mm:.3f} | {np.degrees(deg):.4f} | "
-            f"{np.mean(squares):.2f} ± {spread:.2f} | {100 * trusted / seeds:.0f}% |",
-            flush=True,
+            if found.covariance is not None:
+                scores.add(pose_error(found, FOOT), found.covariance, trusted=found.trusted)
+        line(
+            name,
+            len(scores.nees),
+            f"{scores.mm:.3f}",
+            f"{scores.degrees:.4f}",
+            scores.honesty,
+            f"{100 * scores.trusted / seeds:.0f}%",
         )
 
 

@@ -164,12 +164,18 @@ class Jointed:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arm(Jointed):
-    """A serial arm, its first joint on the world."""
+class ArmMotion:
+    """Where an arm begins, and its moves."""
 
     start_deg: tuple[float, ...]
     start_rest: float
+    """s."""
     moves: tuple[Move, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm(ArmMotion, Jointed):
+    """A serial arm, its first joint on the world."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -328,7 +334,6 @@ class Legged(Jointed):
         return first, second, third
 
     def __post_init__(self) -> None:
-        """Refuse legs that the gait cannot move."""
         legs = {number for foot in self.feet for number in self.leg(foot)}
         others = {j.name for number, j in enumerate(self.joints) if number not in legs}
         for swing in self.gait.swings:
@@ -387,14 +392,7 @@ class SystemConfig:
     @property
     def every_imu(self) -> tuple[PlacedImu, ...]:
         """The IMUs, that on ``parent`` first."""
-        first = PlacedImu(
-            link=self.imu.link,
-            xyz=self.imu.xyz,
-            rpy=self.imu.rpy,
-            nominal=self.imu.nominal,
-            parent=self.parent,
-            topic=self.topics.imu,
-        )
+        first = PlacedImu(**vars(self.imu), parent=self.parent, topic=self.topics.imu)
         return first, *self.imus
 
     @property
@@ -403,7 +401,6 @@ class SystemConfig:
         return self.mover.joints if isinstance(self.mover, Jointed) else ()
 
     def __post_init__(self) -> None:
-        """Refuse values that the types allow but that make no sense."""
         if sum(mover is not None for mover in (self.arm, self.free_body, self.legged)) != 1:
             raise ValueError(_ONE_MOVER)
         if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:

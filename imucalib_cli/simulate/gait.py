@@ -10,15 +10,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy
+from imucalib_cli.simulate.motion import quintic
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Foot, Gait, Legged
 
-Floats = NDArray[np.float64]
 
 _KNOT = 0.004
 """s, between knots of the references' spline: steps last some fifty of them."""
@@ -59,7 +59,7 @@ def joint_plan(legged: Legged, t: Floats) -> Floats:
     """
     gait = legged.gait
     walk = _walk(gait, t)
-    started = _quintic((t - gait.start_rest) / gait.blend)
+    started = quintic(np.clip((t - gait.start_rest) / gait.blend, 0.0, 1.0))[0]
     shift, turn = _sway(gait, t, started)
     angles = np.zeros((len(t), len(legged.joints)))
     for foot in legged.feet:
@@ -110,7 +110,8 @@ def _walk(gait: Gait, t: Floats) -> Floats:
     while begins < t[-1]:
         walk = gait.walks[number % len(gait.walks)]
         then = np.array([walk.forward, walk.left, np.radians(walk.turn_deg), walk.lift])
-        value += _quintic((t - begins) / gait.blend)[:, None] * (then - before)
+        risen, _ = quintic(np.clip((t - begins) / gait.blend, 0.0, 1.0))
+        value += risen[:, None] * (then - before)
         begins, before, number = begins + walk.seconds, then, number + 1
     return value
 
@@ -140,9 +141,3 @@ def _sway(gait: Gait, t: Floats, started: Floats) -> tuple[Floats, Floats]:
         size = sway.amplitude if column < 3 else np.radians(sway.amplitude)
         value[:, column] += size * started * np.sin(2 * np.pi * (t - gait.start_rest) / sway.period)
     return value[:, :3], matrix_from_rpy(value[:, 3:])
-
-
-def _quintic(x: Floats) -> Floats:
-    """From 0 to 1 over x in [0, 1], at rest outside."""
-    x = np.clip(x, 0.0, 1.0)
-    return np.asarray(x**3 * (10 - x * (15 - 6 * x)), dtype=np.float64)

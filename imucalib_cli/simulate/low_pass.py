@@ -7,13 +7,14 @@ order made of them. Without it what strikes a foot would appear at frequencies w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,9 @@ class LowPass:
 
     @classmethod
     def of(cls, bandwidth: float, rate: float, step: float) -> LowPass:
-        """Design it.
+        """Design it for a bandwidth, Hz, where half of the power passes.
 
-        Args:
-            bandwidth: Hz, where half of the power passes.
-            rate: Hz, of what is reported.
-            step: s, the longest between inner readings.
+        A reading of the rate, Hz, is made of inner ones at most a step, s, apart.
 
         Raises:
             InputError: The bandwidth is beyond half of the inner rate.

@@ -10,15 +10,14 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.config import FreeBody, Legged
+from imucalib_cli.simulate.options import ZERO
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.simulate.config import Jointed, SystemConfig, Trunk
 
-    from imucalib_cli.simulate.config import Jointed, SystemConfig
-
-    Floats = NDArray[np.float64]
 
 SITE, CAMERA = "imu", "camera"
 Mount = tuple[str, "Floats", "Floats"]
@@ -32,14 +31,8 @@ def model_xml(
 ) -> str:
     """Write the model with a gyroscope and an accelerometer at the mount of each IMU.
 
-    With a camera, sensors of its pose in the world (position, quaternion wxyz) follow.
-
-    Args:
-        system: What to model.
-        imus: The link that carries each IMU, its true orientation R_parent_imu (3, 3) and
-            position t_parent_imu (3,), m.
-        gravity_world: (3,), m/s².
-        camera: The link that carries the camera, R_link_camera (3, 3), p_link_camera (3,), m.
+    With a camera, sensors of its pose in the world (position, quaternion wxyz) follow. A mount is a
+    link and R (3, 3) and p (3,), m, in it.
 
     Raises:
         InputError: A link of an IMU is not in the configuration.
@@ -51,32 +44,35 @@ def model_xml(
     mover = system.mover
     bodies: dict[str, ET.Element] = {}
     if isinstance(mover, Legged):
-        bodies = _trunk(world, system.parent, mover)
+        height = mover.gait.height + mover.feet[0].radius
+        bodies = _floating(world, system.parent, mover.trunk, mover.trunk.com, height)
     else:
         ET.SubElement(option, "flag", contact="disable", constraint="disable")
     if isinstance(mover, FreeBody):
-        bodies = _free_body(world, system.parent, mover)
+        bodies = _floating(world, system.parent, mover)
     else:
         bodies = _jointed(world, bodies, mover)
         _drives(ET.SubElement(root, "actuator"), mover)
     if isinstance(mover, Legged):
         _contacts(world, bodies, mover)
     sensors = ET.SubElement(root, "sensor")
-    for number, (link, R_parent_imu, t_parent_imu) in enumerate(imus):
-        if link not in bodies:
-            raise InputError(f"{system.name}: no link {link}; it has {', '.join(bodies)}")
+    for number, mount in enumerate(imus):
+        if mount[0] not in bodies:
+            raise InputError(f"{system.name}: no link {mount[0]}; it has {', '.join(bodies)}")
         site = f"{SITE}{number or ''}"
-        position, orientation = _numbers(t_parent_imu), _numbers(_wxyz(R_parent_imu))
-        ET.SubElement(bodies[link], "site", name=site, pos=position, quat=orientation)
+        _mounted(bodies, site, mount)
         ET.SubElement(sensors, "gyro", site=site)
         ET.SubElement(sensors, "accelerometer", site=site)
     if camera is not None:
-        link, R_link_camera, p_link_camera = camera
-        position, orientation = _numbers(p_link_camera), _numbers(_wxyz(R_link_camera))
-        ET.SubElement(bodies[link], "site", name=CAMERA, pos=position, quat=orientation)
+        _mounted(bodies, CAMERA, camera)
         ET.SubElement(sensors, "framepos", objtype="site", objname=CAMERA)
         ET.SubElement(sensors, "framequat", objtype="site", objname=CAMERA)
     return ET.tostring(root, encoding="unicode")
+
+
+def _mounted(bodies: dict[str, ET.Element], name: str, mount: Mount) -> None:
+    link, R, p = mount
+    ET.SubElement(bodies[link], "site", name=name, pos=_numbers(p), quat=_numbers(_wxyz(R)))
 
 
 def _jointed(
@@ -100,24 +96,29 @@ def _jointed(
         ET.SubElement(
             body, "joint", name=joint.name, axis=_numbers(joint.direction), armature=repr(rotor)
         )
-        inertia = _numbers(link.inertia())
-        ET.SubElement(
-            body, "inertial", pos=_numbers(link.com), mass=repr(link.mass), diaginertia=inertia
-        )
+        _inertial(body, link.mass, link.com, link.inertia())
         bodies[link.name] = body
     return bodies
 
 
-def _trunk(world: ET.Element, name: str, legged: Legged) -> dict[str, ET.Element]:
-    trunk, gait = legged.trunk, legged.gait
-    height = gait.height + legged.feet[0].radius
+def _floating(
+    world: ET.Element,
+    name: str,
+    box: FreeBody | Trunk,
+    com: Sequence[float] = ZERO,
+    height: float = 0.0,
+) -> dict[str, ET.Element]:
     body = ET.SubElement(world, "body", name=name, pos=_numbers((0.0, 0.0, height)))
     ET.SubElement(body, "freejoint")
-    inertia = _numbers(trunk.inertia)
-    ET.SubElement(
-        body, "inertial", pos=_numbers(trunk.com), mass=repr(trunk.mass), diaginertia=inertia
-    )
+    _inertial(body, box.mass, com, box.inertia)
     return {name: body}
+
+
+def _inertial(
+    body: ET.Element, mass: float, com: Sequence[float], inertia: Sequence[float]
+) -> None:
+    numbers = {"pos": _numbers(com), "mass": repr(mass), "diaginertia": _numbers(inertia)}
+    ET.SubElement(body, "inertial", numbers)
 
 
 def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) -> None:
@@ -142,14 +143,6 @@ def _drives(actuators: ET.Element, arm: Jointed) -> None:
     drives = zip(arm.joints, arm.drives.stiffness, arm.drives.damping, strict=True)
     for joint, stiffness, damping in drives:
         ET.SubElement(actuators, "position", joint=joint.name, kp=repr(stiffness), kv=repr(damping))
-
-
-def _free_body(world: ET.Element, name: str, free: FreeBody) -> dict[str, ET.Element]:
-    body = ET.SubElement(world, "body", name=name)
-    ET.SubElement(body, "freejoint")
-    inertia = _numbers(free.inertia)
-    ET.SubElement(body, "inertial", pos="0 0 0", mass=repr(free.mass), diaginertia=inertia)
-    return {name: body}
 
 
 def _wxyz(R: Floats) -> Floats:

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from math import ceil
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import Arm, FreeBody
 
-Floats = NDArray[np.float64]
-Reference: TypeAlias = "Callable[[float], tuple[Floats, Floats]]"
-"""Positions (J,), rad, and rates (J,), rad/s, of joints at a time."""
+X = TypeVar("X", float, "Floats")
 
 
-def quintic(x: float) -> tuple[float, float]:
-    """Rise from 0 to 1 over x in [0, 1] with zero rate and acceleration at both ends.
-
-    Returns:
-        Value and derivative by x.
-    """
+def quintic(x: X) -> tuple[X, X]:
+    """Rise from 0 to 1 over x in [0, 1], at rest at both ends: value and derivative by x."""
     return x**3 * (10 - x * (15 - 6 * x)), 30 * x**2 * (1 - x) ** 2
 
 

@@ -6,11 +6,10 @@ for the same seed.
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import (
@@ -20,22 +19,19 @@ from imucalib_cli.robot.rotations import (
 )
 from imucalib_cli.simulate.recording import (
     CameraRecord,
-    Corruption,
-    ImuErrors,
     ImuRecord,
     JointRecord,
     Messages,
     PoseRecord,
+    Record,
     Recording,
     rows_kept,
 )
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.options import NoiseOptions, Vector
 
-Floats = NDArray[np.float64]
-Kept = NDArray[np.bool_]
-Record = TypeVar("Record", bound=Messages)
 Robot = JointRecord | PoseRecord
 
 MAX_JITTER = 0.45
@@ -47,51 +43,35 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
 
     The same recording, options and seed give the same numbers, bit for bit.
 
-    Args:
-        recording: Made by :func:`imucalib_cli.simulate.physics.record`, not yet corrupted.
-        noise: Errors to add.
-        seed: Of all random streams.
-
     Raises:
         InputError: An option is out of range, or the recording is corrupted already.
     """
-    if recording.corruption is not None:
+    if recording.seed is not None:
         raise InputError("this recording has noise already; corrupt the clean one")
     _check(noise)
     imu_seed, robot_seed, camera_seed, *other_seeds = np.random.SeedSequence(seed).spawn(
         3 + len(recording.others)
     )
-    imu, errors = _corrupt_imu(recording.imu, noise, imu_seed)
-    others = [
-        _corrupt_imu(other, _other_bias(noise, number), other_seed)
-        for number, (other, other_seed) in enumerate(
-            zip(recording.others, other_seeds, strict=True), start=1
+    imu, *others = (
+        _corrupt_imu(record, _turned_biases(noise, number), imu_seed)
+        for number, (record, imu_seed) in enumerate(
+            zip(recording.imus, (imu_seed, *other_seeds), strict=True)
         )
-    ]
-    seeds = robot_seed.spawn(len(recording.robot))
-    parts = zip(recording.robot, seeds, strict=True)
-    robot = tuple(_corrupt_robot(record, noise, part_seed) for record, part_seed in parts)
-    dropped = sum(len(r.t) for r in recording.robot) - sum(len(r.t) for r in robot)
-    corruption = Corruption(
-        **{field.name: getattr(errors, field.name) for field in fields(errors)},
-        noise=noise,
-        seed=seed,
-        robot_dropped=dropped,
-        others=tuple(errors for _, errors in others),
     )
-    camera = recording.camera and _corrupt_camera(recording.camera, noise, camera_seed)
+    parts = zip(recording.robot, robot_seed.spawn(len(recording.robot)), strict=True)
     return replace(
         recording,
         imu=imu,
-        others=tuple(other for other, _ in others),
-        robot=robot,
-        camera=camera,
-        corruption=corruption,
+        others=tuple(others),
+        robot=tuple(_corrupt_robot(record, noise, part_seed) for record, part_seed in parts),
+        camera=recording.camera and _corrupt_camera(recording.camera, noise, camera_seed),
+        noise=noise,
+        seed=seed,
     )
 
 
-def _other_bias(noise: NoiseOptions, number: int) -> NoiseOptions:
-    """The biases of a further IMU: of the same size as the first one's, on other axes."""
+def _turned_biases(noise: NoiseOptions, number: int) -> NoiseOptions:
+    """The biases of an IMU by its number: of the first one's size, on other axes."""
 
     def turned(bias: Vector) -> Vector:
         x, y, z = np.roll(bias, number) * (-1) ** number
@@ -116,13 +96,11 @@ def _corrupt_robot(record: Robot, noise: NoiseOptions, seed: np.random.SeedSeque
     else:
         record = _tracker(record, noise, s[0])
     record = _publish(record, noise, 0.0, noise.robot_stamp_jitter, s[1:3])
-    return _lose(record, noise.robot_dropouts, s[3])[0]
+    return _lose(record, noise.robot_dropouts, s[3])
 
 
-def _corrupt_imu(
-    imu: ImuRecord, noise: NoiseOptions, imu_seed: np.random.SeedSequence
-) -> tuple[ImuRecord, ImuErrors]:
-    s = _streams(imu_seed, 11)
+def _corrupt_imu(imu: ImuRecord, noise: NoiseOptions, seed: np.random.SeedSequence) -> ImuRecord:
+    s = _streams(seed, 11)
     interval = _interval(imu)
     shape = imu.accel.shape
     accel_bias = noise.accel_bias + _walk(s[0], noise.accel_bias_walk, imu.t)
@@ -136,27 +114,22 @@ def _corrupt_imu(
     spiked = s[6].random(len(imu.t)) < noise.spikes
     accel += _spikes(s[7], noise.spike_accel, spiked)
     gyro += _spikes(s[7], noise.spike_gyro, spiked)
-    cut = _cut_off(accel, noise.accel_range) | _cut_off(gyro, noise.gyro_range)
-    imu = replace(imu, accel=accel, gyro=gyro)
-    imu = _publish(imu, noise, noise.time_offset, noise.stamp_jitter, s[8:10])
-    imu, kept = _lose(imu, noise.dropouts, s[10])
-    errors = ImuErrors(
-        spiked=spiked[kept],
-        saturated=cut[kept],
-        imu_dropped=int((~kept).sum()),
-        accel_bias=accel_bias[kept],
-        gyro_bias=gyro_bias[kept],
+    saturated = _cut_off(accel, noise.accel_range) | _cut_off(gyro, noise.gyro_range)
+    imu = replace(
+        imu,
+        accel=accel,
+        gyro=gyro,
+        accel_bias=accel_bias,
+        gyro_bias=gyro_bias,
+        spiked=spiked,
+        saturated=saturated,
     )
-    return imu, errors
+    imu = _publish(imu, noise, noise.time_offset, noise.stamp_jitter, s[8:10])
+    return _lose(imu, noise.dropouts, s[10])
 
 
 def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
-    """Standard deviation of the white noise of each sample and axis, m/s² and rad/s.
-
-    Args:
-        noise: With one-sided densities: a sample's is density * sqrt(rate / 2).
-        imu: Whose rate it is at.
-    """
+    """Standard deviation of the white noise of each sample and axis, m/s² and rad/s."""
     to_sample = np.sqrt(0.5 / _interval(imu))
     return (
         float(np.hypot(noise.accel_noise * to_sample, noise.accel_white)),
@@ -165,15 +138,13 @@ def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
 
 
 def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -> Floats:
-    """Add encoder errors."""
     read = position + noise.encoder_noise * rng.standard_normal(position.shape)
     if noise.encoder_step == 0:
         return read
-    return np.asarray(np.round(read / noise.encoder_step) * noise.encoder_step, dtype=np.float64)
+    return np.asarray(np.round(read / noise.encoder_step) * noise.encoder_step)
 
 
 def _tracker(record: PoseRecord, noise: NoiseOptions, rng: np.random.Generator) -> PoseRecord:
-    """Add errors of a pose tracker."""
     position = record.position + noise.pose_noise * rng.standard_normal(record.position.shape)
     if noise.pose_noise_rotation == 0:
         return replace(record, position=position)
@@ -199,10 +170,9 @@ def _publish(
     return replace(record, stamp=record.t + offset + error, received=received)
 
 
-def _lose(record: Record, share: float, rng: np.random.Generator) -> tuple[Record, Kept]:
-    """Drop a share of the rows; names and frames are kept."""
+def _lose(record: Record, share: float, rng: np.random.Generator) -> Record:
     kept = rng.random(len(record.t)) >= share
-    return rows_kept(record, kept), kept
+    return replace(rows_kept(record, kept), dropped=int((~kept).sum()))
 
 
 def _interval(record: Messages) -> float:
@@ -217,7 +187,7 @@ def _streams(seed: np.random.SeedSequence, number: int) -> list[np.random.Genera
 def _walk(rng: np.random.Generator, density: float, t: Floats) -> Floats:
     """Random walk of density per sqrt(s) that starts at zero; (N, 3)."""
     steps = rng.standard_normal((len(t), 3)) * np.sqrt(np.diff(t, prepend=t[:1]))[:, None]
-    return np.asarray(density * np.cumsum(steps, axis=0), dtype=np.float64)
+    return np.asarray(density * np.cumsum(steps, axis=0))
 
 
 def _coloured(
@@ -230,10 +200,10 @@ def _coloured(
 
     drive = np.sqrt(1 - memory**2) * rng.standard_normal(shape)
     drive[0] /= np.sqrt(1 - memory**2)
-    return np.asarray(std * lfilter([1.0], [1.0, -memory], drive, axis=0), dtype=np.float64)
+    return np.asarray(std * lfilter([1.0], [1.0, -memory], drive, axis=0))
 
 
-def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
+def _spikes(rng: np.random.Generator, size: float, spiked: Bools) -> Floats:
     """Errors of ``size``, with either sign, on one axis of every spiked sample; (N, 3)."""
     thrown = np.zeros((len(spiked), 3))
     rows = np.flatnonzero(spiked)
@@ -242,7 +212,7 @@ def _spikes(rng: np.random.Generator, size: float, spiked: Kept) -> Floats:
     return thrown
 
 
-def _cut_off(values: Floats, limit: float | None) -> Kept:
+def _cut_off(values: Floats, limit: float | None) -> Bools:
     """Clip (N, 3) in place to plus or minus a limit; return the rows beyond it."""
     if limit is None:
         return np.zeros(len(values), dtype=bool)
@@ -252,7 +222,7 @@ def _cut_off(values: Floats, limit: float | None) -> Kept:
 
 
 def _check(noise: NoiseOptions) -> None:
-    values = {field.name: getattr(noise, field.name) for field in fields(noise)}
+    values = vars(noise)
     for name, value in values.items():
         if name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
             if not np.isfinite(value).all():

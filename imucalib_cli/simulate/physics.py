@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
@@ -35,11 +34,9 @@ from imucalib_cli.simulate.recording import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.simulate.camera.config import CameraConfig
-    from imucalib_cli.simulate.config import Jointed, SystemConfig
-    from imucalib_cli.simulate.motion import Reference
-
-Floats = NDArray[np.float64]
+    from imucalib_cli.simulate.config import SystemConfig
 
 # MuJoCo has one control callback per process.
 _callback = threading.Lock()
@@ -52,11 +49,11 @@ def record(
     *,
     camera: CameraConfig | None = None,
 ) -> Recording:
-    """Simulate a system without noise.
+    """Simulate a system without noise; options that are None are the system's own.
 
     Args:
         system: The system and its motion.
-        options: Rates, duration, gravity, mount; None takes the system's own.
+        options: Rates, duration, gravity, mount.
         progress: Called now and then with the share done, 0 to 1.
         camera: Record its view too; its optical frame is one of the system's, as in
             :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.
@@ -68,18 +65,16 @@ def record(
     engine = optional("mujoco", "simulation needs", "simulate")
     if options.inertia is not None and system.free_body is not None:
         system = replace(system, free_body=replace(system.free_body, inertia=options.inertia))
-    duration = _positive(options.duration, system.duration, "duration")
-    imu_rate = _positive(options.imu_rate, system.rates.imu, "IMU rate")
-    robot_rate = _positive(options.robot_rate, system.rates.robot, "robot rate")
-    step = _positive(options.step, system.rates.step, "step")
+    chosen = _chosen(system, options)
+    duration = _positive(chosen["duration"], "duration")
+    imu_rate = _positive(chosen["imu_rate"], "IMU rate")
+    robot_rate = _positive(chosen["robot_rate"], "robot rate")
+    step = _positive(chosen["step"], "step")
     groups = _publishers(system, options.publishers)
-
-    R_parent_imu = matrix_from_rpy(
-        system.imu.rpy if options.mount_rpy is None else options.mount_rpy
-    )
-    t_parent_imu = np.array(system.imu.xyz if options.mount_xyz is None else options.mount_xyz)
-    gravity_world = _gravity(system, options)
-    bandwidth = system.bandwidth if options.bandwidth is None else options.bandwidth
+    R_parent_imu, t_parent_imu = matrix_from_rpy(chosen["mount_rpy"]), np.array(chosen["mount_xyz"])
+    R_level_world = matrix_from_rotvec([*options.base_tilt, 0.0])
+    gravity_world = np.asarray(R_level_world @ [0.0, 0.0, -chosen["gravity"]])
+    bandwidth = chosen["bandwidth"]
     low_pass = LowPass.of(bandwidth, imu_rate, step) if bandwidth else None
     imus = [(system.parent, R_parent_imu, t_parent_imu)]
     imus += [(imu.parent, matrix_from_rpy(imu.rpy), np.array(imu.xyz)) for imu in system.imus]
@@ -102,6 +97,10 @@ def record(
     camera_t = np.zeros(0) if camera is None else instants(camera.rate, duration)
     # Instants of several clocks that differ only by rounding are one instant.
     events = np.unique(np.round(np.concatenate([inner_t, *robot_t, camera_t]), 12))
+
+    def at(t: Floats) -> Indices:
+        return np.searchsorted(events, np.round(t, 12))
+
     with _callback:
         previous = engine.get_mjcb_control()
         engine.set_mjcb_control(control)
@@ -113,49 +112,48 @@ def record(
     if not np.isfinite(sensors).all() or any(data.warning[kind].number for kind in bad):
         raise InputError(f"{system.name}: the motion blew up; use a shorter step or softer drives")
 
-    at = np.searchsorted(events, np.round(imu_t, 12))
-    inner = sensors[np.searchsorted(events, np.round(inner_t, 12)), : 6 * len(imus)]
+    inner, seen = sensors[at(inner_t), : 6 * len(imus)], sensors[at(camera_t), 6 * len(imus) :]
     read = inner if low_pass is None else low_pass(inner)
     imu, *others = (
-        ImuRecord(
-            t=imu_t,
-            stamp=imu_t,
-            received=imu_t,
-            gyro=read[:, first : first + 3].copy(),
-            accel=read[:, first + 3 : first + 6].copy(),
-        )
-        for first in range(0, 6 * len(imus), 6)
+        ImuRecord.ideal(imu_t, one[:, :3].copy(), one[:, 3:].copy())
+        for one in np.split(read, len(imus), axis=1)
     )
-    state = State(t=imu_t, position=q[at], velocity=qd[at], acceleration=qdd[at])
-    rows = [np.searchsorted(events, np.round(t, 12)) for t in robot_t]
-    seen = sensors[np.searchsorted(events, np.round(camera_t, 12)), 6 * len(imus) :]
+    rows = at(imu_t)
     return Recording(
         system=system,
-        physics=options,
+        physics=replace(options, **chosen),
         R_parent_imu=R_parent_imu,
         t_parent_imu=t_parent_imu,
         gravity_world=gravity_world,
         imu=imu,
         others=tuple(others),
         imu_delay=low_pass.delay if low_pass else 0.0,
-        robot=_robot(system, groups, robot_t, [q[row] for row in rows]),
-        state=state,
+        robot=_robot(system, groups, robot_t, [q[at(t)] for t in robot_t]),
+        state=State(t=imu_t, position=q[rows], velocity=qd[rows], acceleration=qdd[rows]),
         engine=f"MuJoCo {engine.__version__}",
         camera=None if camera is None else see(camera, camera_t, seen[:, :3], seen[:, 3:]),
     )
 
 
-def _positive(chosen: float | None, default: float, name: str) -> float:
-    value = default if chosen is None else chosen
+def _chosen(system: SystemConfig, options: PhysicsOptions) -> dict[str, Any]:
+    """Options, or the system's own values where they are None."""
+    own = {
+        "duration": system.duration,
+        "imu_rate": system.rates.imu,
+        "robot_rate": system.rates.robot,
+        "step": system.rates.step,
+        "gravity": system.gravity,
+        "mount_xyz": system.imu.xyz,
+        "mount_rpy": system.imu.rpy,
+        "bandwidth": system.bandwidth,
+    }
+    return own | {key: value for key in own if (value := getattr(options, key)) is not None}
+
+
+def _positive(value: float, name: str) -> float:
     if not (np.isfinite(value) and value > 0):
         raise InputError(f"{name} {value:g}: must be positive")
     return float(value)
-
-
-def _gravity(system: SystemConfig, options: PhysicsOptions) -> Floats:
-    norm = system.gravity if options.gravity is None else options.gravity
-    R_level_world = matrix_from_rotvec([*options.base_tilt, 0.0])
-    return np.asarray(R_level_world @ [0.0, 0.0, -norm], dtype=np.float64)
 
 
 def _control(system: SystemConfig, options: PhysicsOptions, duration: float, data: Any) -> Any:
@@ -165,35 +163,27 @@ def _control(system: SystemConfig, options: PhysicsOptions, duration: float, dat
     """
     mover = system.mover
     if isinstance(mover, FreeBody):
-        return _body_control(mover, PushPlan(mover, options.profile))
+        plan, mass, inertia = PushPlan(mover, options.profile), mover.mass, np.array(mover.inertia)
+
+        def push(_model: Any, data: Any) -> None:
+            force, torque, brake = plan(data.time)
+            velocity = data.qvel  # linear in the world, angular in the body, as qfrc_applied
+            data.qfrc_applied[:3] = force - brake * mass * velocity[:3]
+            data.qfrc_applied[3:] = torque - brake * inertia * velocity[3:]
+
+        return push
     reference = (
         ArmReference(mover, duration) if isinstance(mover, Arm) else GaitReference(mover, duration)
     )
     data.qpos[len(data.qpos) - len(mover.joints) :] = reference(0.0)[0]
-    return _joint_control(mover, reference)
+    lead = np.array(mover.drives.damping) / np.array(mover.drives.stiffness)
 
-
-def _joint_control(arm: Jointed, reference: Reference) -> Any:
-    lead = np.array(arm.drives.damping) / np.array(arm.drives.stiffness)
-
-    def control(_model: Any, data: Any) -> None:
+    def follow(_model: Any, data: Any) -> None:
         position, rate = reference(data.time)
         # kp (ctrl - q) - kv q' becomes kp (ref - q) + kv (ref' - q').
         data.ctrl[:] = position + lead * rate
 
-    return control
-
-
-def _body_control(body: FreeBody, plan: PushPlan) -> Any:
-    inertia = np.array(body.inertia)
-
-    def control(_model: Any, data: Any) -> None:
-        force, torque, brake = plan(data.time)
-        velocity = data.qvel  # linear in the world, angular in the body, as qfrc_applied
-        data.qfrc_applied[:3] = force - brake * body.mass * velocity[:3]
-        data.qfrc_applied[3:] = torque - brake * inertia * velocity[3:]
-
-    return control
+    return follow
 
 
 def _run(
@@ -205,7 +195,6 @@ def _run(
     *,
     progress: Callable[[float], None] | None,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Integrate to each event and read the state there."""
     q = np.empty((len(events), model.nq))
     qd, qdd = np.empty((2, len(events), model.nv))
     sensors = np.empty((len(events), model.nsensordata))

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, TypeVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.simulate.options import NoiseOptions
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import PhysicsOptions
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,16 +26,42 @@ class Messages:
     """(N,), header stamps on the publisher's own clock."""
     received: Floats
     """(N,), receive times on the robot's clock, never decreasing."""
+    dropped: int = 0
+    """Messages that were lost."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuRecord(Messages):
-    """Messages of the IMU."""
+    """Messages of an IMU, and the errors in each of them."""
 
     gyro: Floats
     """(N, 3), rad/s, IMU frame."""
     accel: Floats
     """(N, 3), m/s², specific force, IMU frame."""
+    gyro_bias: Floats
+    """(N, 3), rad/s."""
+    accel_bias: Floats
+    """(N, 3), m/s²."""
+    spiked: Bools
+    """(N,)."""
+    saturated: Bools
+    """(N,), clipped to the sensor's range."""
+
+    @classmethod
+    def ideal(cls, t: Floats, gyro: Floats, accel: Floats) -> ImuRecord:
+        """Readings without errors, received at once."""
+        nothing, never = np.zeros((len(t), 3)), np.zeros(len(t), dtype=bool)
+        return cls(
+            t=t,
+            stamp=t,
+            received=t,
+            gyro=gyro,
+            accel=accel,
+            gyro_bias=nothing,
+            accel_bias=nothing,
+            spiked=never,
+            saturated=never,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,15 +88,11 @@ class PoseRecord(Messages):
 Record = TypeVar("Record", bound=Messages)
 
 
-def rows_kept(record: Record, kept: NDArray[np.bool_]) -> Record:
-    """A publisher's record with only some of its messages; names and frames stay.
-
-    Args:
-        record: N messages.
-        kept: (N,), which of them.
-    """
-    values = {f.name: getattr(record, f.name) for f in fields(record)}
-    arrays = {name: v[kept] for name, v in values.items() if isinstance(v, np.ndarray)}
+def rows_kept(record: Record, kept: Bools) -> Record:
+    """A publisher's record with only those messages, (N,), of its N."""
+    arrays: dict[str, Any] = {
+        name: v[kept] for name, v in vars(record).items() if isinstance(v, np.ndarray)
+    }
     return replace(record, **arrays)
 
 
@@ -111,32 +131,6 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ImuErrors:
-    """Truth about the errors added to an IMU's readings."""
-
-    spiked: NDArray[np.bool_]
-    """(N,), over the remaining IMU samples."""
-    saturated: NDArray[np.bool_]
-    """(N,), samples clipped to the sensor's range."""
-    imu_dropped: int
-    accel_bias: Floats
-    """(N, 3), m/s², bias of each remaining sample."""
-    gyro_bias: Floats
-    """(N, 3), rad/s."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Corruption(ImuErrors):
-    """Truth about the errors added to a recording, and to the first of its IMUs."""
-
-    noise: NoiseOptions
-    seed: int
-    robot_dropped: int
-    others: tuple[ImuErrors, ...] = ()
-    """Of the further IMUs."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Recording:
     """One run of a system."""
 
@@ -159,12 +153,14 @@ class Recording:
     imu_delay: float = 0.0
     """s, by which a low-pass delays the readings of every IMU."""
     camera: CameraRecord | None = None
-    corruption: Corruption | None = None
+    noise: NoiseOptions = field(default_factory=NoiseOptions)
+    seed: int | None = None
+    """Of the noise; None in a clean recording."""
 
     @property
-    def noise(self) -> NoiseOptions:
-        """Errors of sensors and drivers; none in a clean recording."""
-        return NoiseOptions() if self.corruption is None else self.corruption.noise
+    def imus(self) -> tuple[ImuRecord, ...]:
+        """All IMUs, in the order of the system's."""
+        return self.imu, *self.others
 
     @property
     def time_offset(self) -> float:

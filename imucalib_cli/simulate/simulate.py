@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.camera.config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import PhysicsOptions
-    from imucalib_cli.simulate.recording import ImuErrors, Recording
+    from imucalib_cli.simulate.recording import Recording
 
 _HEAD = 512
 _LATER = {"legged", "imus", "bandwidth"}
@@ -51,22 +51,10 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate, corrupt and write a log, with its truth beside it in ``<log>.truth.yaml``.
 
-    With a camera the log contains its images, and the files for Kalibr are written beside it.
-
-    Args:
-        system: The system, from :func:`imucalib_cli.simulate.load.load_system`.
-        output: ``.mcap``, ``.bag``, ``.db3``, or a ROS 2 bag folder.
-        physics: Options of the physics.
-        noise: Errors of sensors and drivers.
-        log: Options of the file.
-        seed: Of the noise.
-        urdf: Path for the system's URDF, which has the IMU's nominal pose.
-        read: Files that system and options come from.
-        force: Overwrite logs and URDFs that are not from a simulation.
-        camera: From :func:`imucalib_cli.simulate.camera.config.load_camera`, which also returns the
-        matching system.
-        progress: Called with the share of the physics done, 0 to 1.
-        writing: Called with the share of the log written.
+    With a camera, which goes with a system of its own (:func:`load_camera` gives both), the log
+    contains its images, and the files for Kalibr are written beside it. The URDF has the IMU's
+    nominal pose. What was read is not overwritten; logs and URDFs that are not from a simulation
+    only by force. ``progress`` and ``writing`` are called with the share done of physics and log.
 
     Returns:
         The content of the truth file, see :func:`truth_of`.
@@ -124,22 +112,8 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
     messages, ``camera`` is the result Kalibr should find, ``settings`` are all inputs of the
     simulation.
     """
-    camera, system = recording.camera, recording.system
-    corruption, imu = recording.corruption, recording.system.imu
-    imus = _imus_truth(recording, log)
-    chosen = recording.physics
-    # The system's own values instead of None, so that the file alone describes the log.
-    physics = replace(
-        chosen,
-        duration=chosen.duration or system.duration,
-        imu_rate=chosen.imu_rate or system.rates.imu,
-        robot_rate=chosen.robot_rate or system.rates.robot,
-        step=chosen.step or system.rates.step,
-        gravity=system.gravity if chosen.gravity is None else chosen.gravity,
-        mount_xyz=chosen.mount_xyz or imu.xyz,
-        mount_rpy=chosen.mount_rpy or imu.rpy,
-        bandwidth=system.bandwidth if chosen.bandwidth is None else chosen.bandwidth,
-    )
+    camera, imus = recording.camera, _imus_truth(recording, log)
+    clean = recording.seed is None
     document = {
         "transform": imus[0]["transform"],
         "time_offset": recording.time_offset,
@@ -150,21 +124,21 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
             "duration": float(recording.state.t[-1]),
             **imus[0]["log"],
             "robot_messages": sum(len(record.t) for record in recording.robot),
-            "robot_dropped": corruption.robot_dropped if corruption else 0,
+            "robot_dropped": sum(record.dropped for record in recording.robot),
         },
         **({"imus": imus} if len(imus) > 1 else {}),
         **({"camera": camera_truth(recording, camera)} if camera else {}),
         "settings": {
-            "seed": corruption.seed if corruption else None,
-            "physics": stated(physics),
-            "noise": asdict(corruption.noise) if corruption else None,
+            "seed": recording.seed,
+            "physics": stated(recording.physics),
+            "noise": None if clean else asdict(recording.noise),
             "log": asdict(log),
             "versions": {
                 "imucalib": __version__,
                 "engine": recording.engine,
                 "numpy": np.__version__,
             },
-            "system": stated(system),
+            "system": stated(recording.system),
             **({"camera": asdict(camera.config)} if camera else {}),
         },
     }
@@ -174,11 +148,7 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
 
 def _imus_truth(recording: Recording, log: LogOptions) -> list[dict[str, Any]]:
     """What is true about each IMU, the first one first."""
-    system, corruption = recording.system, recording.corruption
-    records = (recording.imu, *recording.others)
-    errors: Sequence[ImuErrors | None] = [None] * len(records)
-    if corruption is not None:
-        errors = [corruption, *corruption.others]
+    system = recording.system
     mounts = [(recording.R_parent_imu, recording.t_parent_imu)]
     mounts += [(matrix_from_rpy(imu.rpy), np.array(imu.xyz)) for imu in system.imus]
     return [
@@ -190,17 +160,17 @@ def _imus_truth(recording: Recording, log: LogOptions) -> list[dict[str, Any]]:
                 "translation": t_parent_imu,
                 "rotation_xyzw": quaternion_from_matrix(R_parent_imu),
             },
-            "accel_bias": error.accel_bias.mean(axis=0) if error else np.zeros(3),
-            "gyro_bias": error.gyro_bias.mean(axis=0) if error else np.zeros(3),
+            "accel_bias": record.accel_bias.mean(axis=0),
+            "gyro_bias": record.gyro_bias.mean(axis=0),
             "log": {
                 "imu_messages": len(record.t),
-                "imu_dropped": error.imu_dropped if error else 0,
-                "imu_spikes": int(error.spiked.sum()) if error else 0,
-                "imu_saturated": int(error.saturated.sum()) if error else 0,
+                "imu_dropped": record.dropped,
+                "imu_spikes": int(record.spiked.sum()),
+                "imu_saturated": int(record.saturated.sum()),
             },
         }
-        for imu, (R_parent_imu, t_parent_imu), record, error in zip(
-            named_imus(system, log), mounts, records, errors, strict=True
+        for imu, (R_parent_imu, t_parent_imu), record in zip(
+            named_imus(system, log), mounts, recording.imus, strict=True
         )
     ]
 

@@ -10,13 +10,12 @@ import sqlite3
 import tempfile
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.results.atomic import see_writable
@@ -27,10 +26,10 @@ from imucalib_cli.simulate.recording import CameraRecord, ImuRecord, JointRecord
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Floats, Integers
     from imucalib_cli.simulate.config import PlacedImu, SystemConfig
-    from imucalib_cli.simulate.recording import Messages, Recording
+    from imucalib_cli.simulate.recording import Recording
 
-Nanoseconds = NDArray[np.int64]
 Make: TypeAlias = Callable[[int], Any]
 """A message of a row."""
 Write: TypeAlias = Callable[[int, Any], None]
@@ -56,11 +55,7 @@ def write_log(
 ) -> None:
     """Write a recording as a ROS log; an existing file is replaced when the new one is complete.
 
-    Args:
-        recording: Clean or corrupted.
-        path: ``.mcap``, ``.bag`` or ``.db3``; without suffix a ROS 2 bag folder.
-        options: Names, compression, order.
-        progress: Called now and then with the share done, 0 to 1.
+    A path without suffix becomes a ROS 2 bag folder; progress is told the share done, 0 to 1.
 
     Raises:
         InputError: The path cannot be written, or OpenCV is missing for images.
@@ -68,14 +63,9 @@ def write_log(
     """
     options = options or LogOptions()
     with _open_log(path, options.compression) as log:
-        factory = _Factory(log.types, recording, options)
         parts = [
-            (_ns(record.received, options), log.connect(topic, message_type), make)
-            for record, topic, message_type, make in factory.sources()
-        ]
-        parts += [
-            (_ns(np.zeros(1), options), log.connect(topic, message_type), make)
-            for topic, message_type, make in factory.latched()
+            (_ns(received, options), log.connect(topic, message_type), make)
+            for received, topic, message_type, make in _Factory(log.types, recording, options)
         ]
         received = np.concatenate([ns for ns, _, _ in parts])
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
@@ -110,15 +100,13 @@ def see_log_place(path: Path, compression: str | None) -> str:
     return compression or known[0]
 
 
-@dataclass(frozen=True)
-class _Log:
+class _Log(NamedTuple):
     """A log being written."""
 
     types: dict[str, Any]
     """Message classes by type name."""
     connect: Callable[[str, str], Write]
     """Declares a publisher on a topic with its message type."""
-    close: Callable[[], None]
 
 
 @contextmanager
@@ -135,11 +123,8 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
         target = path.resolve()
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".imucalib-") as folder:
             unfinished = Path(folder) / path.name
-            log = _WRITERS[path.suffix](unfinished, compression)
-            try:
+            with _WRITERS[path.suffix](unfinished, compression) as log:
                 yield log
-            finally:
-                log.close()
             made = next(unfinished.glob("*.db3")) if path.suffix == ".db3" else unfinished
             if target.exists():
                 made.chmod(target.stat().st_mode & 0o7777)
@@ -150,28 +135,24 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
         raise InputError(f"{path}: cannot be written: {reason}") from error
 
 
-def _mcap(path: Path, compression: str) -> _Log:
+@contextmanager
+def _mcap(path: Path, compression: str) -> Iterator[_Log]:
     """A bare MCAP file with the ros2 profile."""
     from imucalib_cli.logs.mcap.write import McapWriter
 
-    file = path.open("wb")
-    writer = McapWriter(file, compression=compression, library="imucalib simulate")
-
-    def close() -> None:
+    with path.open("wb") as file:
+        writer = McapWriter(file, compression=compression, library="imucalib simulate")
+        yield _Log(writer.types, writer.connect)
         writer.close()
-        file.close()
-
-    return _Log(writer.types, writer.connect, close)
 
 
-def _bag2(path: Path, _compression: str) -> _Log:
+@contextmanager
+def _bag2(path: Path, _compression: str) -> Iterator[_Log]:
     """A ROS 2 bag folder with a db3 file in it."""
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    writer = Writer(path, version=8)
-    writer.open()
     connections: dict[str, Any] = {}
 
     def connect(topic: str, message_type: str) -> Write:
@@ -180,11 +161,12 @@ def _bag2(path: Path, _compression: str) -> _Log:
         to = connections[topic]
         return lambda ns, message: writer.write(to, ns, store.serialize_cdr(message, to.msgtype))
 
-    return _Log(store.types, connect, writer.close)
+    with Writer(path, version=8) as writer:
+        yield _Log(store.types, connect)
 
 
-def _bag1(path: Path, compression: str) -> _Log:
-    """A ROS 1 bag."""
+@contextmanager
+def _bag1(path: Path, compression: str) -> Iterator[_Log]:
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -195,7 +177,6 @@ def _bag1(path: Path, compression: str) -> _Log:
         writer.set_compression(Writer.CompressionFormat[compression.upper()])
     if compression == "lz4":
         writer.compressor = _ros1_lz4
-    writer.open()
     publishers = count(1)
 
     def connect(topic: str, message_type: str) -> Write:
@@ -203,7 +184,8 @@ def _bag1(path: Path, compression: str) -> _Log:
         to = writer.add_connection(topic, message_type, typestore=store, callerid=name)
         return lambda ns, message: writer.write(to, ns, store.serialize_ros1(message, to.msgtype))
 
-    return _Log(store.types, connect, writer.close)
+    with writer:
+        yield _Log(store.types, connect)
 
 
 def _ros1_lz4(chunk: bytes) -> bytes:
@@ -218,7 +200,7 @@ def _ros1_lz4(chunk: bytes) -> bytes:
     return made
 
 
-_WRITERS: dict[str, Callable[[Path, str], _Log]] = {
+_WRITERS = {
     ".mcap": _mcap,
     ".bag": _bag1,
     ".db3": _bag2,
@@ -244,40 +226,40 @@ class _Factory:
         self._options = options
         self._sequence = "seq" in types["std_msgs/msg/Header"].__dataclass_fields__  # ROS 1 alone
 
-    def sources(self) -> Iterator[tuple[Messages, str, str, Make]]:
-        """Each publisher's record with its topic, message type and messages."""
+    def __iter__(self) -> Iterator[tuple[Floats, str, str, Make]]:
+        """Each publisher: when its messages were received, topic, message type and messages."""
         recording, options = self._recording, self._options
         topics, camera = recording.system.topics, recording.camera
         robot = options.robot_topic or topics.robot
-        records = (recording.imu, *recording.others)
-        for read, imu in zip(records, named_imus(recording.system, options), strict=True):
-            yield read, imu.topic, "sensor_msgs/msg/Imu", self._imu(read, imu.link)
+        imus = named_imus(recording.system, options)
+        for read, imu in zip(recording.imus, imus, strict=True):
+            yield read.received, imu.topic, "sensor_msgs/msg/Imu", self._imu(read, imu.link)
         for number, record in enumerate(recording.robot):
             if isinstance(record, PoseRecord):
-                yield record, robot, "tf2_msgs/msg/TFMessage", self._pose(record)
+                yield record.received, robot, "tf2_msgs/msg/TFMessage", self._pose(record)
             else:
                 topic = f"{robot}_{number + 1}" if options.topic_each else robot
-                yield record, topic, "sensor_msgs/msg/JointState", self._joints(record)
+                yield record.received, topic, "sensor_msgs/msg/JointState", self._joints(record)
         if camera is not None:
-            yield camera, camera.config.topic, "sensor_msgs/msg/Image", self._images(camera)
-
-    def latched(self) -> Iterator[tuple[str, str, Make]]:
-        """Topics with one message, sent as the log begins: topic, message type and message."""
-        system = self._recording.system
-        if self._options.robot_description:
+            yield (
+                camera.received,
+                camera.config.topic,
+                "sensor_msgs/msg/Image",
+                self._images(camera),
+            )
+        at_once = np.zeros(1)  # topics with one message, sent as the log begins
+        if options.robot_description:
             from imucalib_cli.simulate.urdf import urdf_text
 
-            text = urdf_text(system)
-            string = self._types["std_msgs/msg/String"]
-            yield "/robot_description", "std_msgs/msg/String", lambda _: string(data=text)
-        if self._options.tf_static:
-            for imu in named_imus(system, self._options):
-                turn = quaternion_from_matrix(matrix_from_rpy(imu.nominal.rpy))
-                position = np.array([imu.nominal.xyz])
-                make = self._transforms(np.zeros(1), (imu.parent, imu.link), position, turn[None])
-                yield "/tf_static", "tf2_msgs/msg/TFMessage", make
+            text, string = urdf_text(recording.system), "std_msgs/msg/String"
+            yield at_once, "/robot_description", string, lambda _: self._types[string](data=text)
+        for imu in imus if options.tf_static else ():
+            turn = quaternion_from_matrix(matrix_from_rpy(imu.nominal.rpy))
+            position = np.array([imu.nominal.xyz])
+            make = self._transforms(at_once, (imu.parent, imu.link), position, turn[None])
+            yield at_once, "/tf_static", "tf2_msgs/msg/TFMessage", make
 
-    def _headers(self, stamp: NDArray[np.float64], frame: str) -> Make:
+    def _headers(self, stamp: Floats, frame: str) -> Make:
         time, header = (
             self._types[name] for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header")
         )
@@ -319,7 +301,6 @@ class _Factory:
         )
 
     def _columns(self, names: tuple[str, ...]) -> list[int]:
-        """Columns in the order of the options."""
         order = self._options.joint_order
         if not order:
             return list(range(len(names)))
@@ -334,10 +315,10 @@ class _Factory:
 
     def _transforms(
         self,
-        stamp: NDArray[np.float64],
+        stamp: Floats,
         frames: tuple[str, str],
-        positions: NDArray[np.float64],
-        quaternions_xyzw: NDArray[np.float64],
+        positions: Floats,
+        quaternions_xyzw: Floats,
     ) -> Make:
         """Poses of the second frame in the first."""
         vector, quaternion, transform, stamped = (
@@ -358,9 +339,8 @@ class _Factory:
     def _images(self, record: CameraRecord) -> Make:
         from imucalib_cli.simulate.camera.render import Images
 
-        corruption = self._recording.corruption
-        seed = 0 if corruption is None else corruption.seed
-        images = Images(record, self._recording.noise, seed)  # each is rendered when it is written
+        # Each is rendered when it is written.
+        images = Images(record, self._recording.noise, self._recording.seed or 0)
         image = self._types["sensor_msgs/msg/Image"]
         lens = record.config.intrinsics
         header = self._headers(record.stamp, record.config.frame.link)
@@ -375,7 +355,7 @@ class _Factory:
         )
 
 
-def _ns(seconds: NDArray[np.float64], options: LogOptions) -> Nanoseconds:
+def _ns(seconds: Floats, options: LogOptions) -> Integers:
     """Seconds since the first instant to Unix time, int64 ns."""
     ns = np.round(seconds * 1e9).astype(np.int64) + options.start * 1_000_000_000
     if len(ns) and ns.min() < 0:

@@ -10,7 +10,8 @@ import multiprocessing
 import resource
 import sys
 import time
-import traceback
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -22,7 +23,6 @@ from imucalib_cli.process import children_ignore_interruptions, obey_the_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from multiprocessing.connection import Connection
 
 T = TypeVar("T")
 G = TypeVar("G")
@@ -39,8 +39,6 @@ class Cost(Generic[T]):
 
     value: T | None
     """Its result; None if it failed."""
-    failure: str | None
-    """Reason of the failure, in one line."""
     seconds: float
     """Wall-clock time, s."""
     cpu_seconds: float
@@ -48,12 +46,14 @@ class Cost(Generic[T]):
     """Peak minus the size before, bytes."""
     held: float
     """Size before, bytes."""
+    failure: str | None
+    """Reason of the failure, in one line."""
 
 
 def run_alone(
     calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str] = ()
 ) -> list[Cost[T]]:
-    """Call functions one after the other in a new process.
+    """Call functions one after the other in a new process; an exception of theirs is raised here.
 
     Args:
         calls: Functions to call; importable, because they are sent to the process.
@@ -62,49 +62,32 @@ def run_alone(
 
     Raises:
         InputError: The process was killed.
-        RuntimeError: A call failed with another exception: its text, with the traceback as cause.
     """
     context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe()
-    child = context.Process(target=_serve, args=(theirs,), daemon=True)
+    pool = ProcessPoolExecutor(1, mp_context=context, initializer=obey_the_parent)
     with children_ignore_interruptions():
-        child.start()
-    theirs.close()
+        running = pool.submit(_costs, tuple(calls), given, tuple(modules))
     try:
-        # Not as the process's arguments: if the parent ends, the child would fail to unpickle them.
-        with suppress(BrokenPipeError):
-            ours.send((tuple(modules), tuple(calls), given))
-        costs, words, trace = ours.recv()
-    except (EOFError, ConnectionResetError):
-        child.join()
-        if (child.exitcode or 0) < 0:
-            raise InputError("a method's process was killed, for want of memory perhaps") from None
-        raise RuntimeError(f"a method ended its process, exit code {child.exitcode}") from None
-    except BaseException:  # interrupted: the running call is not needed
-        child.terminate()
-        raise
+        return running.result()
+    except BrokenProcessPool:
+        raise InputError("a method's process was killed, for want of memory perhaps") from None
     finally:
-        ours.close()
-    child.join()
-    if words:  # as text: not every exception can be pickled
-        raise RuntimeError(words) from RuntimeError(f"In the process of its own:\n{trace}")
-    result: list[Cost[T]] = costs
-    return result
+        end_workers(pool, busy=not running.done())
 
 
-def _serve(parent: Connection) -> None:
-    """Send the costs, or an exception's text and its traceback."""
-    obey_the_parent()
-    try:
-        modules, calls, given = parent.recv()
-        for module in modules:
-            with suppress(ImportError):  # the code that needs it reports it
-                import_module(module)
-        parent.send(([_timed(call, given) for call in calls], "", ""))
-    except Exception as error:  # noqa: BLE001 - the parent raises it
-        with suppress(OSError):  # the parent no longer waits
-            parent.send(([], f"{type(error).__name__}: {error}", traceback.format_exc()))
-    parent.close()
+def end_workers(pool: ProcessPoolExecutor, *, busy: bool) -> None:
+    """End a pool; what busy workers still do is not needed."""
+    for child in multiprocessing.active_children() if busy else ():
+        child.terminate()
+    # Waits for the pool's thread, which holds semaphores that the system would keep.
+    pool.shutdown(cancel_futures=True)
+
+
+def _costs(calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]) -> list[Cost[T]]:
+    for module in modules:
+        with suppress(ImportError):  # the code that needs it reports it
+            import_module(module)
+    return [_timed(call, given) for call in calls]
 
 
 def _timed(call: Callable[[G], T], given: G) -> Cost[T]:

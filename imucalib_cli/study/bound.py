@@ -15,7 +15,6 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.trajectory import Trajectory
@@ -23,25 +22,16 @@ from imucalib_cli.simulate.noise import white_std
 from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Row
 
-Floats = NDArray[np.float64]
 
-
-@dataclass(frozen=True, kw_only=True)
-class Unknown:
-    """Parameters that are unknown besides the pose."""
-
-    accel_bias: bool = True
-    gyro_bias: bool = True
-    tilt: bool = True
-    time_offset: bool = True
-
-
-POSE_ALONE = Unknown(accel_bias=False, gyro_bias=False, tilt=False, time_offset=False)
-"""The parameters that the published method assumes known."""
+NUISANCES = {"accel_bias": 3, "gyro_bias": 3, "tilt": 2, "time_offset": 1}
+"""What may be unknown besides the pose, with its number of parameters."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,17 +55,12 @@ class Bound:
 
 
 def cramer_rao(
-    clean: Recording, accel_std: float, gyro_std: float, unknown: Unknown | None = None
+    clean: Recording, accel_std: float, gyro_std: float, unknown: Collection[str] = tuple(NUISANCES)
 ) -> Bound:
-    """Bound for white noise of known size on each sample.
+    """Bound for white noise of accel_std, m/s², and gyro_std, rad/s, on each sample and axis.
 
-    Args:
-        clean: The recording without noise.
-        accel_std: Of a sample, per axis, m/s².
-        gyro_std: Of a sample, per axis, rad/s.
-        unknown: Nuisances; all by default.
+    The published method takes all NUISANCES for known.
     """
-    unknown = unknown or Unknown()
     imu, path = streams_of(clean)
     inside = slice(2, len(imu.t) - 2)
     t = imu.t[inside]
@@ -98,33 +83,22 @@ def cramer_rao(
     J[:, 3:, 14] = -np.gradient(imu.gyro, imu.t, axis=0)[inside]
     J[:, :3] /= accel_std
     J[:, 3:] /= gyro_std
-    used = [True] * 6 + [unknown.accel_bias] * 3 + [unknown.gyro_bias] * 3
-    used += [unknown.tilt and bool(np.any(clean.gravity_world))] * 2 + [unknown.time_offset]
-    columns = np.flatnonzero(used)
+    free = set(unknown) - (set() if np.any(clean.gravity_world) else {"tilt"})
+    used = np.repeat([name in free for name in NUISANCES], list(NUISANCES.values()))
+    columns = np.r_[:6, 6 + np.flatnonzero(used)]
     flat = J[:, :, columns].reshape(-1, len(columns))
     information = flat.T @ flat
     scale = 1.0 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
-    offset = float(np.sqrt(covariance[-1, -1])) if unknown.time_offset else 0.0
+    offset = float(np.sqrt(covariance[-1, -1])) if "time_offset" in free else 0.0
     return Bound(pose=covariance[:6, :6], time_offset=offset)
 
 
+@cache  # a study needs the same for every seed
 def bound_columns(clean: Recording, noise: NoiseOptions, *, alone: bool) -> Row:
-    """Least root-mean-square errors of any unbiased estimator; None without IMU noise.
-
-    Args:
-        clean: The recording without noise.
-        noise: Its white noise of the IMU is used.
-        alone: Whether only the pose is unknown.
-    """
+    """Least errors of any estimator, root mean square; None without white noise of the IMU."""
     accel, gyro = white_std(noise, clean.imu)
     if accel == 0.0 or gyro == 0.0:
         return {"bound_translation": None, "bound_rotation": None}
-    bound = _bound(clean, accel, gyro, alone)
+    bound = cramer_rao(clean, accel, gyro, () if alone else tuple(NUISANCES))
     return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
-
-
-@cache
-def _bound(clean: Recording, accel: float, gyro: float, alone: bool) -> Bound:
-    """Cached: a study needs the same bound for every seed."""
-    return cramer_rao(clean, accel, gyro, POSE_ALONE if alone else Unknown())

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
@@ -16,10 +16,9 @@ from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +35,6 @@ class Recorded:
     """How a free body is pushed."""
 
     def __post_init__(self) -> None:
-        """Refuse impossible rates and durations."""
         if min(self.imu_rate, self.robot_rate, self.duration or 1.0) <= 0.0:
             raise ValueError("imu_rate, robot_rate and duration must be above zero")
 
@@ -77,11 +75,8 @@ class Condition:
             graded = replace(
                 graded, accel_bias=ZERO, gyro_bias=ZERO, accel_bias_walk=0.0, gyro_bias_walk=0.0
             )
-        nothing = NoiseOptions()
-        given = {f.name: getattr(self.noise, f.name) for f in fields(NoiseOptions)}
-        return replace(
-            graded, **{name: v for name, v in given.items() if v != getattr(nothing, name)}
-        )
+        nothing = vars(NoiseOptions())
+        return replace(graded, **{n: v for n, v in vars(self.noise).items() if v != nothing[n]})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,27 +100,25 @@ class Conditioned(Recorded):
         return range(self.condition_of(cell).seeds or self.seeds)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperSetting:
-    """Settings of the published method that we do not know: its window, exclusion and residual."""
-
-    window: int
-    """Samples."""
-    exclusion: float
-    """m/s², second difference over which a sample is dropped; 0 drops none."""
-    residual: Literal["l1", "components"] | None = None
-    """Residuals, if they vary too."""
-
-    @property
-    def words(self) -> str:
-        """Name in tables."""
-        dropped = f"drops over {self.exclusion:.3g} m/s²" if self.exclusion else "drops none"
-        return ", ".join(filter(None, (f"L {self.window}", dropped, self.residual)))
+def paper_settings(
+    windows: Sequence[int],
+    exclusions: Sequence[float],
+    residuals: Sequence[Literal["l1", "components"]] = ("l1",),
+) -> tuple[PaperOptions, ...]:
+    """What we do not know of the published method: window, samples, exclusion, m/s², residual."""
+    return tuple(
+        PaperOptions(window=WindowChoice(samples=window), exclusion_threshold=limit, residual=kind)
+        for window, limit, kind in product(windows, exclusions, residuals)
+    )
 
 
-def paper_settings(windows: Sequence[int], exclusions: Sequence[float]) -> tuple[PaperSetting, ...]:
-    """Every window, samples, with every exclusion, m/s²."""
-    return tuple(PaperSetting(window=w, exclusion=e) for w, e in product(windows, exclusions))
+def setting_words(setting: PaperOptions | None) -> str | None:
+    """A setting's name in tables; none of other methods."""
+    if setting is None:
+        return None
+    limit = setting.exclusion_threshold
+    dropped = f"drops over {limit:.3g} m/s²" if limit else "drops none"
+    return f"L {setting.window.samples}, {dropped}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,17 +136,11 @@ class Pose:
 
 
 def wrong_guess(recording: Recording, translation: float, rotation: float, seed: int) -> Pose:
-    """The truth, displaced and turned by vectors of fixed norm and random direction.
+    """The truth, moved by a distance, m, and turned by an angle, rad, in random directions.
 
-    The directions are uniform on the sphere (section 4.1 of the paper). The paper adds its vector
-    to the rotation vector. Here it is a rotation on the left, so that the error's angle is the
-    stated one.
-
-    Args:
-        recording: Recording with the truth.
-        translation: Norm, m.
-        rotation: Angle, rad.
-        seed: Of the two directions.
+    They are uniform on the sphere (section 4.1 of the paper). The paper adds its vector to the
+    rotation vector. Here it is a rotation on the left, so that the error's angle is the stated
+    one.
     """
     directions = np.random.default_rng(seed).normal(size=(2, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict, fields, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from functools import partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.results.pose import PoseError, pose_error
 from imucalib_cli.study.recordings import streams_of
@@ -18,21 +19,17 @@ from imucalib_cli.study.recordings import streams_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.conditions import PaperSetting, Pose
+    from imucalib_cli.study.conditions import Pose
     from imucalib_cli.study.study import Row
-
-Options: TypeAlias = PaperOptions | MatchedOptions
 
 
 def exact_system(gravity_norm: float) -> MatchedOptions:
-    """Options of the matched method for an exact robot, sensor and gravity.
+    """The matched method for the exact robot, sensor and gravity (m/s², or none) of the studies.
 
-    The simulated systems of the studies are exact. Unknown besides the pose are the biases, the
-    vertical and the time offset.
-
-    Args:
-        gravity_norm: m/s²; zero where there is no gravity.
+    Unknown besides the pose are the biases, the vertical and the time offset.
     """
     return MatchedOptions(
         gravity="tilt" if gravity_norm > 0.0 else "none",
@@ -44,11 +41,7 @@ def exact_system(gravity_norm: float) -> MatchedOptions:
 
 
 def pose_only(gravity_norm: float) -> MatchedOptions:
-    """The matched method with the unknowns of the published one.
-
-    Args:
-        gravity_norm: m/s²; zero where there is no gravity.
-    """
+    """The same with the unknowns of the published method."""
     return replace(
         exact_system(gravity_norm),
         time_offset=0.0,
@@ -75,57 +68,42 @@ NO_ERRORS: Row = dict.fromkeys(part.name for part in fields(PoseError))
 """Columns of the errors of a method without an answer."""
 
 
-def contestants(
+def contest(
     methods: Sequence[str],
     recording: Recording,
     guess: Pose,
-    settings: Sequence[PaperSetting],
+    settings: Sequence[PaperOptions],
     window: WindowChoice | None = None,
-) -> Iterator[tuple[str, PaperSetting | None, Options]]:
-    """Methods with their options: the published one in each of its settings.
+) -> Iterator[tuple[PaperOptions | None, Row]]:
+    """Calibrate by methods: the published one from a guess in each of its settings, ours once.
 
-    Args:
-        methods: Of METHODS.
-        recording: Recording to calibrate.
-        guess: Start of the published method; ours needs none.
-        settings: Of the published method.
-        window: Window of the matched filters; default: chosen automatically.
+    Yields:
+        The setting, and a row: method, translation and rotation (norm, m; angle, rad), the paper's
+        averages of them, time_offset (error, s), trusted, seconds, evaluations; without an answer
+        ``failure`` is the reason and the errors are None.
     """
+    imu, path = streams_of(recording)
     norm = float(np.linalg.norm(recording.gravity_world))
     for method in methods:
         if method in OURS:
-            yield method, None, replace(OURS[method](norm), window=window or WindowChoice())
+            ours = replace(OURS[method](norm), window=window or WindowChoice())
+            yield None, _row(method, recording, partial(calibrate_matched, imu, path, ours))
             continue
         for setting in settings:
-            yield (
-                method,
+            theirs = replace(
                 setting,
-                PaperOptions(
-                    window=WindowChoice(samples=setting.window),
-                    exclusion_threshold=setting.exclusion,
-                    residual=PUBLISHED[method],
-                    gravity_norm=norm,
-                    R_initial=guess.R,
-                    t_initial=guess.t,
-                ),
+                residual=PUBLISHED[method],
+                gravity_norm=norm,
+                R_initial=guess.R,
+                t_initial=guess.t,
             )
+            yield setting, _row(method, recording, partial(calibrate_paper, imu, path, theirs))
 
 
-def contest(method: str, recording: Recording, options: Options) -> Row:
-    """Errors of a method on a recording.
-
-    Returns:
-        method, translation and rotation (norm, m; angle, rad), the paper's averages of them,
-        time_offset (error, s), trusted, seconds, evaluations; without an answer ``failure`` is the
-        reason and the errors are None.
-    """
+def _row(method: str, recording: Recording, calibrate: Callable[[], Estimate]) -> Row:
     begun = time.perf_counter()
-    imu, path = streams_of(recording)
     try:
-        if isinstance(options, PaperOptions):
-            estimate = calibrate_paper(imu, path, options)
-        else:
-            estimate = calibrate_matched(imu, path, options)
+        estimate = calibrate()
     except InputError as error:
         nothing: Row = dict.fromkeys(("time_offset", "seconds", "evaluations"))
         return NO_ERRORS | nothing | {"method": method, "trusted": False, "failure": str(error)}

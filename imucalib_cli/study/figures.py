@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import io
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,20 +31,6 @@ _SHORT = 1.8
 """Log axes of up to so many decades are labelled between decades too."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curve:
-    """One line of a panel."""
-
-    name: str
-    x: Sequence[float]
-    y: Sequence[float]
-    """NaN for missing points."""
-    dashed: bool = False
-    """Dashed, for references: a bound, a claim."""
-    dotted: bool = False
-    """Dotted, to distinguish a second reference."""
-
-
 def new_figure(
     rows: int = 1,
     columns: int = 1,
@@ -53,13 +38,7 @@ def new_figure(
     size: tuple[float, float] | None = None,
     share_x: bool = False,
 ) -> tuple[Canvas, list[Axes]]:
-    """An empty figure and its panels, row by row, without pyplot's global state.
-
-    Args:
-        rows: Of panels.
-        columns: Of panels.
-        size: Inches; default grows with the panels.
-        share_x: Whether panels above each other have the same abscissa.
+    """An empty figure and its panels, row by row, without pyplot's global state; size in inches.
 
     Raises:
         InputError: matplotlib is not installed.
@@ -81,31 +60,17 @@ def new_figure(
     return figure, list(panels.flat)
 
 
-def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
-    """Lines with a mark at each value on log axes, coloured in their order.
+def draw_curve(axes: Axes, name: str, x: Sequence[float], y: Sequence[float], **style: Any) -> None:
+    """A line with a mark at each value that a log axis can show; none where there is no such."""
+    shown = [at for at in zip(x, y, strict=True) if all(math.isfinite(v) and v > 0.0 for v in at)]
+    if shown:
+        style = {"linestyle": "-", "marker": "o", **style}
+        x, y = np.array(shown, dtype=float).T
+        axes.plot(x, y, label=name, markersize=3.5, linewidth=1.3, **style)
 
-    Args:
-        axes: The panel.
-        curves: Curves to draw; dashed ones are thin and black.
-    """
-    for number, curve in enumerate(curves):
-        x, y = np.array(curve.x, dtype=float), np.array(curve.y, dtype=float)
-        shown = np.isfinite(x) & np.isfinite(y) & (x > 0.0) & (y > 0.0)
-        if not shown.any():
-            continue
-        colour, style, mark = COLOURS[number % len(COLOURS)], "-", "o"
-        if curve.dashed:
-            colour, style, mark = "black", ":" if curve.dotted else "--", ""
-        axes.plot(
-            x[shown],
-            y[shown],
-            linestyle=style,
-            marker=mark,
-            markersize=3.5,
-            linewidth=1.3,
-            color=colour,
-            label=curve.name,
-        )
+
+def logarithmic(axes: Axes) -> None:
+    """Log axes both ways."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     label_logarithmic(axes.xaxis)

@@ -2,6 +2,13 @@
 
 The paper does not say which one it uses. Those of scipy are run like the published method: over t
 and a rotation vector, with numerical derivatives and the same tolerances.
+
+The sum of absolute residuals, the cost that the paper's text describes, is minimised in two ways.
+Iteratively reweighted least squares: each residual is weighted by the inverse of its size.
+Successive linear programs: with the rotation linearised, the least sum of absolute values is
+exactly a linear program; after a step to its solution it is linearised again (Osborne and Watson,
+The Computer Journal 14(2), 1971). A linear program over t and all nine entries of R, without
+orthogonality, needs no initial guess.
 """
 
 from __future__ import annotations
@@ -11,27 +18,22 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.solution.solve import Known, solve_globally
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_rotvec, nearest_rotation, rotvec_from_matrix
 from imucalib_cli.study.conditions import Pose
 from imucalib_cli.study.contest import pose_only
-from imucalib_cli.study.least_absolute import (
-    absolute_sum,
-    by_linear_programs,
-    by_relaxation,
-    by_reweighting,
-)
 from imucalib_cli.study.methods.spline import right_jacobian
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.study.pose_cost import PoseCost
+    from imucalib_cli.study.study import Row
 
-Floats = NDArray[np.float64]
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
 """The cost: the sum of squares, of squared L1 sums per instant, of absolute values, or of a robust
 loss."""
@@ -42,9 +44,16 @@ Run: TypeAlias = "Callable[[PoseCost, Pose], tuple[Pose, int]]"
 """Function of residuals and a guess; returns the pose and the number of evaluations."""
 
 TOLERANCE = 1e-10
-"""ftol, xtol and gtol, the published method's own."""
+"""ftol, xtol and gtol, the published method's own; and the relative decrease of a sum of absolute
+values at which its iteration ends."""
 HUBER, CAUCHY = 1.345, 2.385
 """In standard deviations: 95 % efficient for normal noise (Holland and Welsch 1977)."""
+_STEPS, _HALVINGS = 100, 20
+"""Most rounds of an iteration, and most halvings of a step that does not go down."""
+_SHARPEN = 0.5
+"""Factor by which the lower limit of the residuals' size shrinks with each reweighting."""
+_SHARPEST = 1e-9
+"""Smallest lower limit, relative to the median residual."""
 
 
 @dataclass(frozen=True)
@@ -57,25 +66,106 @@ class Optimiser:
     run: Run
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Solved:
-    """Result of an optimiser."""
+def by_reweighting(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
+    """Iteratively reweighted least squares from a guess.
 
-    pose: Pose
-    evaluations: int
-    """Of all residuals, those for derivatives included."""
-    seconds: float
-    value: float
-    """Of what it minimises."""
+    Returns:
+        The pose, and the number of evaluations of all residuals; so do the next two.
+    """
+    pose, left = start, cost.residuals(start)
+    evaluations = 1
+    floor = float(np.median(np.abs(left)))
+    sharpest = _SHARPEST * floor
+    for _ in range(_STEPS):
+        J = cost.jacobian(pose)
+        weighted = J / np.maximum(np.abs(left), floor)[:, None]
+        step = -_scaled_solve(weighted.T @ J, weighted.T @ left)
+        before = _softened(left, floor)
+        for _ in range(_HALVINGS):
+            trial = pose.moved(step)
+            tried = cost.residuals(trial)
+            evaluations += 1
+            if _softened(tried, floor) <= before:
+                pose, left = trial, tried
+                break
+            step = step / 2.0
+        settled = before - _softened(left, floor) <= TOLERANCE * before
+        if settled and floor <= sharpest:
+            break
+        typical = float(np.median(np.abs(left)))
+        floor = max(min(_SHARPEN * floor, typical), sharpest, 1e-300)
+    return pose, evaluations
 
 
-def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> Solved:
-    """Run it.
+def by_linear_programs(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
+    """Successive linear programs on the rotation's tangent, from a guess."""
+    pose, left = start, cost.residuals(start)
+    evaluations = 1
+    least = float(np.abs(left).sum())
+    for _ in range(_STEPS):
+        step = least_absolute(cost.jacobian(pose), left)
+        before = least
+        for _ in range(_HALVINGS):
+            trial = pose.moved(step)
+            tried = cost.residuals(trial)
+            evaluations += 1
+            total = float(np.abs(tried).sum())
+            if total < least:
+                pose, left, least = trial, tried, total
+                break
+            step = step / 2.0
+        if before - least <= TOLERANCE * before:
+            break
+    return pose, evaluations
 
-    Args:
-        optimiser: Which.
-        costs: Residuals by kind; scaled ones are made from the unscaled.
-        guess: Start, for those that need it.
+
+def by_relaxation(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
+    """A linear program over t and nine free entries of R, then successive ones from there."""
+    x = least_absolute(cost.slope, cost.constant)
+    return by_linear_programs(cost, Pose(nearest_rotation(x[3:].reshape(3, 3)), x[:3]))
+
+
+def least_absolute(J: Floats, r: Floats) -> Floats:
+    """The x (n,) of the least sum of |J x + r|, J (M, n), by its dual linear program.
+
+    The dual, max r' y over J' y = 0 and |y| <= 1, has one constraint for each component of x, and x
+    is the vector of their multipliers.
+
+    Raises:
+        InputError: The program is not solved.
+    """
+    from scipy.optimize import linprog
+
+    widths = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
+    size = max(float(np.median(np.abs(r))), 1e-300)
+    solved = linprog(
+        -r / size,
+        A_eq=(J / widths).T,
+        b_eq=np.zeros(J.shape[1]),
+        bounds=(-1.0, 1.0),
+        method="highs-ipm",  # the simplex method takes several times as long to the same vertex
+    )
+    if solved.status != 0:
+        raise InputError(f"linear program: {solved.message}")
+    return np.asarray(solved.eqlin.marginals * size / widths)
+
+
+def _softened(left: Floats, floor: float) -> float:
+    """Sum of absolute values, quadratic below a size, which no reweighting step increases."""
+    size = np.abs(left)
+    small = size < floor
+    return float(np.where(small, 0.5 * (size**2 / floor + floor), size).sum())
+
+
+def _scaled_solve(A: Floats, b: Floats) -> Floats:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(np.linalg.lstsq(A * np.outer(scale, scale), b * scale, rcond=None)[0] * scale)
+
+
+def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> tuple[Pose, Row]:
+    """The pose that it finds; value of what it minimises, evaluations of all residuals, seconds.
+
+    Scaled residuals are made from the unscaled.
     """
     begun = time.perf_counter()
     evaluations, cost = 0, costs["published" if optimiser.cost != "matched" else "matched"]
@@ -84,19 +174,15 @@ def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> 
         cost = cost.scaled(first)
     pose, more = optimiser.run(cost, guess)
     seconds = time.perf_counter() - begun
-    return Solved(
-        pose=pose,
-        evaluations=evaluations + more,
-        seconds=seconds,
-        value=value_of(cost, pose, optimiser.kind),
-    )
+    value = value_of(cost, pose, optimiser.kind)
+    return pose, {"value": value, "evaluations": evaluations + more, "seconds": seconds}
 
 
 def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
     """The cost at a pose."""
-    if kind == "absolute values":
-        return absolute_sum(cost, pose)
     left = cost.residuals(pose)
+    if kind == "absolute values":
+        return float(np.abs(left).sum())
     if kind == "squared sums":
         left = np.abs(left).reshape(-1, 6).sum(axis=1)
     z = left**2

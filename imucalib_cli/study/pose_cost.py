@@ -6,18 +6,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.robot.rotations import skew
 from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.windows import WindowRows
     from imucalib_cli.estimate.published.filters import Instants
     from imucalib_cli.study.conditions import Pose
 
-Floats = NDArray[np.float64]
 
 _GENERATORS = skew(np.eye(3))
 
@@ -63,12 +62,7 @@ class PoseCost:
 
 
 def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
-    """Residuals of the published method, m/s² and rad/s, unweighted.
-
-    Args:
-        instants: Those that are compared.
-        gravity_norm: m/s².
-    """
+    """Residuals of the published method, m/s² and rad/s, unweighted."""
     constant, slope = instants.linear
     with_gravity = constant + np.array([0.0, 0.0, gravity_norm, 0.0, 0.0, 0.0])
     return PoseCost(with_gravity.ravel(), slope.reshape(-1, 12))
@@ -77,14 +71,7 @@ def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
 def matched_cost(
     rows: WindowRows, gravity_world: Floats, accel_std: float, gyro_std: float
 ) -> PoseCost:
-    """Residuals of the matched filters, with only the pose unknown.
-
-    Args:
-        rows: Of the windows.
-        gravity_world: (3,), m/s².
-        accel_std: By which a window's residual is divided, m/s².
-        gyro_std: Likewise, rad/s.
-    """
+    """Residuals of the matched filters over stds of a window, with only the pose unknown."""
     both = np.concatenate([rows.accel / accel_std, rows.gyro / gyro_std], axis=1)
     constant = both[:, :, columns.ONE] + both[:, :, columns.G] @ gravity_world
     slope = np.concatenate([both[:, :, columns.T], both[:, :, columns.R]], axis=2)

@@ -45,12 +45,7 @@ def robot_of(system: SystemConfig) -> Robot:
 def streams_of(
     recording: Recording, robot: Robot | None = None
 ) -> tuple[ImuSamples, KinematicPath]:
-    """IMU samples and path of a recording, as read from a log.
-
-    Args:
-        recording: Noisy or not.
-        robot: The kinematics to assume; default: the system's own, which an arm needs.
-    """
+    """IMU samples and path, as read from a log, by the system's own kinematics or others."""
     imu = ImuSamples(t=recording.imu.stamp, gyro=recording.imu.gyro, accel=recording.imu.accel)
     first = recording.robot[0]
     if isinstance(first, PoseRecord):

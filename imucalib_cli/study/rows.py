@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 MILLIMETRES = 1e3
 DEGREES = 180.0 / math.pi
+ERRORS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
+"""Of a pose, with the scale and the unit in which they are shown."""
 
 
 def chosen(rows: Iterable[Row], **values: Any) -> list[Row]:
@@ -35,27 +37,20 @@ def column(rows: Iterable[Row], key: str) -> list[float]:
     return [float(value) for value in values if isinstance(value, int | float)]
 
 
-def mean(rows: Iterable[Row], key: str) -> float:
-    """Mean of a number over rows; NaN where there is none."""
-    values = column(rows, key)
-    return float(np.mean(values)) if values else math.nan
+def _over(reduce: Callable[[list[float]], Any]) -> Callable[[Iterable[Row], str], float]:
+    """A statistic of a number over the rows that have it; NaN where none has."""
+
+    def statistic(rows: Iterable[Row], key: str) -> float:
+        values = column(rows, key)
+        return float(reduce(values)) if values else math.nan
+
+    return statistic
 
 
-def median(rows: Iterable[Row], key: str) -> float:
-    """Median of a number over rows; NaN where there is none."""
-    values = column(rows, key)
-    return float(np.median(values)) if values else math.nan
-
-
-def root_mean_square(rows: Iterable[Row], key: str) -> float:
-    """Root mean square of a number over rows; NaN where there is none."""
-    values = np.array(column(rows, key))
-    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
-
-
-def worst(rows: Iterable[Row], key: str) -> float:
-    """Largest of a number over rows; NaN where there is none."""
-    return max(column(rows, key), default=math.nan)
+mean = _over(np.mean)
+median = _over(np.median)
+root_mean_square = _over(lambda values: np.sqrt(np.mean(np.square(values))))
+worst = _over(max)
 
 
 def over_bound(rows: Sequence[Row], key: str) -> float:
@@ -64,13 +59,7 @@ def over_bound(rows: Sequence[Row], key: str) -> float:
 
 
 def best_setting(rows: Sequence[Row], badness: Callable[[list[Row]], Any], *keys: str) -> list[Row]:
-    """Rows of the setting with the least badness; of a method without settings, all.
-
-    Args:
-        rows: Of one method.
-        badness: Function of rows; the best setting has the least.
-        keys: Keys of a row that define its setting; default ``setting``.
-    """
+    """Rows of the setting (default keys: ``setting``) with the least badness; of one method."""
     return min(groups(rows, *(keys or ("setting",))), key=badness, default=[])
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import multiprocessing
 import os
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -20,6 +19,7 @@ from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.process import fresh_processes, prepare_worker
 from imucalib_cli.results.atomic import lock
+from imucalib_cli.study.alone import end_workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
@@ -109,11 +109,7 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
             "command again, with fewer --jobs; what is done is kept"
         ) from error
     finally:
-        if waiting:  # left early: unfinished runs are not needed
-            for child in multiprocessing.active_children():
-                child.terminate()
-        # Waits for the pool's thread, which holds semaphores that the system would keep.
-        pool.shutdown(cancel_futures=True)
+        end_workers(pool, busy=bool(waiting))
 
 
 def _key(cell: Cell) -> str:

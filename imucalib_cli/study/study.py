@@ -93,9 +93,8 @@ STUDIES: dict[str, tuple[str, str]] = {
 }
 """Module of imucalib_cli.study.studies with its class, and what it is, by name."""
 
-_SIMULATION = ("mujoco",)
 _NEEDED = {"methods": ("mujoco", "cv2")}
-"""Modules of optional dependencies; of a study that is not named the simulation's."""
+"""Modules of optional dependencies; the others need the simulation's alone."""
 
 
 def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:
@@ -149,7 +148,7 @@ def see_installed(name: str) -> None:
         InputError: One is not.
     """
     missing = [
-        PACKAGES[module] for module in _NEEDED.get(name, _SIMULATION) if not find_spec(module)
+        PACKAGES[module] for module in _NEEDED.get(name, ("mujoco",)) if not find_spec(module)
     ]
     if missing:
         raise InputError(

@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from imucalib_cli.study.rows import column
+from imucalib_cli.study.rows import DEGREES, MILLIMETRES, column
 from imucalib_cli.study.study import Row
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 TableFormat = Literal["markdown", "csv", "json"]
-FORMATS: tuple[TableFormat, ...] = ("markdown", "csv", "json")
 
 Column: TypeAlias = tuple[str, Callable[[Sequence[Row]], str]]
 """Header with units, and the function from a line's rows to the cell."""
@@ -95,16 +94,25 @@ def answered(row: Row) -> bool:
     return row["failure"] is None
 
 
-def mean_and_std(rows: Sequence[Row], key: str, scale: float = 1.0) -> str:
-    """Mean ± standard deviation of a number, with three digits; of one run, the number alone."""
-    values = scale * np.array(column(rows, key))
-    if not len(values):
-        return "-"
-    middle = float(values.mean())
-    if len(values) == 1:
-        return digits(middle)
-    around = float(values.std(ddof=1))
-    return f"{digits(middle)} ± {digits(around if around > 1e-12 * abs(middle) else 0.0)}"
+def mean_and_std(header: str, key: str, scale: float = 1.0) -> Column:
+    """Mean ± standard deviation over the rows of a line; of one row, its number alone."""
+
+    def cell(rows: Sequence[Row]) -> str:
+        values = scale * np.array(column(rows, key))
+        if len(values) < 2:
+            return digits(float(values[0])) if len(values) else "-"
+        middle, around = float(values.mean()), float(values.std(ddof=1))
+        return f"{digits(middle)} ± {digits(around if around > 1e-12 * abs(middle) else 0.0)}"
+
+    return header, cell
+
+
+ERROR_COLUMNS = (
+    mean_and_std("translation mm", "translation", MILLIMETRES),
+    mean_and_std("rotation deg", "rotation", DEGREES),
+    mean_and_std("|mean Δxyz| mm", "averaged_translation", MILLIMETRES),
+    mean_and_std("mean |rpy| deg", "averaged_rotation", DEGREES),
+)
 
 
 def digits(value: float) -> str:

@@ -180,8 +180,7 @@ def test_jitter_is_read_as_ticks_and_exact_stamps_as_they_are(trials: Trials) ->
 
 def test_spikes_are_bridged_and_counted(trials: Trials) -> None:
     for estimate, recording in zip(trials.estimates, trials.recordings, strict=True):
-        assert recording.corruption is not None
-        spiked = int(recording.corruption.spiked.sum())
+        spiked = int(recording.imu.spiked.sum())
         assert estimate.residuals.samples_replaced == pytest.approx(spiked, abs=3 + 0.1 * spiked)
 
 

@@ -19,6 +19,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.simulate.simulate_samples import camera
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord, Recording
@@ -34,8 +35,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def images(recording: Recording) -> CameraRecord:
-    assert recording.camera is not None
-    return recording.camera
+    return camera(recording)
 
 
 def test_camera_is_where_pinocchio_says(recording: Recording, images: CameraRecord) -> None:
@@ -99,8 +99,7 @@ def test_pattern_is_in_view_and_upright(images: CameraRecord) -> None:
 @pytest.mark.slow
 def test_the_whole_motion_is_lively_within_limits_and_keeps_the_pattern_in_view() -> None:
     whole = record(RIHIBOT, PhysicsOptions(imu_rate=50.0, robot_rate=50.0), camera=CAMERA)
-    assert whole.camera is not None
-    tags = np.isfinite(whole.camera.corners[..., 0]).sum(axis=1) / 4
+    tags = np.isfinite(camera(whole).corners[..., 0]).sum(axis=1) / 4
     assert len(tags) == 1481
     assert tags.min() == 18
     assert tags.mean() / 36 == pytest.approx(0.971, abs=5e-4)  # as docs/simulation.md has it
@@ -115,8 +114,7 @@ def test_the_whole_motion_is_lively_within_limits_and_keeps_the_pattern_in_view(
 
 def test_a_tag_is_seen_whole_or_not_at_all() -> None:
     near = replace(CAMERA, target=replace(CAMERA.target, xyz=(-0.976, 0.1, 0.064)))
-    seen = record(RIHIBOT, PhysicsOptions(duration=3.0), camera=near).camera
-    assert seen is not None
+    seen = camera(record(RIHIBOT, PhysicsOptions(duration=3.0), camera=near))
     tags = np.isfinite(seen.corners[..., 0]).reshape(-1, 6, 2, 6, 2)
     assert 0.05 < tags.mean() < 0.95
     assert (tags.all(axis=(2, 4)) == tags.any(axis=(2, 4))).all()
@@ -130,19 +128,14 @@ def test_the_back_of_the_board_shows_nothing() -> None:
     behind = replace(
         CAMERA, target=replace(CAMERA.target, rpy=(x, y, z + np.pi), xyz=(-0.6, 0.55, 0.064))
     )
-    seen = record(RIHIBOT, PhysicsOptions(duration=0.2), camera=behind).camera
-    assert seen is not None
+    seen = camera(record(RIHIBOT, PhysicsOptions(duration=0.2), camera=behind))
     assert np.isnan(seen.corners).all()
 
 
 def test_noise_and_offset_are_what_was_asked_for(recording: Recording) -> None:
     noise = NoiseOptions(corner_noise=0.2, camera_offset=-0.015)
-    one, again, other = (corrupt(recording, noise, seed).camera for seed in (3, 3, 4))
-    assert one is not None
-    assert again is not None
-    assert other is not None
-    clean = recording.camera
-    assert clean is not None
+    one, again, other = (camera(corrupt(recording, noise, seed)) for seed in (3, 3, 4))
+    clean = camera(recording)
     np.testing.assert_array_equal(one.corners, again.corners)
     assert not np.array_equal(one.corners, other.corners, equal_nan=True)
     error = one.corners - clean.corners

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,11 +16,14 @@ from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import load_grade, load_system, system_names
 from imucalib_cli.simulate.simulate import _plain, stated
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.simulate.simulate_samples import ROOT, configured
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
-ROOT = Path(__file__).parents[2]
+GONE = object()
 
 # a, d, alpha of each joint, from the maker's table for UR10e
 DH = [
@@ -82,15 +84,9 @@ def test_the_package_carries_configs_and_every_folder_of_code() -> None:
     assert '"imucalib_cli.configs" = "configs"' in project
 
 
-def write(path: Path, change: dict[str, Any]) -> Path:
-    raw = yaml.safe_load((ROOT / "configs" / "barbot.yaml").read_text())
-    path.write_text(yaml.safe_dump({k: v for k, v in {**raw, **change}.items() if v != "gone"}))
-    return path
-
-
 def test_a_user_may_give_a_system_of_their_own(tmp_path: Path) -> None:
-    path = write(tmp_path / "mine.yaml", {"duration": 7, "gravity": "1e-2"})
-    system = load_system(path)
+    change = {"duration": 7, "gravity": "1e-2"}
+    system = load_system(configured(tmp_path, "barbot", lambda raw: raw.update(change)))
     assert isinstance(system, SystemConfig)
     assert system.duration == 7.0
     assert system.gravity == 0.01  # YAML reads 1e-2 as a word; we do not
@@ -101,32 +97,35 @@ def test_a_user_may_give_a_system_of_their_own(tmp_path: Path) -> None:
     ("change", "words"),
     [
         ({"speed": 3}, "unknown key speed"),
-        ({"imu": "gone"}, "key imu is missing"),
+        ({"imu": GONE}, "key imu is missing"),
         ({"duration": "long"}, "duration: 'long' does not fit"),
         ({"duration": True}, "duration: True does not fit"),
         ({"duration": float("inf")}, "duration: inf does not fit"),
         ({"duration": -1}, "must be positive"),
         ({"imu": [1, 2]}, "imu: expected keys and values"),
         ({"frames": [{"link": "a"}]}, "frames: key parent is missing"),
-        ({"free_body": "gone"}, "state one of arm, free_body and legged"),
+        ({"free_body": GONE}, "state one of arm, free_body and legged"),
     ],
 )
 def test_faults_are_named_with_their_key(
     tmp_path: Path, change: dict[str, Any], words: str
 ) -> None:
+    def apply(raw: dict[str, Any]) -> None:
+        raw.update(change)
+        for key, value in change.items():
+            if value is GONE:
+                del raw[key]
+
     with pytest.raises(InputError, match=words) as caught:
-        load_system(write(tmp_path / "mine.yaml", change))
+        load_system(configured(tmp_path, "barbot", apply))
     assert str(tmp_path / "mine.yaml") in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_an_arm_needs_a_number_for_every_joint(tmp_path: Path) -> None:
-    raw = yaml.safe_load((ROOT / "configs" / "rihibot.yaml").read_text())
-    raw["arm"]["moves"][3]["to_deg"].pop()
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(raw))
+    short = configured(tmp_path, "rihibot", lambda raw: raw["arm"]["moves"][3]["to_deg"].pop())
     with pytest.raises(InputError, match="need 6 numbers, one a joint"):
-        load_system(path)
+        load_system(short)
 
 
 @pytest.mark.parametrize(

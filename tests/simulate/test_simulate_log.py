@@ -15,18 +15,16 @@ from rosbags.highlevel import AnyReader
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import (
-    LogOptions,
-    NoiseOptions,
-    PhysicsOptions,
-)
+from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.simulate import simulate
 from imucalib_cli.simulate.write_log import write_log
+from tests.simulate.simulate_samples import joints, pose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from imucalib_cli.simulate.recording import Recording
 
 NOISE = NoiseOptions(
     accel_noise=0.003,
@@ -101,12 +99,10 @@ def test_a_reader_of_others_finds_every_number(
     assert [received for received, _ in log["/imu/data"]] == ns(arm.imu.received)
     assert {m.header.frame_id for m in imu} == {"imu_link"}
     assert {m.orientation_covariance[0] for m in imu} == {-1.0}  # REP 145: no orientation
-    joints = arm.robot[0]
-    assert isinstance(joints, JointRecord)
     states = [message for _, message in log["/joint_states"]]
-    np.testing.assert_array_equal([m.position for m in states], joints.position)
-    assert {tuple(m.name) for m in states} == {joints.names}
-    assert [stamp_ns(m.header) for m in states] == ns(joints.stamp)
+    np.testing.assert_array_equal([m.position for m in states], joints(arm).position)
+    assert {tuple(m.name) for m in states} == {joints(arm).names}
+    assert [stamp_ns(m.header) for m in states] == ns(joints(arm).stamp)
 
 
 @pytest.mark.parametrize("name", ["log.bag", "log.mcap", "folder"])
@@ -114,8 +110,7 @@ def test_poses_go_to_tf(tmp_path: Path, name: str) -> None:
     bar = recorded("barbot")
     write_log(bar, tmp_path / name)
     log = read(tmp_path / name)
-    poses = bar.robot[0]
-    assert isinstance(poses, PoseRecord)
+    poses = pose(bar)
     transforms = [message.transforms[0] for _, message in log["/tf"]]
     assert {(t.header.frame_id, t.child_frame_id) for t in transforms} == {("world", "bar_link")}
     found = [[getattr(t.transform.rotation, a) for a in "xyzw"] for t in transforms]
@@ -137,8 +132,7 @@ def test_split_publishers_on_one_topic_or_on_their_own(
     expected = ["/joint_states_1", "/joint_states_2"] if topic_each else ["/joint_states"]
     assert joint_topics == expected
     messages = [message for topic in joint_topics for _, message in log[topic]]
-    for part in split.robot:
-        assert isinstance(part, JointRecord)
+    for part in (joints(split), joints(split, 1)):
         own = [m for m in messages if tuple(m.name) == part.names]
         np.testing.assert_array_equal([m.position for m in own], part.position)
         assert [stamp_ns(m.header) for m in own] == ns(part.stamp)
@@ -146,14 +140,13 @@ def test_split_publishers_on_one_topic_or_on_their_own(
 
 
 def test_joint_order_permutes_names_and_positions_alike(arm: Recording, tmp_path: Path) -> None:
-    joints = arm.robot[0]
-    assert isinstance(joints, JointRecord)
-    order = tuple(sorted(joints.names))
-    assert order != joints.names
+    whole = joints(arm)
+    order = tuple(sorted(whole.names))
+    assert order != whole.names
     write_log(arm, tmp_path / "log.mcap", LogOptions(joint_order=order))
     state = read(tmp_path / "log.mcap")["/joint_states"][-1][1]
     assert tuple(state.name) == order
-    by_name = dict(zip(joints.names, joints.position[-1], strict=True))
+    by_name = dict(zip(whole.names, whole.position[-1], strict=True))
     assert dict(zip(state.name, state.position, strict=True)) == by_name
 
 

@@ -17,10 +17,12 @@ from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import ImuRecord, JointRecord, PoseRecord, Recording
+from imucalib_cli.simulate.recording import ImuRecord, Recording, rows_kept
+from tests.simulate.simulate_samples import joints, pose
 
 Floats = NDArray[np.float64]
 RATE = 200.0
+_ARRAYS = ("t", "stamp", "received", "gyro", "accel")
 EVERYTHING = NoiseOptions(
     accel_noise=0.003,
     gyro_noise=2e-4,
@@ -47,7 +49,7 @@ def still(n: int, system: str = "rihibot") -> Recording:
     short = record(load_system(system), PhysicsOptions(duration=0.1))
     t = np.arange(n) / RATE
     zero = np.zeros((n, 3))
-    return replace(short, imu=ImuRecord(t=t, stamp=t, received=t, gyro=zero, accel=zero))
+    return replace(short, imu=ImuRecord.ideal(t, zero, zero))
 
 
 @pytest.fixture(scope="module")
@@ -63,18 +65,6 @@ def arm() -> Recording:
 @pytest.fixture(scope="module")
 def bar() -> Recording:
     return record(load_system("barbot"), PhysicsOptions(duration=20.0))
-
-
-def joints(recording: Recording, number: int = 0) -> JointRecord:
-    part = recording.robot[number]
-    assert isinstance(part, JointRecord)
-    return part
-
-
-def pose(recording: Recording) -> PoseRecord:
-    part = recording.robot[0]
-    assert isinstance(part, PoseRecord)
-    return part
 
 
 def test_density_becomes_the_std_of_a_sample_by_half_the_rate(long: Recording) -> None:
@@ -130,8 +120,7 @@ def test_coloured_noise_is_steady_from_its_first_sample() -> None:
 def test_spikes_throw_one_axis_of_each_sensor_and_are_told(long: Recording) -> None:
     run = corrupt(long, NoiseOptions(spikes=0.005, spike_accel=20.0, spike_gyro=2.0), 1)
     thrown = np.abs(run.imu.accel).max(axis=1) > 0
-    assert run.corruption is not None
-    np.testing.assert_array_equal(thrown, run.corruption.spiked)
+    np.testing.assert_array_equal(thrown, run.imu.spiked)
     assert thrown.mean() == pytest.approx(0.005, rel=0.1)
     for values, size in ((run.imu.accel[thrown], 20.0), (run.imu.gyro[thrown], 2.0)):
         np.testing.assert_array_equal(np.sort(np.abs(values), axis=1), [[0, 0, size]] * len(values))
@@ -141,21 +130,19 @@ def test_spikes_throw_one_axis_of_each_sensor_and_are_told(long: Recording) -> N
 def test_an_effect_leaves_the_others_as_they_were(long: Recording) -> None:
     plain = corrupt(long, NoiseOptions(accel_noise=0.003), 5)
     more = corrupt(long, NoiseOptions(accel_noise=0.003, spikes=0.01, dropouts=0.1), 5)
-    assert more.corruption is not None
     kept = np.isin(plain.imu.t, more.imu.t)
-    calm = ~more.corruption.spiked
+    calm = ~more.imu.spiked
     np.testing.assert_array_equal(plain.imu.accel[kept][calm], more.imu.accel[calm])
 
 
 def test_losses_are_whole_messages_and_counted(long: Recording) -> None:
     options = NoiseOptions(dropouts=0.02, robot_dropouts=0.5)
     run = corrupt(long, options, 1)
-    assert run.corruption is not None
-    assert len(long.imu.t) - len(run.imu.t) == run.corruption.imu_dropped
-    assert run.corruption.imu_dropped == pytest.approx(4000, rel=0.1)
+    assert len(long.imu.t) - len(run.imu.t) == run.imu.dropped
+    assert run.imu.dropped == pytest.approx(4000, rel=0.1)
     assert len(run.imu.accel) == len(run.imu.stamp) == len(run.imu.received) == len(run.imu.t)
     left = joints(run)
-    assert len(joints(long).t) - len(left.t) == run.corruption.robot_dropped > 0
+    assert len(joints(long).t) - len(left.t) == left.dropped > 0
     np.testing.assert_array_equal(
         left.position, joints(long).position[np.isin(joints(long).t, left.t)]
     )
@@ -212,7 +199,7 @@ def test_pose_noise_has_its_std_in_translation_and_rotation(bar: Recording) -> N
 def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> None:
     clean: Recording = request.getfixturevalue(system)
     one, two, other = (corrupt(clean, EVERYTHING, seed) for seed in (7, 7, 8))
-    for field in ("t", "stamp", "received", "gyro", "accel"):
+    for field in _ARRAYS:
         np.testing.assert_array_equal(getattr(one.imu, field), getattr(two.imu, field))
     np.testing.assert_array_equal(one.robot[0].position, two.robot[0].position)
     np.testing.assert_array_equal(one.robot[0].stamp, two.robot[0].stamp)
@@ -222,14 +209,12 @@ def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> Non
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**63), n=st.integers(1, 6))
 def test_no_noise_changes_nothing_even_for_a_few_samples(seed: int, n: int) -> None:
-    clean = _FEW
-    few = replace(clean.imu, **{f: getattr(clean.imu, f)[:n] for f in _ARRAYS})
-    same = corrupt(replace(clean, imu=few), NoiseOptions(), seed)
+    few = rows_kept(_FEW.imu, np.arange(6) < n)
+    same = corrupt(replace(_FEW, imu=few), NoiseOptions(), seed)
     for field in _ARRAYS:
         np.testing.assert_array_equal(getattr(same.imu, field), getattr(few, field))
 
 
-_ARRAYS = ("t", "stamp", "received", "gyro", "accel")
 _FEW = still(6)
 
 
@@ -285,9 +270,7 @@ def test_the_bias_walks_where_the_sheet_says_how_stable_it_is() -> None:
     assert load_imu("bmi088").gyro_bias_walk == 0.0
     noise = load_imu("adis16448")
     assert noise.gyro_bias_walk == pytest.approx(np.radians(14.5 / 3600.0) / 10.0)
-    corruption = corrupt(still(40_000), noise, seed=4).corruption
-    assert corruption is not None
-    steps = np.diff(corruption.gyro_bias, axis=0)
+    steps = np.diff(corrupt(still(40_000), noise, seed=4).imu.gyro_bias, axis=0)
     assert steps.std() * np.sqrt(RATE) == pytest.approx(noise.gyro_bias_walk, rel=0.02)
 
 
@@ -297,7 +280,6 @@ def test_readings_end_at_the_range_and_the_truth_counts_them() -> None:
     free = corrupt(still(5_000), replace(noise, accel_range=None), seed=2).imu
     assert np.abs(noisy.imu.accel).max() == 2.0
     np.testing.assert_array_equal(noisy.imu.accel, np.clip(free.accel, -2.0, 2.0))
-    assert noisy.corruption is not None
     beyond = (np.abs(free.accel) > 2.0).any(axis=1)
-    np.testing.assert_array_equal(noisy.corruption.saturated, beyond)
+    np.testing.assert_array_equal(noisy.imu.saturated, beyond)
     assert 0.1 < beyond.mean() < 0.2  # three axes of 4.6 %

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
@@ -24,18 +22,17 @@ from imucalib_cli.simulate.low_pass import LowPass
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import JointRecord, Recording
 from imucalib_cli.simulate.simulate import truth_of
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.simulate.simulate_samples import Floats, configured, imus_by_pinocchio, joints
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from imucalib_cli.simulate.config import SystemConfig
+    from imucalib_cli.simulate.recording import Recording
 
-Floats = NDArray[np.float64]
-
-ROOT = Path(__file__).parents[2]
 TOPICS = ["/imu/data", "/imu/head", *(f"/imu/{leg}_foot" for leg in ("FR", "FL", "RR", "RL"))]
 
 
@@ -56,50 +53,10 @@ def walk() -> Recording:
     return record(walking_soon(), options)
 
 
-def imus_by_pinocchio(recording: Recording) -> tuple[Floats, Floats, Floats, Floats]:
-    """Gyro, specific force, R_world_imu and position of each IMU from the state."""
-    system, state = recording.system, recording.state
-    model: Any = pin.buildModelFromXML(urdf_text(system), pin.JointModelFreeFlyer())
-    frames = []
-    for imu in system.every_imu:
-        parent = model.frames[model.getFrameId(imu.parent)]
-        R = Rotation.from_euler("xyz", imu.rpy).as_matrix()
-        place = parent.placement * pin.SE3(R, np.array(imu.xyz))
-        frame = pin.Frame(f"true_{imu.link}", parent.parentJoint, 0, place, pin.OP_FRAME)
-        frames.append(model.addFrame(frame))
-    data = model.createData()
-    names = [joint.name for joint in system.joints]
-    place_q = [model.joints[model.getJointId(name)].idx_q for name in names]
-    place_v = [model.joints[model.getJointId(name)].idx_v for name in names]
-    gyro, accel, turn, position = [], [], [], []
-    for qm, vm, am in zip(state.position, state.velocity, state.acceleration, strict=True):
-        R = Rotation.from_quat(qm[[4, 5, 6, 3]]).as_matrix()
-        q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
-        q[:3], q[3:7], q[place_q] = qm[:3], qm[[4, 5, 6, 3]], qm[7:]
-        # MuJoCo's trunk: linear in the world, angular in the body; pinocchio's: both in the body.
-        v[:3], v[3:6], v[place_v] = R.T @ vm[:3], vm[3:6], vm[6:]
-        a[:3] = R.T @ am[:3] - np.cross(v[3:6], v[:3])
-        a[3:6], a[place_v] = am[3:6], am[6:]
-        pin.forwardKinematics(model, data, q, v, a)
-        pin.updateFramePlacements(model, data)
-        poses = [data.oMf[frame] for frame in frames]
-        turn.append([pose.rotation.copy() for pose in poses])
-        position.append([pose.translation.copy() for pose in poses])
-        gyro.append([pin.getFrameVelocity(model, data, f, pin.LOCAL).angular for f in frames])
-        accel.append(
-            [
-                pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
-                - pose.rotation.T @ recording.gravity_world
-                for frame, pose in zip(frames, poses, strict=True)
-            ]
-        )
-    return np.array(gyro), np.array(accel), np.array(turn), np.array(position)
-
-
 def readings(recording: Recording) -> tuple[Floats, Floats]:
     """Gyro and accelerometer, (N, IMUs, 3)."""
-    records = (recording.imu, *recording.others)
-    return np.stack([r.gyro for r in records], 1), np.stack([r.accel for r in records], 1)
+    gyro, accel = ([getattr(imu, name) for imu in recording.imus] for name in ("gyro", "accel"))
+    return np.stack(gyro, 1), np.stack(accel, 1)
 
 
 def test_every_imu_reads_what_the_state_and_its_positions_say(walk: Recording) -> None:
@@ -128,11 +85,9 @@ def test_every_imu_reads_what_the_state_and_its_positions_say(walk: Recording) -
 
 
 def test_encoders_read_the_joints_of_the_same_instant(walk: Recording) -> None:
-    (joints,) = walk.robot
-    assert isinstance(joints, JointRecord)
-    assert joints.names == tuple(joint.name for joint in walk.system.joints)
-    assert len(joints.names) == 14
-    np.testing.assert_array_equal(joints.position, walk.state.position[::8, 7:])
+    assert joints(walk).names == tuple(joint.name for joint in walk.system.joints)
+    assert len(joints(walk).names) == 14
+    np.testing.assert_array_equal(joints(walk).position, walk.state.position[::8, 7:])
 
 
 def assert_upright(recording: Recording) -> None:
@@ -158,13 +113,11 @@ def test_it_stays_upright_through_all_walks_and_again() -> None:
     plan = sum(walk.seconds for walk in system.legged.gait.walks)
     recording = record(system, PhysicsOptions(duration=3 * plan))
     assert_upright(recording)
-    gyro = np.stack([r.gyro for r in (recording.imu, *recording.others)])
+    gyro = np.stack([r.gyro for r in recording.imus])
     # Each IMU turns about two axes at least, so that each component of each mount is told.
     assert (np.sort(gyro.std(axis=1), axis=1)[:, 1] > 0.3).all()
-    joints = recording.robot[0]
-    assert isinstance(joints, JointRecord)
     limits = np.radians([(joint.range_deg, joint.velocity_deg) for joint in system.joints])
-    assert (np.abs(joints.position) < limits[:, 0]).all()
+    assert (np.abs(joints(recording).position) < limits[:, 0]).all()
     assert (np.abs(recording.state.velocity[:, 6:]) < limits[:, 1]).all()
 
 
@@ -255,28 +208,23 @@ def test_noise_is_each_imus_own() -> None:
     noisy = corrupt(clean, load_grade("mems"), 5)
     first = corrupt(replace(clean, others=()), load_grade("mems"), 5)
     np.testing.assert_array_equal(noisy.imu.accel, first.imu.accel)
-    assert noisy.corruption is not None
-    errors = (noisy.corruption, *noisy.corruption.others)
     noise = [
-        made.accel - ideal.accel - error.accel_bias
-        for made, ideal, error in zip(
-            (noisy.imu, *noisy.others), (clean.imu, *clean.others), errors, strict=True
-        )
+        made.accel - ideal.accel - made.accel_bias
+        for made, ideal in zip(noisy.imus, clean.imus, strict=True)
     ]
     apart = np.corrcoef(np.stack([each.ravel() for each in noise]))
     assert np.abs(apart - np.eye(6)).max() < 0.1
     density = 300e-6 * 9.80665 * np.sqrt(250.0)
     np.testing.assert_allclose([each.std() for each in noise], density, rtol=0.05)
-    biases = {tuple(error.accel_bias[0].round(6)) for error in errors}
+    biases = {tuple(imu.accel_bias[0].round(6)) for imu in noisy.imus}
     assert len(biases) == 6
     sizes = np.linalg.norm(np.array(list(biases)), axis=1)
     np.testing.assert_allclose(sizes, np.linalg.norm([0.12, -0.20, 0.15]), rtol=1e-2)
 
 
 def test_the_log_the_truth_and_the_urdf_name_every_imu(tmp_path: Path) -> None:
-    config = tmp_path / "walker.yaml"
-    text = (ROOT / "configs" / "walker.yaml").read_text()
-    config.write_text(text.replace("start_rest: 2.0", "start_rest: 0.2"))
+    soon = {"start_rest": 0.2}
+    config = configured(tmp_path, "walker", lambda raw: raw["legged"]["gait"].update(soon))
     words = ["--duration", "1", "--grade", "mems", "--dropouts", "0.1", "--tf-static"]
     for name in ("walk", "again"):
         places = ["-o", str(tmp_path / f"{name}.mcap"), "--urdf", str(tmp_path / f"{name}.urdf")]
@@ -357,20 +305,13 @@ def _remove_joint(raw: Any) -> None:
 def test_faults_of_a_walker_are_named(
     tmp_path: Path, change: Callable[[Any], Any], words: str
 ) -> None:
-    raw = yaml.safe_load((ROOT / "configs" / "walker.yaml").read_text())
-    change(raw)
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(raw))
     with pytest.raises(InputError, match=re.escape(words)):
-        load_system(path)
+        load_system(configured(tmp_path, "walker", change))
 
 
 def test_an_imu_on_a_link_that_is_none_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    raw = yaml.safe_load((ROOT / "configs" / "walker.yaml").read_text())
-    raw["imus"][0]["parent"] = "tail"
-    path = tmp_path / "mine.yaml"
-    path.write_text(yaml.safe_dump(raw))
+    path = configured(tmp_path, "walker", lambda raw: raw["imus"][0].update(parent="tail"))
     assert main(["simulate", "--config", str(path), "-o", str(tmp_path / "x.mcap")]) == 1
     assert "walker: no link tail; it has trunk, FR_hip" in capsys.readouterr().err

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.study.figures import Curve, draw_curves, new_figure, save_svg
+from imucalib_cli.study.figures import draw_curve, logarithmic, new_figure, save_svg
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,16 +18,14 @@ if TYPE_CHECKING:
 
 def drawn(path: Path) -> bytes:
     figure, (left, right) = new_figure(1, 2)
-    curves = [
-        Curve(name="error", x=[0.0, 0.1, 1.0], y=[1.0, math.nan, 2.0]),
-        Curve(name="more", x=[0.1, 1.0], y=[0.5, 0.0]),
-        Curve(name="nothing", x=[0.1], y=[math.nan]),
-        Curve(name="bound", x=[0.1, 1.0], y=[0.1, 0.2], dashed=True),
-    ]
-    draw_curves(left, curves)
-    draw_curves(right, curves[:2])
-    assert [len(axes.get_lines()) for axes in (left, right)] == [3, 2]
-    assert [len(line.get_xdata()) for line in left.get_lines()] == [1, 1, 2]  # type: ignore[arg-type]
+    draw_curve(left, "error", [0.0, 0.1, 1.0], [1.0, math.nan, 2.0])
+    draw_curve(left, "nothing", [0.1], [math.nan])
+    draw_curve(left, "bound", [0.1, 1.0], [0.1, 0.2], linestyle="--", marker="")
+    draw_curve(right, "more", [0.1, 1.0], [0.5, 0.0])
+    for axes in (left, right):
+        logarithmic(axes)
+    counts = [[len(line.get_xdata()) for line in axes.get_lines()] for axes in (left, right)]  # type: ignore[arg-type]
+    assert counts == [[1, 2], [1]]
     left.legend()
     save_svg(figure, path)
     return path.read_bytes()

@@ -10,20 +10,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.simulate.camera.config import load_camera
-from imucalib_cli.simulate.camera.view import camera_mount
-from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline_camera
-from imucalib_cli.study.methods.camera import corner_information, observations_of, target_pose
+from imucalib_cli.study.methods.camera import corner_information, target_pose
 from imucalib_cli.study.recordings import streams_of
+from tests.study.study_samples import before_the_pattern, error, observed
 
 if TYPE_CHECKING:
+    from imucalib_cli.results.pose import PoseError
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.methods.camera import CameraObservations
 
 pytest.importorskip("cv2")
 
@@ -34,33 +30,19 @@ OPTIONS = BSplineOptions(accel_std=ACCEL_STD, gyro_std=GYRO_STD, knots_per_secon
 
 @pytest.fixture(scope="module")
 def seen() -> Recording:
-    system, camera = load_camera("rihibot", load_system("rihibot"))
-    physics = PhysicsOptions(duration=16.0, imu_rate=RATE, robot_rate=20.0)
-    return record(system, physics, camera=camera)
+    return before_the_pattern(16.0, RATE)
 
 
-def observed(recording: Recording) -> CameraObservations:
-    assert recording.camera is not None
-    return observations_of(recording.camera)
-
-
-def error(recording: Recording) -> tuple[PoseError, float]:
+def solved(recording: Recording) -> tuple[PoseError, float]:
     imu, _ = streams_of(recording)
     answer = calibrate_bspline_camera(imu, observed(recording), OPTIONS)
     assert answer.frame == "camera"
     assert answer.time_offset is not None
-    _, R_parent_camera, p = camera_mount(recording.system, "camera_optical_frame")
-    found = pose_error(
-        answer.R_frame_imu,
-        answer.t_frame_imu,
-        R_parent_camera.T @ recording.R_parent_imu,
-        R_parent_camera.T @ (recording.t_parent_imu - p),
-    )
-    return found, answer.time_offset
+    return error(answer, recording), answer.time_offset
 
 
 def test_it_finds_the_truth_on_clean_data(seen: Recording) -> None:
-    found, offset = error(corrupt(seen, NoiseOptions(time_offset=0.004), 0))
+    found, offset = solved(corrupt(seen, NoiseOptions(time_offset=0.004), 0))
     assert found.translation < 5e-5
     assert found.rotation < np.radians(1e-3)
     assert offset == pytest.approx(0.004, abs=5e-6)
@@ -74,7 +56,7 @@ def test_in_noise_it_is_as_good_as_kalibr_is_known_to_be(seen: Recording) -> Non
         gyro_bias=(1e-3, 2e-3, -1e-3),
         corner_noise=0.2,
     )
-    found, offset = error(corrupt(seen, noise, 1))
+    found, offset = solved(corrupt(seen, noise, 1))
     assert found.translation < 3e-4
     assert found.rotation < np.radians(0.02)
     assert offset == pytest.approx(0.0, abs=5e-5)

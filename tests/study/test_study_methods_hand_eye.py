@@ -12,15 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.simulate.camera.config import load_camera
-from imucalib_cli.simulate.camera.view import camera_mount
-from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.conditions import Pose
-from imucalib_cli.study.methods.camera import observations_of, target_pose
+from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import (
     Motions,
     Ransac,
@@ -38,24 +33,19 @@ from imucalib_cli.study.methods.liang import (
     static_accel_bias,
 )
 from imucalib_cli.study.recordings import streams_of
-from imucalib_cli.study.studies.methods import MethodsStudy
-from imucalib_cli.study.study import load_study
+from tests.study.study_samples import before_the_pattern, error, observed, study
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from imucalib_cli.simulate.recording import CameraRecord, Recording
+    from imucalib_cli.results.pose import PoseError
+    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.studies.methods import MethodsStudy
 
 Floats = NDArray[np.float64]
 
 
-def parameters() -> MethodsStudy:
-    study = load_study("methods")
-    assert isinstance(study, MethodsStudy)
-    return study
-
-
-PARAMETERS = parameters()
+PARAMETERS: MethodsStudy = study("methods", quick=False)
 NOISE = NoiseOptions(
     accel_noise=1.7e-4,
     gyro_noise=3.5e-5,
@@ -67,14 +57,7 @@ NOISE = NoiseOptions(
 
 @pytest.fixture(scope="module")
 def seen() -> Recording:
-    system, camera = load_camera("rihibot", load_system("rihibot"))
-    physics = PhysicsOptions(duration=26.0, imu_rate=200.0, robot_rate=20.0)
-    return record(system, physics, camera=camera)
-
-
-def camera_of(recording: Recording) -> CameraRecord:
-    assert recording.camera is not None
-    return recording.camera
+    return before_the_pattern(26.0, 200.0)
 
 
 def motions(rng: np.random.Generator, X: Pose, n: int, noise: float = 0.0) -> Motions:
@@ -170,7 +153,8 @@ def test_a_bias_shows_where_orientations_differ() -> None:
 
 def test_poses_from_corners_are_the_engines(seen: Recording) -> None:
     pytest.importorskip("cv2")
-    camera, record_ = observations_of(camera_of(seen)), camera_of(seen)
+    camera, record_ = observed(seen), seen.camera
+    assert record_ is not None
     for k in (40, 200, 400):
         pose = target_pose(camera, camera.corners[k])
         assert pose is not None
@@ -188,19 +172,15 @@ def as_published(seed: int) -> LiangOptions:
 
 def errors(recording: Recording, seed: int) -> tuple[PoseError, PoseError]:
     imu, _ = streams_of(recording)
-    _, R_parent_camera, p = camera_mount(recording.system, "camera_optical_frame")
-    R_true = R_parent_camera.T @ recording.R_parent_imu
-    t_true = R_parent_camera.T @ (recording.t_parent_imu - p)
-    camera = observations_of(camera_of(recording))
-    found = []
     tuned = LiangOptions(
         tuned=True, ransac=replace(PARAMETERS.tuned_ransac, seed=seed), still=PARAMETERS.still
     )
-    for options in (as_published(seed), tuned):
-        answer = calibrate_liang(imu, camera, options)
-        assert answer.frame == "camera"
-        found.append(pose_error(answer.R_frame_imu, answer.t_frame_imu, R_true, t_true))
-    return found[0], found[1]
+    plain, better = (
+        calibrate_liang(imu, observed(recording), options)
+        for options in (as_published(seed), tuned)
+    )
+    assert plain.frame == better.frame == "camera"
+    return error(plain, recording), error(better, recording)
 
 
 def test_camera_and_imu_are_found_on_clean_data(seen: Recording) -> None:
@@ -223,7 +203,7 @@ def test_what_the_method_cannot_do_is_said(
     seen: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     imu, _ = streams_of(seen)
-    camera = observations_of(camera_of(seen))
+    camera = observed(seen)
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
         calibrate_liang(imu, camera, as_published(0))

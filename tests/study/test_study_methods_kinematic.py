@@ -21,10 +21,10 @@ from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline
 from imucalib_cli.study.methods.bspline_terms import imu_rows, pose_rows
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.recordings import streams_of
+from tests.study.study_samples import error
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.methods.answer import Answer
 
 RATE = 100.0
 ACCEL_STD, GYRO_STD = 17e-6 * 9.80665 * np.sqrt(RATE / 2), np.radians(0.002) * np.sqrt(RATE / 2)
@@ -45,13 +45,6 @@ OPTIONS = BSplineOptions(
 def arm() -> Recording:
     physics = PhysicsOptions(duration=16.0, imu_rate=RATE, robot_rate=RATE, base_tilt=(0.02, -0.03))
     return record(load_system("rihibot"), physics)
-
-
-def error(answer: Answer, recording: Recording) -> PoseError:
-    assert answer.frame == "parent"
-    return pose_error(
-        answer.R_frame_imu, answer.t_frame_imu, recording.R_parent_imu, recording.t_parent_imu
-    )
 
 
 def test_both_find_the_truth_without_noise(arm: Recording) -> None:

@@ -10,7 +10,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -101,22 +101,34 @@ def test_a_killed_worker_is_an_error_and_costs_only_its_own_run(tmp_path: Path) 
     assert len(done) >= 30
 
 
-def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
-    script = tmp_path / "killed.py"
+def started(tmp_path: Path, **options: Any) -> tuple[subprocess.Popen[bytes], list[int]]:
+    """A process that runs a slow study, interrupted as the command line is, and its workers."""
+    script = tmp_path / "slow.py"
     script.write_text(
-        "import pathlib\n"
+        "import os, pathlib, signal\n"
         "from imucalib_cli.study.runner import run_study\n"
         "from tests.study.test_study_runner import Squaring\n"
-        "if __name__ == '__main__':\n"
+        "def main():\n"
+        # Whoever runs the tests in the background has it ignored.
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"    folder = {str(tmp_path)!r}\n"
         "    study = Squaring(count=9, slow=60.0, told=folder)\n"
-        "    run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
+        "    try:\n"
+        "        run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
+        "    except KeyboardInterrupt:\n"
+        "        return\n"
+        "if __name__ == '__main__':\n"
+        "    main()\n"
+        "    os._exit(130)\n"
     )
     root = Path(__file__).parents[2]
-    parent = subprocess.Popen(
-        [sys.executable, str(script)], cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
-    )
-    workers = _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    parent = subprocess.Popen([sys.executable, str(script)], cwd=root, env=environment, **options)
+    return parent, _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
+
+
+def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+    parent, workers = started(tmp_path)
     parent.kill()
     parent.wait()
     _wait_for(lambda: [1] * (not any(_runs(worker) for worker in workers)), count=1)
@@ -186,33 +198,7 @@ def test_two_runs_do_not_write_to_one_file(tmp_path: Path) -> None:
 
 def test_an_interruption_leaves_no_worker_and_no_word_of_pythons(tmp_path: Path) -> None:
     """As the command line does it: all of the terminal's processes are told."""
-    script = tmp_path / "interrupted.py"
-    script.write_text(
-        "import os, pathlib, signal\n"
-        "from imucalib_cli.study.runner import run_study\n"
-        "from tests.study.test_study_runner import Squaring\n"
-        "def main():\n"
-        # Whoever runs the tests in the background has it ignored.
-        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        f"    folder = {str(tmp_path)!r}\n"
-        "    study = Squaring(count=9, slow=60.0, told=folder)\n"
-        "    try:\n"
-        "        run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
-        "    except KeyboardInterrupt:\n"
-        "        return\n"
-        "if __name__ == '__main__':\n"
-        "    main()\n"
-        "    os._exit(130)\n"
-    )
-    root = Path(__file__).parents[2]
-    parent = subprocess.Popen(
-        [sys.executable, str(script)],
-        cwd=root,
-        env={**os.environ, "PYTHONPATH": str(root)},
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
-    workers = _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
+    parent, workers = started(tmp_path, stderr=subprocess.PIPE, start_new_session=True)
     os.killpg(parent.pid, signal.SIGINT)
     _, words = parent.communicate(timeout=30)  # of the resource tracker too, which ends last
     assert parent.returncode == 130

@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from imucalib_cli.study.studies.initial_error import InitialErrorStudy
-from imucalib_cli.study.studies.noise import NoiseStudy
-from imucalib_cli.study.study import load_study
+from tests.study.study_samples import study
 
 if TYPE_CHECKING:
+    from imucalib_cli.study.studies.noise import NoiseStudy
     from imucalib_cli.study.study import Row
     from imucalib_cli.study.tables import Table
 
 
 def noise_study() -> NoiseStudy:
-    study = load_study("noise")
-    assert isinstance(study, NoiseStudy)
-    return study
+    whole: NoiseStudy = study("noise", quick=False)
+    return whole
 
 
 def test_noise_runs_every_pair_on_every_fold_with_every_seed() -> None:
@@ -59,19 +57,19 @@ def test_one_run_by_every_method_against_the_engine() -> None:
 
 def noise_rows(**changed: float) -> list[Row]:
     """Rows as if the paper were right in everything, but for what is changed."""
-    study = noise_study()
+    noise = noise_study()
     rows: list[Row] = []
-    bar = [c for c in study.cells() if (c["case"], c["offset"]) == ("barbot", 0.0)]
+    bar = [c for c in noise.cells() if (c["case"], c["offset"]) == ("barbot", 0.0)]
     pairs = dict.fromkeys((c["accel"], c["gyro"]) for c in bar)
-    for system, (accel, gyro) in product(study.systems, pairs):
-        grown = (1e-3 if system == "rihibot" else 1e-5) * accel / study.accel[-1]
+    for system, (accel, gyro) in product(noise.systems, pairs):
+        grown = (1e-3 if system == "rihibot" else 1e-5) * accel / noise.accel[-1]
         sizes: dict[str, float] = {
             "translation": 1e-4 + grown,
             "rotation": math.radians(0.006),
             "averaged_translation": 1e-5,
             "averaged_rotation": 1e-5,
         }
-        if accel == 0.0 and gyro == study.gyro[-1]:
+        if accel == 0.0 and gyro == noise.gyro[-1]:
             sizes |= changed
         key: Row = {"case": system, "accel": accel, "gyro": gyro, "offset": 0.0}
         run: Row = {"fold": 0, "seed": 0, "failure": None, "setting": "L 5"}
@@ -100,11 +98,11 @@ def test_a_claim_about_noise_is_met_until_a_row_says_otherwise(
 
 
 def initial_rows(*, far: float) -> list[Row]:
-    study = load_study("initial-error", quick=True)
-    assert isinstance(study, InitialErrorStudy)
     found: Row = {"rotation": 1e-5, "averaged_translation": 1e-5, "averaged_rotation": 1e-5}
     rows: list[Row] = []
-    for cell, method in product(study.cells(), ("paper", "paper, components", "matched")):
+    for cell, method in product(
+        study("initial-error").cells(), ("paper", "paper, components", "matched")
+    ):
         turned = (cell["initial_translation"], cell["initial_rotation_deg"]) == (0.0, 180.0)
         moved = far if method == "paper" and turned else 0.0
         row: Row = {"method": method, "translation": 1e-4 + moved, "failure": None, "setting": 0.0}
@@ -117,8 +115,7 @@ def initial_rows(*, far: float) -> list[Row]:
     [(0.0, 0, "within 0 mm"), (5e-5, 0, "within 0.05 mm"), (0.5, 3, "within 0 mm")],
 )
 def test_another_minimum_is_counted_and_not_averaged(far: float, failed: int, found: str) -> None:
-    study = load_study("initial-error", quick=True)
-    *tables, claims = study.tables(initial_rows(far=far))
+    *tables, claims = study("initial-error").tables(initial_rows(far=far))
     assert len(tables) == 2
     for table in tables:
         paper = [row for row in table.rows if row[2] == "paper"]

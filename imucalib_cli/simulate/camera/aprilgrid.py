@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Bytes, Floats
     from imucalib_cli.simulate.camera.config import AprilGrid, Shades
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 BITS = 6
 """Data cells along an edge of a tag of 36h11."""
@@ -48,7 +46,11 @@ def opencv() -> Any:
     return optional("cv2", "images need", "camera")
 
 
-def tag_cells(number: int, border_bits: int = BORDER_BITS) -> NDArray[np.bool_]:
+def _family(cv2: Any) -> Any:
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+
+
+def tag_cells(number: int, border_bits: int = BORDER_BITS) -> Bools:
     """White cells of an upright tag on the board, top row first.
 
     Kalibr draws the 36 bits of a code from the most significant one, row by row from the upper
@@ -62,9 +64,8 @@ def tag_cells(number: int, border_bits: int = BORDER_BITS) -> NDArray[np.bool_]:
         InputError: OpenCV is not installed.
     """
     cv2 = opencv()
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     edge = BITS + 2 * border_bits
-    drawn = cv2.aruco.generateImageMarker(dictionary, number, edge, borderBits=border_bits)
+    drawn = cv2.aruco.generateImageMarker(_family(cv2), number, edge, borderBits=border_bits)
     return np.asarray(np.rot90(drawn, 2) > 0)
 
 
@@ -83,9 +84,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
     if abs(gap - target.tag_spacing * edge) > 1e-6:
         raise InputError(f"tag_spacing {target.tag_spacing:g}: must be a multiple of {1 / edge:g}")
     rows, cols = target.tag_rows, target.tag_cols
-    known = len(
-        opencv().aruco.getPredefinedDictionary(opencv().aruco.DICT_APRILTAG_36h11).bytesList
-    )
+    known = len(_family(opencv()).bytesList)
     if rows * cols > known:
         raise InputError(f"{rows} x {cols} tags: the family 36h11 has {known}")
     margin, pitch = 2 * gap, edge + gap
@@ -112,7 +111,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
     )
 
 
-def _corners(edge: int, gap: int) -> NDArray[np.bool_]:
+def _corners(edge: int, gap: int) -> Bools:
     """White around a tag, except for squares at its corners, which make the corners symmetric."""
     around = np.ones((edge + 2 * gap, edge + 2 * gap), dtype=bool)
     for rows in (slice(gap), slice(-gap, None)):

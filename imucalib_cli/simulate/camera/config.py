@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from imucalib_cli.configuration import builtin_names, load_named
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
+    ArmMotion,
     FixedFrame,
-    Move,
 )
 from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
     Vector,
@@ -65,16 +65,6 @@ class Shades:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewMotion:
-    """The arm's moves in front of the pattern, instead of the system's own."""
-
-    start_deg: tuple[float, ...]
-    start_rest: float
-    """s."""
-    moves: tuple[Move, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
 class KalibrLeast:
     """Least noise written for Kalibr, which refuses zeros. In its own units."""
 
@@ -99,10 +89,10 @@ class CameraConfig:
     target: AprilGrid
     shades: Shades
     kalibr_least: KalibrLeast
-    motion: ViewMotion | None = None
+    motion: ArmMotion | None = None
+    """In front of the pattern, instead of the arm's own."""
 
     def __post_init__(self) -> None:
-        """Refuse values that the types allow but that make no sense."""
         lens, target = self.intrinsics, self.target
         sizes = (lens.width, lens.height, lens.fx, lens.fy, self.rate, target.tag_size)
         if min(sizes) <= 0 or not 0 < target.tag_spacing <= 1:

@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from imucalib_cli.errors import InputError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.simulate.camera.view import camera_mount
+from imucalib_cli.simulate.camera.view import seen_from_camera
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -22,14 +20,21 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.options import LogOptions
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 
-Floats = NDArray[np.float64]
 
-KINDS = ("camchain", "imu", "target")
+_HEADERS = {
+    "camchain": "# The camera before calibration: intrinsics, no T_cam_imu. Made by imucalib.\n",
+    "imu": """\
+# Kalibr's densities: a sample at rate f has the standard deviation density * sqrt(f), so they are
+# 1 / sqrt(2) of the one-sided ones of data sheets. m/s^2/sqrt(Hz), m/s^3/sqrt(Hz), rad/s/sqrt(Hz),
+# rad/s^2/sqrt(Hz). Made by imucalib.
+""",
+    "target": "# tagSize in m, tagSpacing as a share of it. Made by imucalib.\n",
+}
 
 
 def kalibr_paths(log: Path) -> dict[str, Path]:
     """Paths of Kalibr's files for a log; Kalibr itself writes to ``<log>-imu.yaml``."""
-    return {kind: log.with_suffix(f".{kind}.yaml") for kind in KINDS}
+    return {kind: log.with_suffix(f".{kind}.yaml") for kind in _HEADERS}
 
 
 def kalibr_command(log: Path) -> str:
@@ -49,29 +54,8 @@ def write_kalibr(
     Raises:
         InputError: A file cannot be written.
     """
-    contents = {
-        "camchain": {"cam0": _camera(camera)},
-        "imu": _imu(recording, camera, options),
-        "target": _target(camera),
-    }
-    for kind, path in kalibr_paths(log).items():
-        write_whole(path, f"{_HEADERS[kind]}{to_yaml([contents[kind]])}")
-
-
-_HEADERS = {
-    "camchain": "# The camera before calibration: intrinsics, no T_cam_imu. Made by imucalib.\n",
-    "imu": """\
-# Kalibr's densities: a sample at rate f has the standard deviation density * sqrt(f), so they are
-# 1 / sqrt(2) of the one-sided ones of data sheets. m/s^2/sqrt(Hz), m/s^3/sqrt(Hz), rad/s/sqrt(Hz),
-# rad/s^2/sqrt(Hz). Made by imucalib.
-""",
-    "target": "# tagSize in m, tagSpacing as a share of it. Made by imucalib.\n",
-}
-
-
-def _camera(camera: CameraConfig) -> dict[str, Any]:
-    lens = camera.intrinsics
-    return {
+    lens, target = camera.intrinsics, camera.target
+    cam0 = {
         "camera_model": "pinhole",
         "intrinsics": [lens.fx, lens.fy, lens.cx, lens.cy],
         # also without distortion: AslamCamera leaves `geometry` unset for the model `none`
@@ -81,6 +65,16 @@ def _camera(camera: CameraConfig) -> dict[str, Any]:
         "rostopic": camera.topic,
         "cam_overlaps": [],
     }
+    grid = {
+        "target_type": "aprilgrid",
+        "tagCols": target.tag_cols,
+        "tagRows": target.tag_rows,
+        "tagSize": target.tag_size,
+        "tagSpacing": target.tag_spacing,
+    }
+    contents = {"camchain": {"cam0": cam0}, "imu": _imu(recording, camera, options), "target": grid}
+    for kind, path in kalibr_paths(log).items():
+        write_whole(path, f"{_HEADERS[kind]}{to_yaml([contents[kind]])}")
 
 
 def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dict[str, Any]:
@@ -106,38 +100,21 @@ def _imu(recording: Recording, camera: CameraConfig, options: LogOptions) -> dic
     }
 
 
-def _target(camera: CameraConfig) -> dict[str, Any]:
-    target = camera.target
-    return {
-        "target_type": "aprilgrid",
-        "tagCols": target.tag_cols,
-        "tagRows": target.tag_rows,
-        "tagSize": target.tag_size,
-        "tagSpacing": target.tag_spacing,
-    }
-
-
 def camera_truth(recording: Recording, camera: CameraRecord) -> dict[str, Any]:
     """The result Kalibr should find: T_cam_imu, its inverse, and t_imu = t_cam + timeshift_cam_imu.
 
     Raises:
         InputError: The camera and the IMU are not on the same link.
     """
-    frame = camera.config.frame.link
-    link, R, p = camera_mount(recording.system, frame)
-    if link != recording.system.parent:
-        raise InputError(
-            f"{frame} is on {link} and the IMU on {recording.system.parent}: a camera that is "
-            "calibrated with an IMU has to be on its link"
-        )
     T_camera_imu = np.eye(4)
-    T_camera_imu[:3, :3] = R.T @ recording.R_parent_imu
-    T_camera_imu[:3, 3] = R.T @ (recording.t_parent_imu - p)
+    T_camera_imu[:3, :3], T_camera_imu[:3, 3] = seen_from_camera(
+        recording, recording.R_parent_imu, recording.t_parent_imu
+    )
     offset = recording.noise.camera_offset
     target = camera.config.target
     tags = np.isfinite(camera.corners[..., 0]).sum(axis=1) // 4
     return {
-        "frame": frame,
+        "frame": camera.config.frame.link,
         "T_cam_imu": T_camera_imu.tolist(),
         "T_imu_cam": np.linalg.inv(T_camera_imu).tolist(),
         "time_offset": offset,

@@ -5,18 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.simulate.camera.aprilgrid import board_picture, opencv
 from imucalib_cli.simulate.camera.view import project
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from imucalib_cli.arrays import Bytes, Floats
     from imucalib_cli.simulate.camera.config import Intrinsics
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import CameraRecord
 
-Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
 
 _FINE = 4
 """Samples along an edge of a pixel: 16 are averaged for each."""
@@ -31,12 +31,7 @@ class Images:
     """
 
     def __init__(self, record: CameraRecord, noise: NoiseOptions, seed: int) -> None:
-        """Draw the board's picture.
-
-        Args:
-            record: Poses of camera and target.
-            noise: Its ``image_noise`` and ``image_blur`` are used.
-            seed: Of the noise; every image has a stream of its own.
+        """Draw the board's picture; every image has a stream of noise of its own.
 
         Raises:
             InputError: OpenCV is not installed, or the board cannot be drawn.
@@ -67,7 +62,6 @@ class Images:
         return image
 
     def _render(self, R_camera_target: Floats, p_camera_target: Floats) -> Bytes:
-        """One image without noise."""
         lens = self._lens
         image = np.full((lens.height, lens.width), round(self._background), dtype=np.uint8)
         box = self._box(R_camera_target, p_camera_target)

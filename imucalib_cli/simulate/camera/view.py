@@ -5,17 +5,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy
 from imucalib_cli.simulate.recording import CameraRecord
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.camera.config import AprilGrid, CameraConfig, Intrinsics
     from imucalib_cli.simulate.config import SystemConfig
-
-Floats = NDArray[np.float64]
+    from imucalib_cli.simulate.recording import Recording
 
 
 def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
@@ -41,6 +40,26 @@ def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
     return frame, R, p
 
 
+def seen_from_camera(
+    recording: Recording, R_parent_imu: Floats, t_parent_imu: Floats
+) -> tuple[Floats, Floats]:
+    """A pose of the IMU in the camera's optical frame, from that in their link; (3, 3), (3,), m.
+
+    Raises:
+        InputError: They are not on the same link, or there is no camera.
+    """
+    if recording.camera is None:
+        raise InputError("the recording has no camera")
+    frame = recording.camera.config.frame.link
+    link, R, p = camera_mount(recording.system, frame)
+    if link != recording.system.parent:
+        raise InputError(
+            f"{frame} is on {link} and the IMU on {recording.system.parent}: a camera that is "
+            "calibrated with an IMU has to be on its link"
+        )
+    return R.T @ R_parent_imu, R.T @ (t_parent_imu - p)
+
+
 def target_points(target: AprilGrid) -> Floats:
     """Corners of all tags in the target's frame, m, (K, 3) with K = 4 tag_rows tag_cols.
 
@@ -57,17 +76,10 @@ def target_points(target: AprilGrid) -> Floats:
 
 
 def project(intrinsics: Intrinsics, points: Floats) -> Floats:
-    """Pixels of points in the optical frame; NaN for points behind the camera.
+    """Pixels (..., 2) of points (..., 3), m, in the optical frame; NaN behind the camera.
 
     The pinhole with radial-tangential distortion of OpenCV's documentation of calib3d, which is
-    Kalibr's pinhole-radtan.
-
-    Args:
-        intrinsics: Of the camera.
-        points: (..., 3), m.
-
-    Returns:
-        (..., 2), pixels; whole numbers are centres of pixels.
+    Kalibr's pinhole-radtan; whole numbers are centres of pixels.
     """
     depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
     x, y = np.moveaxis(points[..., :2] / depth, -1, 0)
@@ -80,16 +92,10 @@ def project(intrinsics: Intrinsics, points: Floats) -> Floats:
 
 
 def see(camera: CameraConfig, t: Floats, position: Floats, quaternion_wxyz: Floats) -> CameraRecord:
-    """The camera's view at its instants, without noise.
+    """The camera's view at instants (N,), s, without noise, from (N, 3), m, p_world_camera.
 
     A tag is seen if its front faces the camera and all its corners lie within the image, at least
     ``border`` pixels from the edge, as for Kalibr's detector.
-
-    Args:
-        camera: Intrinsics and target.
-        t: (N,), s, instants of the images.
-        position: (N, 3), m, p_world_camera of the optical frame.
-        quaternion_wxyz: (N, 4), its orientation as MuJoCo gives it.
     """
     target, lens = camera.target, camera.intrinsics
     points = target_points(target)

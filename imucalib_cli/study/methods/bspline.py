@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -40,11 +39,11 @@ from imucalib_cli.study.methods.spline import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.study.methods.camera import CameraObservations
 
-Floats = NDArray[np.float64]
 
 _STD_FLOOR = 1e-7
 """m and rad: no encoder is better, and smaller values would cost the solver digits."""
@@ -202,11 +201,6 @@ def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, i
 def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOptions) -> Answer:
     """Find the IMU's pose in its parent link.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link.
-        options: Noise of the sensors, knots, what is unknown.
-
     Raises:
         InputError: Too few samples, streams that do not overlap, turns beyond what a rotation
             vector can carry, or motion that leaves an unknown open.
@@ -222,12 +216,6 @@ def calibrate_bspline_camera(
     Each image's corners are used as their PnP pose, weighted by its information matrix. That is the
     reprojection error to second order; for noise of tenths of a pixel higher orders are negligible.
 
-    Args:
-        imu: As stamped.
-        camera: Corners of a target that does not move.
-        options: Noise of the IMU, knots, what is unknown; the corners' noise is taken from their
-            scatter.
-
     Raises:
         InputError: OpenCV is missing, the target is hardly seen, or as calibrate_bspline.
     """
@@ -236,7 +224,6 @@ def calibrate_bspline_camera(
 
 
 def _answer(state: State, evaluations: int, frame: Literal["parent", "camera"]) -> Answer:
-    """The answer from a solution."""
     mean = state.biases.mean(axis=0)
     return Answer(
         frame=frame,
@@ -258,12 +245,7 @@ def prepare(
 ) -> tuple[Problem, State]:
     """Data, and a start: rotation, time offset and biases of the gyro-first method, no lever arm.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link.
-        options: Noise of the sensors, knots, what is unknown.
-        whiten: (N, 6, 6), for each pose of the path; default by their scatter about their own
-            spline.
+    Poses are whitened by (N, 6, 6), or by their scatter about their own spline.
 
     Raises:
         InputError: As calibrate_bspline.

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
 from imucalib_cli.study.methods.spline import (
@@ -30,8 +29,8 @@ from imucalib_cli.study.methods.spline import (
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+    from imucalib_cli.arrays import Floats, Indices
+
 
 _NONE = np.zeros((0, 0, 0))
 _CHUNK = 1024

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
@@ -15,9 +14,9 @@ from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_mat
 from imucalib_cli.study.conditions import Pose
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import CameraRecord
 
-Floats = NDArray[np.float64]
 
 FEWEST_CORNERS = 12
 """Least number of corners: with fewer, one bad corner can tilt the pose."""
@@ -55,14 +54,9 @@ def observations_of(camera: CameraRecord) -> CameraObservations:
 
 
 def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
-    """Pose of the target in the optical frame with the least reprojection error.
+    """The target in the optical frame, by the least reprojection error of its corners (K, 2).
 
-    Args:
-        camera: Target and lens.
-        corners: (K, 2), pixels; NaN where not found.
-
-    Returns:
-        R_camera_target and p_camera_target; None where too few corners were found or nothing fits.
+    None where too few are found (the others are NaN), or nothing fits.
 
     Raises:
         InputError: OpenCV is not installed.
@@ -84,12 +78,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
 def corner_information(
     camera: CameraObservations, corners: Floats, pose: Pose
 ) -> tuple[Floats, Floats]:
-    """Information of one image's corners on the camera's pose, for corners of unit noise.
-
-    Args:
-        camera: Target and lens.
-        corners: (K, 2), pixels; NaN where not found.
-        pose: Of the target in the camera, found by :func:`target_pose`.
+    """What corners (K, 2) of unit noise tell of the camera, with the target at a pose in it.
 
     Returns:
         Information (6, 6) of p_target_camera and the rotation of R_target_camera in the camera's
@@ -132,7 +121,9 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
         squares += float(np.sum(residual * residual))
         count += residual.size - 6
     if len(rows) < _FEWEST_IMAGES:
-        raise InputError(f"the target is seen in {len(rows)} images, need at least 10")
+        raise InputError(
+            f"the target is seen in {len(rows)} images, need at least {_FEWEST_IMAGES}"
+        )
     pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)
     whiten = np.swapaxes(np.linalg.cholesky(np.array(information)), 1, 2) / pixel
     track = Track(name="camera", kind="pose", t=camera.t[rows], values=np.array(values))

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import PaperOptions, WindowChoice
+from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.study.contest import exact_system, pose_only
 from imucalib_cli.study.methods.answer import Answer
@@ -19,16 +15,15 @@ from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gy
 from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.conditions import PaperSetting, Pose
+    from imucalib_cli.study.conditions import Pose
     from imucalib_cli.study.methods.bspline import BSplineOptions
     from imucalib_cli.study.methods.camera import CameraObservations
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,8 +53,8 @@ class Entrant:
     data: str
     """Its data besides the IMU."""
     unknowns: str
-    call: Callable[[Given], Answer] | None
-    """None for the published method, which is called with each of its settings."""
+    call: Callable[[Given, PaperOptions | None], Answer]
+    """With a setting, which the published method alone has."""
 
 
 def _spline(given: Given, **changes: object) -> Answer:
@@ -67,62 +62,13 @@ def _spline(given: Given, **changes: object) -> Answer:
     return calibrate_bspline(given.imu, given.path, options)
 
 
-_ALL = "pose, biases, tilt, offset"
-ENTRANTS: dict[str, Entrant] = {
-    "paper": Entrant("poses", "pose", None),
-    "ours, pose only": Entrant(
-        "poses",
-        "pose",
-        lambda g: _answer(calibrate_matched(g.imu, g.path, pose_only(g.gravity_norm))),
-    ),
-    "B-spline batch, pose only": Entrant(
-        "poses", "pose", lambda g: _spline(g, gravity="fixed", time_offset=0.0, biases=False)
-    ),
-    "ours": Entrant(
-        "poses",
-        _ALL,
-        lambda g: _answer(calibrate_matched(g.imu, g.path, exact_system(g.gravity_norm))),
-    ),
-    "B-spline batch": Entrant("poses", _ALL, _spline),
-    "B-spline batch, few knots": Entrant(
-        "poses", _ALL, lambda g: _spline(g, knots_per_second=g.few_knots_per_second)
-    ),
-    "gyro-first hand-eye": Entrant(
-        "poses", _ALL, lambda g: calibrate_gyro_first(g.imu, g.path, g.gyro_first)
-    ),
-    "B-spline batch, corners": Entrant(
-        "corners", _ALL, lambda g: calibrate_bspline_camera(g.imu, g.camera, g.spline)
-    ),
-    "hand-eye + RANSAC (Liang)": Entrant(
-        "corners", "pose, gyro bias", lambda g: calibrate_liang(g.imu, g.camera, g.liang)
-    ),
-    "hand-eye + RANSAC, tuned": Entrant(
-        "corners", "pose, biases", lambda g: calibrate_liang(g.imu, g.camera, g.liang_tuned)
-    ),
-}
-"""By the name that tables show."""
+def _matched(given: Given, options: MatchedOptions) -> Answer:
+    return _answer(calibrate_matched(given.imu, given.path, options))
 
 
-def calls(name: str, settings: Sequence[PaperSetting]) -> list[Callable[[Given], Answer]]:
-    """The function that runs a method; it can be sent to another process.
-
-    Args:
-        name: Of ENTRANTS.
-        settings: Of the published method.
-    """
-    return [partial(_enter, name, s) for s in (settings if name == "paper" else (None,))]
-
-
-def _enter(name: str, setting: PaperSetting | None, given: Given) -> Answer:
-    call = ENTRANTS[name].call
-    if call is not None:
-        return call(given)
-    if setting is None or setting.residual is None:
-        raise ValueError(f"{name} needs a setting")
-    options = PaperOptions(
-        window=WindowChoice(samples=setting.window),
-        exclusion_threshold=setting.exclusion,
-        residual=setting.residual,
+def _published(given: Given, setting: PaperOptions | None) -> Answer:
+    options = replace(
+        setting or PaperOptions(),
         gravity_norm=given.gravity_norm,
         R_initial=given.nominal.R,
         t_initial=given.nominal.t,
@@ -139,3 +85,38 @@ def _answer(estimate: Estimate) -> Answer:
         time_offset=None if estimate.time_offset_std is None else estimate.time_offset,
         evaluations=int(evaluations) if isinstance(evaluations, int | float) else 1,
     )
+
+
+_ALL = "pose, biases, tilt, offset"
+ENTRANTS: dict[str, Entrant] = {
+    "paper": Entrant("poses", "pose", _published),
+    "ours, pose only": Entrant(
+        "poses", "pose", lambda g, _: _matched(g, pose_only(g.gravity_norm))
+    ),
+    "B-spline batch, pose only": Entrant(
+        "poses", "pose", lambda g, _: _spline(g, gravity="fixed", time_offset=0.0, biases=False)
+    ),
+    "ours": Entrant("poses", _ALL, lambda g, _: _matched(g, exact_system(g.gravity_norm))),
+    "B-spline batch": Entrant("poses", _ALL, lambda g, _: _spline(g)),
+    "B-spline batch, few knots": Entrant(
+        "poses", _ALL, lambda g, _: _spline(g, knots_per_second=g.few_knots_per_second)
+    ),
+    "gyro-first hand-eye": Entrant(
+        "poses", _ALL, lambda g, _: calibrate_gyro_first(g.imu, g.path, g.gyro_first)
+    ),
+    "B-spline batch, corners": Entrant(
+        "corners", _ALL, lambda g, _: calibrate_bspline_camera(g.imu, g.camera, g.spline)
+    ),
+    "hand-eye + RANSAC (Liang)": Entrant(
+        "corners", "pose, gyro bias", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang)
+    ),
+    "hand-eye + RANSAC, tuned": Entrant(
+        "corners", "pose, biases", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang_tuned)
+    ),
+}
+"""By the name that tables show."""
+
+
+def enter(name: str, setting: PaperOptions | None, given: Given) -> Answer:
+    """Run a method, the published one in a setting; a function that other processes can import."""
+    return ENTRANTS[name].call(given, setting)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import nearest_rotation, vee
@@ -24,11 +23,10 @@ from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.methods.answer import Answer
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 _MAX_OFFSET = 1.0
 """Largest offset searched, s."""
@@ -56,11 +54,6 @@ def calibrate_gyro_first(
 ) -> Answer:
     """Find the IMU's pose in its parent link.
 
-    Args:
-        imu: As stamped.
-        path: Kinematics of the parent link.
-        options: Filter, what is unknown.
-
     Raises:
         InputError: Too few samples, or the streams do not overlap.
     """
@@ -69,8 +62,8 @@ def calibrate_gyro_first(
     trajectory = Trajectory.of(path)
     offset, evaluations = _rate_offset(smooth, trajectory, options)
     motion = _derived(smooth, trajectory, offset)
-    R_parent_imu, gyro_bias, _ = _fit_rates(smooth, motion)
-    t_parent_imu, accel_bias, gravity = _fit_lever_arm(smooth, motion, R_parent_imu, options)
+    R_parent_imu, gyro_bias, _ = _fit_rates(motion)
+    t_parent_imu, accel_bias, gravity = _fit_lever_arm(motion, R_parent_imu, options)
     return Answer(
         frame="parent",
         R_frame_imu=R_parent_imu,
@@ -101,10 +94,12 @@ class _Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class _Derived:
-    """Motion of the parent link, by Savitzky-Golay derivatives of its poses."""
+    """Motion of the parent link, by Savitzky-Golay derivatives of its poses, and the IMU's."""
 
-    rows: Indices
-    """(M,), which of the smoothed samples have it."""
+    gyro: Floats
+    """(M, 3), rad/s, smoothed."""
+    accel: Floats
+    """(M, 3), m/s², smoothed."""
     R: Floats
     """(M, 3, 3), R_world_parent."""
     rate: Floats
@@ -131,7 +126,6 @@ def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
 
 
 def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Derived:
-    """Differentiate the poses at the IMU's instants."""
     t = imu.grid.t - time_offset
     covered = trajectory.covered(t)
     rows = np.flatnonzero(all_hold(covered, imu.first, imu.samples))
@@ -149,7 +143,8 @@ def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Der
         for order in range(3)
     )
     R, R_rate, R_acceleration = (x[:, :9].reshape(-1, 3, 3) for x in (value, rate, bent))
-    return _Derived(rows, R, vee(np.swapaxes(R, 1, 2) @ R_rate), R_acceleration, bent[:, 9:])
+    rate = vee(np.swapaxes(R, 1, 2) @ R_rate)
+    return _Derived(imu.gyro[rows], imu.accel[rows], R, rate, R_acceleration, bent[:, 9:])
 
 
 def _rate_offset(
@@ -162,12 +157,8 @@ def _rate_offset(
 
     coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
 
-    def mean_cost(offset: float) -> float:
-        motion = _derived(smooth, trajectory, offset)
-        return _fit_rates(smooth, motion)[2] / len(motion.rows)
-
     fine = minimize_scalar(
-        mean_cost,
+        lambda offset: _fit_rates(_derived(smooth, trajectory, offset))[2],
         bounds=(coarse - _REFINE, coarse + _REFINE),
         method="bounded",
         options={"xatol": 1e-7},
@@ -175,24 +166,24 @@ def _rate_offset(
     return float(fine.x), int(fine.nfev)
 
 
-def _fit_rates(smooth: _Smoothed, motion: _Derived) -> tuple[Floats, Floats, float]:
-    """Least squares of derived - R (measured - bias) over R and bias; those and their sum.
+def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
+    """Least squares of derived - R (measured - bias) over R and bias; those and their mean.
 
     After subtraction of the means the bias drops out; what remains is Wahba's problem.
 
     Source:
         Wahba, SIAM Review 7(3), 1965; solved by singular values (Markley, 1988).
     """
-    target, source = motion.rate, smooth.gyro[motion.rows]
+    target, source = motion.rate, motion.gyro
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
     R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
     residual = target - (source - bias) @ R.T
-    return R, bias, float(np.sum(residual * residual))
+    return R, bias, float(np.sum(residual * residual)) / len(residual)
 
 
 def _fit_lever_arm(
-    smooth: _Smoothed, motion: _Derived, R_parent_imu: Floats, options: GyroFirstOptions
+    motion: _Derived, R_parent_imu: Floats, options: GyroFirstOptions
 ) -> tuple[Floats, Floats, Floats]:
     """Lever arm, m, accelerometer bias and gravity in the world, m/s², rotation held.
 
@@ -200,7 +191,7 @@ def _fit_lever_arm(
     the fit is repeated on the sphere's tangent plane until it converges.
     """
     R = motion.R
-    measured = (R @ (R_parent_imu @ smooth.accel[motion.rows].T).T[:, :, None])[:, :, 0]
+    measured = (R @ (R_parent_imu @ motion.accel.T).T[:, :, None])[:, :, 0]
     right = measured - motion.p_acceleration
     columns = [motion.R_acceleration, R]
     if options.gravity == "none":

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import (
@@ -20,8 +19,8 @@ from imucalib_cli.study.conditions import Pose
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Floats = NDArray[np.float64]
-Chosen = NDArray[np.bool_]
+    from imucalib_cli.arrays import Bools, Floats, Indices
+
 
 FEWEST_MOTIONS = 3
 _SINGULAR = 1e-4
@@ -44,7 +43,7 @@ class Motions:
     def __len__(self) -> int:
         return len(self.t_a)
 
-    def only(self, which: Chosen | NDArray[np.intp]) -> Motions:
+    def only(self, which: Bools | Indices) -> Motions:
         """Some of them."""
         return Motions(self.R_a[which], self.t_a[which], self.R_b[which], self.t_b[which])
 
@@ -121,7 +120,7 @@ class Ransac:
 
 def ransac(
     motions: Motions, solve: Callable[[Motions], Pose], options: Ransac
-) -> tuple[Pose, Chosen]:
+) -> tuple[Pose, Bools]:
     """The model that most motions agree with, solved again from these.
 
     If fewer motions agree than a model needs, the model with the least median difference.
@@ -139,9 +138,7 @@ def ransac(
         )
     rng = np.random.default_rng(options.seed)
     size = min(options.samples, len(motions))
-    best: tuple[float, float] | None = None
-    agreeing = np.ones(len(motions), dtype=bool)
-    why: InputError | None = None
+    best, agreeing, why = (np.inf, np.inf), np.ones(len(motions), dtype=bool), None
     for _ in range(options.iterations):
         chosen = rng.choice(len(motions), size, replace=False)
         try:
@@ -152,12 +149,10 @@ def ransac(
         place, turn = apart(model, motions)
         agree = (place < options.threshold_m) & (turn < options.threshold_rad)
         score = (-float(agree.sum()), float(np.median(place / options.threshold_m)))
-        if best is None or score < best:
-            best = score
-            agreeing = agree
+        if score < best:
+            best, agreeing = score, agree
             if agree.sum() < FEWEST_MOTIONS:
-                agreeing = np.zeros(len(motions), dtype=bool)
-                agreeing[chosen] = True
-    if best is None and why is not None:
+                agreeing = np.isin(np.arange(len(motions)), chosen)
+    if why is not None and best[0] == np.inf:
         raise why
     return solve(motions.only(agreeing)), agreeing

@@ -22,7 +22,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec
@@ -34,10 +33,9 @@ from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.study.methods.camera import CameraObservations
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,12 +51,7 @@ class LiangOptions:
 
 
 def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangOptions) -> Answer:
-    """Find the IMU's pose in the camera's optical frame.
-
-    Args:
-        imu: As stamped.
-        camera: Corners of a target that does not move.
-        options: Variant and thresholds.
+    """Find the IMU's pose in the camera's optical frame; the target does not move.
 
     Raises:
         InputError: OpenCV is missing; too few moves between standstills at which the target is
@@ -110,9 +103,8 @@ def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Po
     inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
     if len(inside) == 0:
         return None
-    if not tuned:
-        return target_pose(camera, camera.corners[inside[len(inside) // 2]])
-    return target_pose(camera, camera.corners[inside].mean(axis=0))
+    seen = camera.corners[inside]
+    return target_pose(camera, seen.mean(axis=0) if tuned else seen[len(inside) // 2])
 
 
 def _displaced(
@@ -187,14 +179,7 @@ class StillOptions:
 
 
 def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -> list[Still]:
-    """Find standstills from the IMU alone: transitions between motion and stillness.
-
-    Args:
-        t: (N,), s, even but for jitter.
-        gyro: (N, 3), rad/s.
-        accel: (N, 3), m/s².
-        options: Criteria for a standstill.
-    """
+    """Find standstills from the IMU alone; t is even but for jitter."""
     samples = max(round(options.window / float(np.median(np.diff(t)))), 4)
     if len(t) < 2 * samples:
         return []
@@ -254,7 +239,7 @@ class Displacement:
 def integrate(
     t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
 ) -> Displacement:
-    """Integrate bias-free samples from rest.
+    """Integrate bias-free samples from rest: t (N,), s; gyro (N, 3), rad/s; accel (N, 3), m/s².
 
     Rates are means of neighbouring samples, accelerations vary linearly between them.
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from imucalib_cli.errors import InputError
@@ -17,8 +17,9 @@ from imucalib_cli.robot.rotations import (
     skew,
 )
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats, Indices
+
 
 DEGREE = 5
 ORDER = DEGREE + 1
@@ -68,15 +69,7 @@ class Knots:
         return segment, x - segment
 
     def weights(self, u: Floats, orders: int) -> Floats:
-        """Weights of the six control points for the value and its derivatives.
-
-        Args:
-            u: (N,), place in the segment.
-            orders: How many: 1 for the value alone.
-
-        Returns:
-            (orders, N, 6), per s to the power of the order.
-        """
+        """Weights (orders, N, 6) of control points at u (N,): value, then derivatives, per s."""
         result = np.zeros((orders, len(u), ORDER))
         for order in range(orders):
             for p in range(order, ORDER):
@@ -86,16 +79,7 @@ class Knots:
 
 
 def evaluate(controls: Floats, segment: Indices, weights: Floats) -> Floats:
-    """Values and derivatives of a spline.
-
-    Args:
-        controls: (K, C).
-        segment: (N,).
-        weights: (orders, N, 6).
-
-    Returns:
-        (orders, N, C).
-    """
+    """Values and derivatives (orders, N, C) of a spline of controls (K, C)."""
     near = controls[segment[:, None] + np.arange(ORDER)]
     return np.asarray(np.einsum("onk,nkc->onc", weights, near))
 
@@ -117,10 +101,7 @@ def _coefficients(phi: Floats) -> tuple[Floats, Floats, Floats, Floats]:
 
 
 def right_jacobian(phi: Floats) -> Floats:
-    """J with exp(phi + d) = exp(phi) exp(J d) to first order; (N, 3, 3).
-
-    Args:
-        phi: (N, 3), rad.
+    """J with exp(phi + d) = exp(phi) exp(J d) to first order; (N, 3, 3), for phi (N, 3), rad.
 
     Source:
         Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol. 2, 2012, 10.86.
@@ -131,12 +112,7 @@ def right_jacobian(phi: Floats) -> Floats:
 
 
 def rate_jacobian(phi: Floats, v: Floats) -> Floats:
-    """Derivative of right_jacobian(phi) @ v in phi; (N, 3, 3).
-
-    Args:
-        phi: (N, 3), rad.
-        v: (N, 3).
-    """
+    """Derivative of right_jacobian(phi) @ v in phi; (N, 3, 3)."""
     b, c, db, dc = (x[:, None, None] for x in _coefficients(phi))
     cross = np.cross(phi, v)
     twice = np.cross(phi, cross)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.simulate.load import load_system
 from imucalib_cli.study.conditions import Pose, Recorded, wrong_guess
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording, streams_of
@@ -28,12 +28,11 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
 
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Draw, Row
     from imucalib_cli.study.tables import Table
 
-Floats = NDArray[np.float64]
-Kept = NDArray[np.bool_]
 
 FILTERS = ("paper", "matched")
 PLATES = {
@@ -81,7 +80,7 @@ class Comparison:
     """(N,), m/s²."""
     measured: Floats
     """(N,), m/s², as this filter smooths it, without gravity."""
-    kept: Kept
+    kept: Bools
     """(N,), whether the filter's method uses the instant."""
 
     @property
@@ -121,11 +120,9 @@ class DerivationStudy(Study, Recorded):
         """Difference of derived and measured acceleration, near starts and stops and elsewhere."""
         setting = cell["figure"], cell["filter"], cell["window"]
         found = self._compared(*setting, cell["exclusion"] or 0.0)
-        brusque = self._brusque(found)
-        apart = found.mismatch
-        recording, _ = self._recording_and_guess(cell["figure"])
-        weightless = None  # the same motion without gravity, if there is any
-        if recording.gravity_world.any():
+        brusque, apart = self._brusque(found), found.mismatch
+        system, weightless = PLATES[cell["figure"]][0], None
+        if load_system(system).gravity:  # the same motion without it
             light = self._compared(*setting, gravity=0.0)
             weightless = _rms(light.mismatch[~self._brusque(light)])
         row: Row = {
@@ -137,7 +134,7 @@ class DerivationStudy(Study, Recorded):
             "kept": _rms(apart[found.kept]),
             "excluded": float(np.mean(~found.kept)),
             "weightless": weightless,
-            "system": recording.system.name,
+            "system": system,
         }
         return [cell | row]
 
@@ -178,25 +175,11 @@ class DerivationStudy(Study, Recorded):
     def _draw(self, number: int, path: Path) -> None:
         system, guess = PLATES[number]
         window, drawn = self.drawn_window, self.drawn_exclusion
-        zoom = self.zoom.barbot if system == "barbot" else self.zoom.rihibot
         draw_comparison(
             path,
             f"{system}, {guess}, window of {window} samples",
             {name: self._compared(number, name, window, drawn) for name in FILTERS},
-            zoom,
-        )
-
-    def _recording_and_guess(
-        self, figure: int, gravity: float | None = None
-    ) -> tuple[Recording, Pose]:
-        system, error = PLATES[figure]
-        recording = clean_recording(system, replace(self.physics, gravity=gravity))
-        wrong = float(error == "initial error")
-        return recording, wrong_guess(
-            recording,
-            wrong * self.initial_translation,
-            wrong * math.radians(self.initial_rotation_deg),
-            self.initial_seed,
+            getattr(self.zoom, system),
         )
 
     def _compared(
@@ -208,13 +191,20 @@ class DerivationStudy(Study, Recorded):
         *,
         gravity: float | None = None,
     ) -> Comparison:
-        recording, guess = self._recording_and_guess(figure, gravity)
+        system, error = PLATES[figure]
+        recording = clean_recording(system, replace(self.physics, gravity=gravity))
+        wrong = float(error == "initial error")
+        guess = wrong_guess(
+            recording,
+            wrong * self.initial_translation,
+            wrong * math.radians(self.initial_rotation_deg),
+            self.initial_seed,
+        )
         if name == "matched":
             return compared_by_matched(recording, guess, window)
         return compared_by_paper(recording, guess, window, exclusion)
 
-    def _brusque(self, found: Comparison) -> Kept:
-        """Samples near starts and stops."""
+    def _brusque(self, found: Comparison) -> Bools:
         return near_changes(found.t, found.measured, self.jerk, self.margin)
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
@@ -248,7 +238,6 @@ class DerivationStudy(Study, Recorded):
 
 
 def _share(row: Row, key: str) -> float:
-    """A mismatch over the signal."""
     return float(row[key] / row["signal"])
 
 
@@ -259,14 +248,7 @@ def _rms(values: Floats) -> float | None:
 def compared_by_paper(
     recording: Recording, guess: Pose, window: int, exclusion: float
 ) -> Comparison:
-    """The published filter: derivatives of the pose, and measurements smoothed likewise.
-
-    Args:
-        recording: Noise-free or not.
-        guess: Pose of the IMU to assume.
-        window: Samples.
-        exclusion: m/s², of the second difference over which a sample is dropped.
-    """
+    """The published filter: derivatives of the pose, and measurements smoothed likewise."""
     imu, path = streams_of(recording)
     options = PaperOptions(
         window=WindowChoice(samples=window), degree=_DEGREE, exclusion_threshold=exclusion
@@ -286,13 +268,7 @@ def compared_by_paper(
 
 
 def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Comparison:
-    """The matched filters: the measurements are averaged by the kernel of the derivative.
-
-    Args:
-        recording: With an even IMU rate and no gaps.
-        guess: Pose of the IMU to assume.
-        window: Samples.
-    """
+    """The matched filters: measurements are averaged by the kernel of the derivative; no gaps."""
     imu, path = streams_of(recording)
     trajectory = Trajectory.of(path)
     inside = trajectory.covered(imu.t)
@@ -315,15 +291,8 @@ def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Compa
     )
 
 
-def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Kept:
-    """Samples at which acceleration changes abruptly: starts and stops of motion.
-
-    Args:
-        t: (N,), s, even.
-        accel: (N,), m/s².
-        jerk: m/s³, above which the change is abrupt.
-        margin: s, included on either side.
-    """
+def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Bools:
+    """Samples (N,), even in time, within a margin, s, of a jerk, m/s³: starts and stops."""
     dt = float(np.median(np.diff(t)))
     sudden = np.abs(np.gradient(accel, dt)) > jerk
     reach = np.ones(2 * max(round(margin / dt), 1) + 1)
@@ -333,17 +302,7 @@ def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Kept:
 def draw_comparison(
     path: Path, title: str, found: dict[str, Comparison], zoom: tuple[float, float]
 ) -> None:
-    """Draw a figure of the paper for each filter, side by side.
-
-    Args:
-        path: SVG to write.
-        title: Of the whole.
-        found: By the name of the filter.
-        zoom: First and last instant of the enlarged rows, s.
-
-    Raises:
-        InputError: matplotlib is missing, or the file cannot be written.
-    """
+    """Draw a figure of the paper for each filter, side by side; parts from zoom, s, enlarged."""
     figure, panels = new_figure(4, len(found), size=(10.0, 10.0))
     for place, (name, one) in enumerate(found.items()):
         panel = panels[place :: len(found)]
@@ -358,37 +317,29 @@ def draw_comparison(
         panel[3].set_xlabel("s")
         for axes in panel:
             axes.legend(loc="upper right", fontsize=7)
-    lowest, highest = (
-        limit(axes.get_ylim()[side] for axes in panels[3 * len(found) :])
-        for side, limit in ((0, min), (1, max))
-    )
-    for axes in panels[3 * len(found) :]:
-        axes.set_ylim(lowest, highest)
+    bottom = panels[3 * len(found) :]
+    lowest, highest = zip(*(axes.get_ylim() for axes in bottom), strict=True)
+    for axes in bottom:
+        axes.set_ylim(min(lowest), max(highest))
     figure.suptitle(title)
     save_svg(figure, path)
 
 
-def _pair(axes: Axes, one: Comparison, shown: Kept) -> None:
+def _pair(axes: Axes, one: Comparison, shown: Bools) -> None:
     _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
-    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", dashed=True)
+    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", linestyle="--")
     dropped = shown & ~one.kept
     if dropped.any():
         every = max(int(dropped.sum()) // _MARKS, 1)
-        axes.plot(
-            one.t[dropped][::every],
-            one.derived[dropped][::every],
-            linestyle="",
-            marker="x",
-            markersize=3.0,
-            color=COLOURS[6],
-            label="excluded",
-        )
+        t, y = one.t[dropped][::every], one.derived[dropped][::every]
+        marks: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 3.0}
+        axes.plot(t, y, color=COLOURS[6], label="excluded", **marks)
     axes.set_ylabel("acceleration, m/s²")
 
 
 def _line(
-    axes: Axes, t: Floats, y: Floats, colour: str, name: str, *, dashed: bool = False
+    axes: Axes, t: Floats, y: Floats, colour: str, name: str, *, linestyle: str = "-"
 ) -> None:
     every = max(len(t) // _MOST_POINTS, 1)
-    style = "--" if dashed else "-"
-    axes.plot(t[::every], y[::every], linestyle=style, linewidth=1.0, color=colour, label=name)
+    style: dict[str, Any] = {"linestyle": linestyle, "linewidth": 1.0, "color": colour}
+    axes.plot(t[::every], y[::every], label=name, **style)

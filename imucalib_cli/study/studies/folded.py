@@ -16,21 +16,19 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.recording import rows_kept
-from imucalib_cli.study.conditions import Recorded, paper_settings, wrong_guess
-from imucalib_cli.study.contest import contest, contestants
-from imucalib_cli.study.rows import DEGREES, MILLIMETRES, best_setting, chosen, column, groups
+from imucalib_cli.simulate.recording import Record, rows_kept
+from imucalib_cli.study.conditions import Recorded, paper_settings, setting_words, wrong_guess
+from imucalib_cli.study.contest import contest
+from imucalib_cli.study.rows import best_setting, chosen, column, groups
 from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Column, Table, lay_out, mean_and_std
+from imucalib_cli.study.tables import Column, Table, lay_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import NoiseOptions
-    from imucalib_cli.simulate.recording import Messages, Recording
+    from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Row
 
 
@@ -98,26 +96,15 @@ class FoldedStudy(Study, Recorded):
         noise_seed: int,
         initial_error: tuple[float, float],
     ) -> list[Row]:
-        """Run all methods on a recording without a fold.
-
-        Args:
-            methods: To run.
-            cell: With ``fold`` and ``seed``.
-            clean: The recording without noise.
-            noise: To add.
-            noise_seed: Of it.
-            initial_error: Of the guess that the published method starts from, m and rad.
-        """
+        """Run methods on a recording without a fold, from a guess off by m and rad."""
         moves = moves_of(clean.system, self.duration or clean.system.duration)
         held_out = stratified_folds(moves, self.folds)[cell["fold"]]
         guess = wrong_guess(clean, *initial_error, self.seed_of(cell))
         recording = without(corrupt(clean, noise, noise_seed), held_out)
         settings = paper_settings(self.paper_windows, self.paper_exclusions)
         return [
-            cell
-            | contest(method, recording, options)
-            | {"setting": setting.words if setting else None}
-            for method, setting, options in contestants(methods, recording, guess, settings)
+            cell | row | {"setting": setting_words(setting)}
+            for setting, row in contest(methods, recording, guess, settings)
         ]
 
 
@@ -131,23 +118,8 @@ def steadily_small(rows: list[Row]) -> tuple[int, float]:
 def in_best_setting(
     rows: Sequence[Row], badness: Callable[[list[Row]], Any], *keys: str
 ) -> list[Row]:
-    """Rows in the best setting of each group: the upper limit of tuning.
-
-    Args:
-        rows: Of a study.
-        badness: What the best setting has least of.
-        keys: What makes a group.
-    """
+    """Rows in the setting of least badness of each group by keys: the upper limit of tuning."""
     return [row for group in groups(rows, *keys) for row in best_setting(group, badness)]
-
-
-ERROR_COLUMNS: tuple[Column, ...] = (
-    ("translation mm", lambda rows: mean_and_std(rows, "translation", MILLIMETRES)),
-    ("rotation deg", lambda rows: mean_and_std(rows, "rotation", DEGREES)),
-    ("|mean Δxyz| mm", lambda rows: mean_and_std(rows, "averaged_translation", MILLIMETRES)),
-    ("mean |rpy| deg", lambda rows: mean_and_std(rows, "averaged_rotation", DEGREES)),
-)
-"""Mean ± standard deviation over rows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,7 +157,6 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
 
 
 def _arm_moves(arm: Arm) -> list[tuple[str, float]]:
-    """Kind and seconds of each move."""
     targets = [arm.start_deg, *(move.to_deg for move in arm.moves)]
     moves = []
     for move, (before, after) in zip(arm.moves, pairwise(targets), strict=True):
@@ -210,27 +181,12 @@ def stratified_folds(moves: Sequence[Stretch], count: int) -> list[list[Stretch]
 
 def without(recording: Recording, held_out: Sequence[Stretch]) -> Recording:
     """A recording without some of its moves: gaps in every stream."""
-    edges = [(move.start, move.stop) for move in held_out]
-    kept = _outside(recording.imu, edges)
-    corruption = recording.corruption
-    if corruption is not None:
-        corruption = replace(
-            corruption,
-            spiked=corruption.spiked[kept],
-            saturated=corruption.saturated[kept],
-            accel_bias=corruption.accel_bias[kept],
-            gyro_bias=corruption.gyro_bias[kept],
-        )
-    return replace(
-        recording,
-        imu=rows_kept(recording.imu, kept),
-        robot=tuple(rows_kept(record, _outside(record, edges)) for record in recording.robot),
-        corruption=corruption,
-    )
 
+    def left(record: Record) -> Record:
+        kept = np.ones(len(record.t), dtype=bool)
+        for move in held_out:
+            kept &= (record.t < move.start) | (record.t >= move.stop)
+        return rows_kept(record, kept)
 
-def _outside(record: Messages, edges: list[tuple[float, float]]) -> NDArray[np.bool_]:
-    kept = np.ones(len(record.t), dtype=bool)
-    for start, stop in edges:
-        kept &= (record.t < start) | (record.t >= stop)
-    return kept
+    robot = tuple(left(record) for record in recording.robot)
+    return replace(recording, imu=left(recording.imu), robot=robot)

@@ -10,12 +10,9 @@ from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.contest import PUBLISHED
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column
-from imucalib_cli.study.studies.folded import (
-    ERROR_COLUMNS,
-    FoldedStudy,
-    in_best_setting,
-)
+from imucalib_cli.study.studies.folded import FoldedStudy, in_best_setting
 from imucalib_cli.study.tables import (
+    ERROR_COLUMNS,
     Claim,
     Column,
     answered,
@@ -50,7 +47,6 @@ class InitialErrorStudy(FoldedStudy):
     realistic_rotation_deg: float
 
     def __post_init__(self) -> None:
-        """Refuse sizes that cannot be paired."""
         super().__post_init__()
         if len(self.translation) != len(self.rotation_deg):
             raise ValueError("translation and rotation_deg need as many sizes: they are paired")

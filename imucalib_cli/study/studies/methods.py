@@ -7,23 +7,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
-from imucalib_cli.simulate.camera.view import camera_mount
+from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, PaperSetting, Pose, paper_settings
+from imucalib_cli.study.conditions import Conditioned, Pose, paper_settings, setting_words
 from imucalib_cli.study.contest import NO_ERRORS
 from imucalib_cli.study.methods.bspline import BSplineOptions
 from imucalib_cli.study.methods.camera import observations_of
-from imucalib_cli.study.methods.entrants import ENTRANTS, Given, calls
+from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
 from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
     Ransac,
@@ -32,7 +33,7 @@ from imucalib_cli.study.methods.liang import LiangOptions, StillOptions
 from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
 from imucalib_cli.study.rows import (
     DEGREES,
-    MILLIMETRES,
+    ERRORS,
     best_setting,
     chosen,
     mean,
@@ -41,19 +42,20 @@ from imucalib_cli.study.rows import (
 )
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
+    ERROR_COLUMNS,
     Claim,
     Column,
     claims_table,
     count,
     digits,
     lay_out,
-    mean_and_std,
     statistic,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.alone import Cost
     from imucalib_cli.study.methods.answer import Answer
@@ -71,7 +73,6 @@ _RIVALS = {
     _LIANG: "Liang et al. as published",
     "hand-eye + RANSAC, tuned": "Liang et al. tuned for start-stop motion",
 }
-_METRICS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,20 +119,15 @@ class MethodsStudy(Study, Conditioned):
     quoted: tuple[Quoted, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse splines without knots, and claims about what is not run."""
         super().__post_init__()
         if min(self.knots_per_second, self.few_knots_per_second, self.bias_interval) <= 0.0:
             raise ValueError("knots_per_second and bias_interval must be above zero")
         load_grade(self.stated_where_none)
 
     @property
-    def paper_settings(self) -> tuple[PaperSetting, ...]:
+    def paper_settings(self) -> tuple[PaperOptions, ...]:
         """All that the published method is run with."""
-        return tuple(
-            replace(setting, residual=residual)
-            for setting in paper_settings(self.paper_windows, self.paper_exclusions)
-            for residual in self.paper_residuals
-        )
+        return paper_settings(self.paper_windows, self.paper_exclusions, self.paper_residuals)
 
     def cells(self) -> list[Cell]:
         """Every method under every condition with every seed."""
@@ -144,12 +140,14 @@ class MethodsStudy(Study, Conditioned):
         noise = self.condition_of(cell).sensors
         recording = corrupt(clean, noise, seed)
         settings = self.paper_settings if name == "paper" else (None,)
-        costs = run_alone(
-            calls(name, self.paper_settings), given(recording, self, seed), _LIBRARIES
-        )
+        calls = [partial(enter, name, setting) for setting in settings]
+        costs = run_alone(calls, given(recording, self, seed), _LIBRARIES)
         bound = bound_columns(clean, noise, alone=ENTRANTS[name].unknowns == "pose")
         return [
-            cell | {"setting": setting.words if setting else None} | row_of(cost, recording) | bound
+            cell
+            | {"setting": f"{setting_words(setting)}, {setting.residual}" if setting else None}
+            | row_of(cost, recording)
+            | bound
             for cost, setting in zip(costs, settings, strict=True)
         ]
 
@@ -215,7 +213,7 @@ class MethodsStudy(Study, Conditioned):
             return scale * mean(best_setting(mine, mean_error(key)), key)
 
         rivals: dict[str, dict[str, float]] = {
-            words: {key: error(rival, key, scale) for key, scale, _ in _METRICS}
+            words: {key: error(rival, key, scale) for key, scale, _ in ERRORS}
             for rival, words in _RIVALS.items()
         }
         for quote in self.quoted:
@@ -225,7 +223,7 @@ class MethodsStudy(Study, Conditioned):
                     "rotation": _number(quote.rotation),
                 }
         for name, words in _CONTENDERS.items():
-            for key, scale, unit in _METRICS:
+            for key, scale, unit in ERRORS:
                 ours = error(name, key, scale)
                 for rival, errors in rivals.items():
                     yield Claim(
@@ -242,17 +240,12 @@ class MethodsStudy(Study, Conditioned):
 
 
 def _name(rows: Sequence[Row]) -> str:
-    """The method, with its setting where it has some."""
     method, setting = rows[0]["method"], rows[0]["setting"]
     return str(method) if setting is None else f"{method} ({setting})"
 
 
 def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
     return header, lambda rows: str(getattr(ENTRANTS[rows[0]["method"]], key))
-
-
-def _mean_and_std(header: str, key: str, scale: float = 1.0) -> Column:
-    return header, lambda rows: mean_and_std(rows, key, scale)
 
 
 def _over_bound(key: str) -> Column:
@@ -269,12 +262,11 @@ _COLUMNS: tuple[Column, ...] = (
     ("method", _name),
     _entrant("data beside the IMU", "data"),
     _entrant("unknowns", "unknowns"),
-    _mean_and_std("translation mm", "translation", MILLIMETRES),
+    ERROR_COLUMNS[0],
     _over_bound("translation"),
-    _mean_and_std("rotation deg", "rotation", DEGREES),
+    ERROR_COLUMNS[1],
     _over_bound("rotation"),
-    _mean_and_std("|mean Δxyz| mm", "averaged_translation", MILLIMETRES),
-    _mean_and_std("mean |rpy| deg", "averaged_rotation", DEGREES),
+    *ERROR_COLUMNS[2:],
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
     statistic("memory MB", mean, "memory", _MEGABYTES),
@@ -291,12 +283,7 @@ def _number(quoted: str) -> float:
 
 
 def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
-    """What methods are given of a recording, noisy or not.
-
-    Args:
-        recording: With a camera.
-        study: How methods are set.
-        seed: Of RANSAC's draws.
+    """What methods are given of a recording with a camera; the seed is of RANSAC's draws.
 
     Raises:
         ValueError: The recording has no camera.
@@ -344,26 +331,15 @@ def row_of(cost: Cost[Answer], recording: Recording) -> Row:
     """Errors of T_camera_imu, and what they cost.
 
     Raises:
-        ValueError: The recording has no camera, or one on another link than the IMU.
+        InputError: The camera is not on the IMU's link.
     """
-    row: Row = {
-        "seconds": cost.seconds,
-        "cpu_seconds": cost.cpu_seconds,
-        "memory": cost.memory,
-        "held": cost.held,
-        "failure": cost.failure,
-    }
+    row = {key: value for key, value in vars(cost).items() if key != "value"}
     answer = cost.value
     if answer is None:
         return row | NO_ERRORS | {"time_offset": None, "evaluations": None}
-    if recording.camera is None:
-        raise ValueError("the recording has no camera")
-    link, R, p = camera_mount(recording.system, recording.camera.config.frame.link)
-    if link != recording.system.parent:
-        raise ValueError("the camera is not on the IMU's link")
     found = answer.R_frame_imu, answer.t_frame_imu
     if answer.frame == "parent":
-        found = R.T @ answer.R_frame_imu, R.T @ (answer.t_frame_imu - p)
-    truth = R.T @ recording.R_parent_imu, R.T @ (recording.t_parent_imu - p)
+        found = seen_from_camera(recording, *found)
+    truth = seen_from_camera(recording, recording.R_parent_imu, recording.t_parent_imu)
     effort: Row = {"time_offset": answer.time_offset, "evaluations": answer.evaluations}
     return row | asdict(pose_error(*found, *truth)) | effort

@@ -18,14 +18,10 @@ from imucalib_cli.simulate.options import NoiseOptions, Vector
 from imucalib_cli.study.contest import METHODS, OURS, PUBLISHED
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import DEGREES, MILLIMETRES, chosen, column, mean, mean_error, worst
-from imucalib_cli.study.studies.folded import (
-    ERROR_COLUMNS,
-    FoldedStudy,
-    in_best_setting,
-    steadily_small,
-)
+from imucalib_cli.study.studies.folded import FoldedStudy, in_best_setting, steadily_small
 from imucalib_cli.study.study import grid
 from imucalib_cli.study.tables import (
+    ERROR_COLUMNS,
     Claim,
     Column,
     answered,
@@ -108,7 +104,6 @@ class NoiseStudy(FoldedStudy):
     claims: Criteria
 
     def __post_init__(self) -> None:
-        """Refuse levels that cannot be paired, and cases of one name that differ."""
         super().__post_init__()
         if len(self.accel) != len(self.gyro):
             raise ValueError("accel and gyro need as many levels each: they are paired")

@@ -14,7 +14,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns
@@ -52,11 +51,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Draw, Row
     from imucalib_cli.study.tables import Table
 
-Floats = NDArray[np.float64]
 
 _FIRST_SCALES = (0.05, 0.005)
 """m/s² and rad/s: how the matched residuals are weighted before they tell themselves."""
@@ -130,20 +129,17 @@ class OptimiserStudy(Study, Conditioned):
             }
             found: Row
             try:
-                solved = solve_by(optimiser, costs, guess)
+                pose, effort = solve_by(optimiser, costs, guess)
             except InputError as error:  # a linear program that is not solved
                 found = NO_ERRORS | dict.fromkeys(("value", "evaluations", "seconds"))
                 found |= {"found": False, "failure": str(error)}
             else:
-                pose = solved.pose
                 apart = pose_error(pose.R, pose.t, clean.R_parent_imu, clean.t_parent_imu)
                 found = {
                     **asdict(apart),
                     "found": apart.translation <= self.found_translation
                     and apart.rotation <= math.radians(self.found_rotation_deg),
-                    "value": solved.value,
-                    "evaluations": solved.evaluations,
-                    "seconds": solved.seconds,
+                    **effort,
                     "failure": None,
                 }
             rows.append(cell | names | found | bound)
@@ -215,12 +211,7 @@ _NAMES = ("residuals", "least", "optimiser")
 
 
 def errors_table(rows: Sequence[Row], title: str) -> Table:
-    """Error, excess and effort of each optimiser.
-
-    Args:
-        rows: Of one system, condition and size of guess.
-        title: Of the table.
-    """
+    """Error, excess and effort of each optimiser, under one condition from one guess."""
 
     def excess(mine: Sequence[Row]) -> str:
         """Largest of what is least over the least found by anyone, less one."""
@@ -248,12 +239,7 @@ def errors_table(rows: Sequence[Row], title: str) -> Table:
 
 
 def guesses_table(rows: Sequence[Row], title: str) -> Table:
-    """How often each optimiser finds the pose, over the sizes of the guess's error.
-
-    Args:
-        rows: Of one system and condition.
-        title: Of the table.
-    """
+    """How often each optimiser finds the pose, over the sizes of the guess's error."""
 
     def found_from(guess: str) -> Column:
         def cell(mine: Sequence[Row]) -> str:
@@ -269,12 +255,7 @@ def guesses_table(rows: Sequence[Row], title: str) -> Table:
 
 
 def draw_optimisers(rows: Sequence[Row], path: Path) -> None:
-    """Error and time, a bar an optimiser; a row of panels a condition.
-
-    Args:
-        rows: Of one system and size of guess.
-        path: The SVG.
-    """
+    """Error and time, a bar an optimiser; a row of panels a condition."""
     conditions = groups(rows, "condition")
     figure, panels = new_figure(len(conditions), 2, size=(11.0, 4.2 * len(conditions)))
     for place, mine in enumerate(conditions):

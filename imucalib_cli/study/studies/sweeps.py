@@ -7,28 +7,21 @@ Every error is shown with the Cramér-Rao bound for the unknowns of its method.
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import (
-    Conditioned,
-    PaperSetting,
-    paper_settings,
-    wrong_guess,
-)
-from imucalib_cli.study.contest import METHODS, contest, contestants
-from imucalib_cli.study.figures import Curve, draw_curves, new_figure, save_svg
+from imucalib_cli.study.conditions import Conditioned, paper_settings, wrong_guess
+from imucalib_cli.study.contest import METHODS, contest
+from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.rows import (
-    DEGREES,
+    ERRORS,
     MILLIMETRES,
     best_setting,
     chosen,
@@ -52,10 +45,16 @@ from imucalib_cli.study.tables import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from matplotlib.axes import Axes
+
+    from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
     from imucalib_cli.study.study import Cell
+
+T = TypeVar("T", "NoiseOptions", "PhysicsOptions")
 
 NOTE = (
     "Of all tables: root mean square over seeds; over bound is its ratio to the Cramér-Rao bound "
@@ -71,14 +70,10 @@ class Setup:
 
     physics: PhysicsOptions
     noise: NoiseOptions
-    settings: tuple[PaperSetting, ...]
-    """Settings of the published method: all are run, tables show the best."""
+    settings: tuple[PaperOptions, ...]
+    """Of the published method: all are run, tables show the best."""
     window: WindowChoice
     """Of the matched filters."""
-
-
-Change: TypeAlias = Callable[[Setup, float, int], Setup]
-"""A run's setup with the parameter at a value, for a seed."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +81,12 @@ class Part:
     """One of a study's sweeps."""
 
     name: str
+    parameter: str
+    """Of the study, that has the values."""
     words: str
-    """What is swept, with its unit, for headers and axes."""
-    values: tuple[float, ...]
-    change: Change
+    """What is swept, with its unit, for headers and axes; may name other parameters."""
+    options: tuple[str, ...]
+    """Of sensors or simulation, that take each value; a vector takes it as its norm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,37 +95,54 @@ class Sweep(Study, Conditioned):
 
     note: ClassVar[str]
     """What its tables need said, beside what all sweeps say."""
+    parts: ClassVar[tuple[Part, ...]]
     systems: tuple[str, ...]
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
     initial_translation: float
     initial_rotation_deg: float
 
-    @abstractmethod
-    def parts(self) -> list[Part]:
-        """What is swept, and over which values."""
+    @property
+    def words(self) -> dict[str, str]:
+        """What is swept, by the name of the part."""
+        return {part.name: part.words.format_map(vars(self)) for part in self.parts}
+
+    def values(self, part: Part) -> Sequence[float]:
+        """What is swept over."""
+        values: Sequence[float] = getattr(self, part.parameter)
+        return values
 
     def cells(self) -> list[Cell]:
         """Every value under every condition with every seed."""
-        parts = {part.name: part for part in self.parts()}
+        values = {part.name: self.values(part) for part in self.parts}
         return grid(
             system=self.systems,
-            part=parts,
+            part=values,
             condition=self.names,
-            value=lambda cell: parts[cell["part"]].values,
+            value=lambda cell: values[cell["part"]],
             seed=self.seeds_of,
         )
 
     def setup(self, cell: Cell) -> Setup:
         """What a cell is run with."""
-        setup = Setup(
-            physics=self.physics,
-            noise=self.condition_of(cell).sensors,
+        (part,) = (part for part in self.parts if part.name == cell["part"])
+        direction = np.random.default_rng(cell["seed"]).normal(size=3)  # the same for every norm
+        vector = tuple((cell["value"] * direction / np.linalg.norm(direction)).tolist())
+
+        def changed(options: T) -> T:
+            own: dict[str, Any] = {
+                name: vector if isinstance(old, tuple) else cell["value"]
+                for name, old in vars(options).items()
+                if name in part.options
+            }
+            return replace(options, **own)
+
+        return Setup(
+            physics=changed(self.physics),
+            noise=changed(self.condition_of(cell).sensors),
             settings=paper_settings(self.paper_windows, self.paper_exclusions),
             window=WindowChoice(),
         )
-        part = next(part for part in self.parts() if part.name == cell["part"])
-        return part.change(setup, cell["value"], cell["seed"])
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one recording, the published one in each of its settings."""
@@ -140,20 +154,18 @@ class Sweep(Study, Conditioned):
         )
         return [
             cell
-            | contest(method, recording, options)
+            | row
             | {
-                "window": setting.window if setting else None,
-                "exclusion": setting.exclusion if setting else None,
+                "window": setting.window.samples if setting else None,
+                "exclusion": setting.exclusion_threshold if setting else None,
             }
-            | bound_columns(clean, setup.noise, alone=method != "matched")
-            for method, setting, options in contestants(
-                METHODS, recording, guess, setup.settings, setup.window
-            )
+            | bound_columns(clean, setup.noise, alone=row["method"] != "matched")
+            for setting, row in contest(METHODS, recording, guess, setup.settings, setup.window)
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """One a system, part and condition; what must be known of all stands with the first."""
-        words = {part.name: part.words for part in self.parts()}
+        words = self.words
         titled = {
             f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
             for cell in grid(system=self.systems, part=words, condition=self.names)
@@ -166,22 +178,19 @@ class Sweep(Study, Conditioned):
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """One a system and part, a column of panels a condition."""
         return {
-            f"{self.name}-{system}-{part.name}": partial(
-                draw_sweep, chosen(rows, system=system, part=part.name), part.words
+            f"{self.name}-{system}-{part}": partial(
+                draw_sweep, chosen(rows, system=system, part=part), words
             )
             for system in self.systems
-            for part in self.parts()
+            for part, words in self.words.items()
         }
 
 
 def best_points(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of each value and method, in the order of the rows.
+    """The rows of each value and method, in the order of the rows, under one condition.
 
     Where the published method was run in several settings, those of the one that answers most
     often and, of these, with the least error of translation: the most that tuning could do for it.
-
-    Args:
-        rows: Of one system, part and condition.
     """
     return [
         best_setting(mine, _badness, "window", "exclusion")
@@ -194,14 +203,13 @@ def _badness(rows: Sequence[Row]) -> tuple[int, float]:
     return sum(not answered(row) for row in rows), math.inf if math.isnan(error) else error
 
 
-_ERRORS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
 _COLUMNS: tuple[Column, ...] = (
     text("method"),
     text("window", "its L"),
     number("exclusion", "its exclusion m/s²"),
     *(
         made
-        for key, scale, unit in _ERRORS
+        for key, scale, unit in ERRORS
         for made in (
             statistic(f"{key} {unit}", root_mean_square, key, scale),
             statistic(f"worst {unit}", worst, key, scale),
@@ -214,13 +222,7 @@ _COLUMNS: tuple[Column, ...] = (
 
 
 def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
-    """Errors of every method at every value.
-
-    Args:
-        title: Of the table.
-        words: What is swept, with its unit.
-        rows: Of one system, part and condition.
-    """
+    """Errors of every method at every value, under one condition; words with the value's unit."""
     return lay_out(title, (number("value", words), *_COLUMNS), best_points(rows))
 
 
@@ -260,19 +262,13 @@ def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
 
 
 def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
-    """Translation above, rotation below, a column of panels a condition.
-
-    Args:
-        rows: Of one system and part.
-        words: What is swept, with its unit.
-        path: The SVG.
-    """
+    """Translation above, rotation below, a column of panels a condition."""
     conditions = groups(rows, "condition")
-    figure, panels = new_figure(len(_ERRORS), len(conditions), share_x=True)
-    for line, (key, scale, unit) in enumerate(_ERRORS):
+    figure, panels = new_figure(len(ERRORS), len(conditions), share_x=True)
+    for line, (key, scale, unit) in enumerate(ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
-            draw_curves(axes, _curves(best_points(mine), key, scale))
+            _draw_errors(axes, best_points(mine), key, scale)
             if line == 0:
                 axes.set_title(str(mine[0]["condition"]))
             else:
@@ -288,37 +284,24 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     save_svg(figure, path)
 
 
-def _curves(points: list[list[Row]], key: str, scale: float) -> list[Curve]:
+def _draw_errors(axes: Axes, points: list[list[Row]], key: str, scale: float) -> None:
     """The error of each method over the parameter, then the two bounds."""
-    methods: dict[str, list[list[Row]]] = {}
-    for point in points:
-        methods.setdefault(point[0]["method"], []).append(point)
-    curves = [
-        Curve(
-            name=method,
-            x=[point[0]["value"] for point in mine],
-            y=[scale * root_mean_square(point, key) for point in mine],
-        )
-        for method, mine in methods.items()
-    ]
-    for name, everything in ("bound, pose alone", False), ("bound, all unknowns", True):
-        bounds = {
+    for place, method in enumerate(dict.fromkeys(point[0]["method"] for point in points)):
+        mine = [point for point in points if point[0]["method"] == method]
+        errors = [scale * root_mean_square(point, key) for point in mine]
+        values = [point[0]["value"] for point in mine]
+        draw_curve(axes, method, values, errors, color=COLOURS[place])
+    bounds = ("bound, pose alone", False, "--"), ("bound, all unknowns", True, ":")
+    for name, everything, style in bounds:
+        bound = {
             point[0]["value"]: scale * mean(point, f"bound_{key}")
             for point in points
             if (point[0]["method"] == "matched") == everything
         }
-        x, y = list(bounds), list(bounds.values())
-        curves.append(Curve(name=name, x=x, y=y, dashed=True, dotted=everything))
-    return curves
-
-
-def _with_noise(name: str) -> Change:
-    """A number of the sensors' noise."""
-    return lambda setup, value, _: _noisy(setup, **{name: value})
-
-
-def _noisy(setup: Setup, **noise: Any) -> Setup:
-    return replace(setup, noise=replace(setup.noise, **noise))
+        draw_curve(
+            axes, name, list(bound), list(bound.values()), color="black", linestyle=style, marker=""
+        )
+    logarithmic(axes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -332,19 +315,21 @@ class WindowStudy(Sweep):
     note = (
         "A window is L sample intervals; an even L is taken one longer, as the filters need it odd."
     )
+    parts = (Part("window", "samples", "window s", ()),)
     samples: tuple[int, ...]
 
-    def parts(self) -> list[Part]:
+    def values(self, part: Part) -> Sequence[float]:
         """Seconds, so that rates can be compared."""
-        rate = self.imu_rate
+        return [samples / self.imu_rate for samples in super().values(part)]
 
-        def change(setup: Setup, value: float, _: int) -> Setup:
-            samples = round(value * rate)
-            settings = dict.fromkeys(replace(s, window=samples) for s in setup.settings)
-            return replace(setup, window=WindowChoice(samples=samples), settings=tuple(settings))
-
-        seconds = tuple(samples / rate for samples in self.samples)
-        return [Part("window", "window s", seconds, change)]
+    def setup(self, cell: Cell) -> Setup:
+        """The filters of both methods."""
+        samples = round(cell["value"] * self.imu_rate)
+        return replace(
+            super().setup(cell),
+            settings=paper_settings((samples,), self.paper_exclusions),
+            window=WindowChoice(samples=samples),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -359,15 +344,12 @@ class EncoderStudy(Sweep):
         "The bound is that of perfect encoders: noise of the kinematics can only raise it. The "
         "matched filters choose their window from the log."
     )
+    parts = (
+        Part("noise", "noise", "encoder noise rad", ("encoder_noise",)),
+        Part("step", "step", "encoder step rad", ("encoder_step",)),
+    )
     noise: tuple[float, ...]
     step: tuple[float, ...]
-
-    def parts(self) -> list[Part]:
-        """Noise, and quantisation."""
-        return [
-            Part("noise", "encoder noise rad", self.noise, _with_noise("encoder_noise")),
-            Part("step", "encoder step rad", self.step, _with_noise("encoder_step")),
-        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -380,39 +362,21 @@ class BiasStudy(Sweep):
         "bound knows of constant biases, not of their walk. The published method and matched, "
         "pose only, take biases to be zero."
     )
+    parts = (
+        Part("accel", "accel_bias", "accelerometer bias m/s²", ("accel_bias",)),
+        Part("gyro", "gyro_bias", "gyroscope bias rad/s", ("gyro_bias",)),
+        Part(
+            "accel-walk",
+            "accel_bias_walk",
+            "accelerometer bias walk m/s²/√s",
+            ("accel_bias_walk",),
+        ),
+        Part("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s", ("gyro_bias_walk",)),
+    )
     accel_bias: tuple[float, ...]
     gyro_bias: tuple[float, ...]
     accel_bias_walk: tuple[float, ...]
     gyro_bias_walk: tuple[float, ...]
-
-    def parts(self) -> list[Part]:
-        """One kind of bias at a time: constant biases, then walks."""
-
-        def vector(name: str) -> Change:
-            def change(setup: Setup, norm: float, seed: int) -> Setup:
-                direction = np.random.default_rng(seed).normal(size=3)  # the same for every norm
-                bias = norm * direction / np.linalg.norm(direction)
-                return _noisy(setup, **{name: tuple(bias.tolist())})
-
-            return change
-
-        walk = "bias walk"
-        return [
-            Part("accel", "accelerometer bias m/s²", self.accel_bias, vector("accel_bias")),
-            Part("gyro", "gyroscope bias rad/s", self.gyro_bias, vector("gyro_bias")),
-            Part(
-                "accel-walk",
-                f"accelerometer {walk} m/s²/√s",
-                self.accel_bias_walk,
-                _with_noise("accel_bias_walk"),
-            ),
-            Part(
-                "gyro-walk",
-                f"gyroscope {walk} rad/s/√s",
-                self.gyro_bias_walk,
-                _with_noise("gyro_bias_walk"),
-            ),
-        ]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -428,28 +392,9 @@ class RateStudy(Sweep):
         "published method smooths the IMU with as many samples as it derives the kinematics with, "
         "as its authors do, and takes the nearest sample of the IMU."
     )
+    parts = (
+        Part("together", "together", "rate of IMU and robot Hz", ("imu_rate", "robot_rate")),
+        Part("robot", "robot", "robot's rate Hz, IMU at {imu_rate:g}", ("robot_rate",)),
+    )
     together: tuple[float, ...]
     robot: tuple[float, ...]
-
-    def parts(self) -> list[Part]:
-        """Both rates alike, and the robot's alone."""
-        imu_rate = self.imu_rate
-
-        def at(setup: Setup, imu_rate: float, robot_rate: float) -> Setup:
-            physics = replace(setup.physics, imu_rate=imu_rate, robot_rate=robot_rate)
-            return replace(setup, physics=physics)
-
-        return [
-            Part(
-                "together",
-                "rate of IMU and robot Hz",
-                self.together,
-                lambda setup, value, _: at(setup, value, value),
-            ),
-            Part(
-                "robot",
-                f"robot's rate Hz, IMU at {imu_rate:g}",
-                self.robot,
-                lambda setup, value, _: at(setup, imu_rate, value),
-            ),
-        ]

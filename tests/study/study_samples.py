@@ -1,0 +1,45 @@
+"""Small studies, a view of the pattern, and the errors of answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from imucalib_cli.results.pose import PoseError, pose_error
+from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.view import camera_mount
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.physics import record
+from imucalib_cli.study.methods.camera import observations_of
+from imucalib_cli.study.study import load_study
+
+if TYPE_CHECKING:
+    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.study.methods.answer import Answer
+    from imucalib_cli.study.methods.camera import CameraObservations
+
+
+def study(name: str, *, quick: bool = True, **changes: Any) -> Any:
+    """A study of any kind, with some parameters changed."""
+    return replace(load_study(name, quick=quick), **changes)
+
+
+def before_the_pattern(seconds: float, imu_rate: float) -> Recording:
+    system, camera = load_camera("rihibot", load_system("rihibot"))
+    physics = PhysicsOptions(duration=seconds, imu_rate=imu_rate, robot_rate=20.0)
+    return record(system, physics, camera=camera)
+
+
+def observed(recording: Recording) -> CameraObservations:
+    assert recording.camera is not None
+    return observations_of(recording.camera)
+
+
+def error(answer: Answer, recording: Recording) -> PoseError:
+    """Of the pose in the frame that the method solves for."""
+    R, t = recording.R_parent_imu, recording.t_parent_imu
+    if answer.frame == "camera":
+        _, R_parent_camera, p = camera_mount(recording.system, "camera_optical_frame")
+        R, t = R_parent_camera.T @ R, R_parent_camera.T @ (t - p)
+    return pose_error(answer.R_frame_imu, answer.t_frame_imu, R, t)
