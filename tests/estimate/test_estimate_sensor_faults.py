@@ -86,7 +86,8 @@ def named(estimate: Estimate) -> set[str]:
     return {
         str(each.values["name"])
         for each in estimate.findings
-        if each.code == "unknown.found" and np.abs(each.values["values"]).max() > SECOND_ORDER
+        if each.code == "unknown.found"
+        and np.abs(np.array(each.values["values"], dtype=float)).max() > SECOND_ORDER
     }
 
 

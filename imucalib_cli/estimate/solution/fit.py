@@ -49,6 +49,7 @@ from imucalib_cli.estimate.solution.spectrum import (
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.robot.rotations import rotation_angle
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -152,9 +153,8 @@ class Linearised:
     def _noise_of_columns(self) -> tuple[Floats, Floats]:
         """What noise adds to information (n, n) and score (n,) in columns of the own reading.
 
-        It has the residuals' spectrum: where the window is as long as it should be the IMU's noise
-        outweighs the robot's, and what else a robot does that its joints do not report, vibration
-        say, is in the reading too.
+        It has the residuals' spectrum, less the noise of joints and poses: what a robot does that
+        these do not report, vibration say, is in the reading too.
         """
         windowing, layout = self.model.windowing, self.model.layout
         plan, dt = windowing.plan, windowing.grid.dt
@@ -176,10 +176,14 @@ class Linearised:
             plain = plan.filters[sensor].average
             margin = (kernels.shape[2] - len(plain)) // 2
             length = 2 * kernels.shape[2]
+            frequency = np.arange(length // 2 + 1) / (length * dt)
+            seen = self.noise.at(sensor, frequency)
+            of_robot = _noise_of_robot(windowing, frequency)[sensor]
             # Two IMUs share the noise by what each has of white noise.
             share = noise[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
-            frequency = np.arange(length // 2 + 1) / (length * dt)
-            power = share**2 * self.noise.at(sensor, frequency)
+            # Twice what is expected of the robot is taken off: the reading does not have it.
+            white = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
+            power = np.maximum(share**2 * (seen - 2.0 * of_robot), white)
             root = np.sqrt(power * one_sided(length) / length)
             root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
             in_columns = np.fft.rfft(kernels, length) * root
@@ -542,6 +546,16 @@ def _noise(
     return stats.noise_spectrum(
         levels, band_frequencies(plan, centres, model.windowing.grid.dt), white
     )
+
+
+def _noise_of_robot(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
+    """Noise of joints and poses in the residuals, as :class:`NoiseSpectrum` has it, (F,) each."""
+    rotation, position = kinematic_noise(windowing.trajectory)
+    dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
+    turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum
+    # The place is differentiated twice, and gravity is seen tilted.
+    accel = angular**2 * position / 3.0 + STANDARD_GRAVITY**2 * turned
+    return accel / dt, angular * turned / dt
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
