@@ -49,7 +49,6 @@ from imucalib_cli.estimate.solution.spectrum import (
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.robot.rotations import rotation_angle
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -151,11 +150,7 @@ class Linearised:
         return T, T[1:, 1:] @ score
 
     def _noise_of_columns(self) -> tuple[Floats, Floats]:
-        """What noise adds to information (n, n) and score (n,) in columns of the own reading.
-
-        It has the residuals' spectrum, less the noise of joints and poses: what a robot does that
-        these do not report, vibration say, is in the reading too.
-        """
+        """What noise adds to information (n, n) and score (n,) in columns of the own reading."""
         windowing, layout = self.model.windowing, self.model.layout
         plan, dt = windowing.plan, windowing.grid.dt
         nodes = plan_nodes(plan, dt)
@@ -178,12 +173,8 @@ class Linearised:
             length = 2 * kernels.shape[2]
             frequency = np.arange(length // 2 + 1) / (length * dt)
             seen = self.noise.at(sensor, frequency)
-            of_robot = _noise_of_robot(windowing, frequency)[sensor]
-            # Two IMUs share the noise by what each has of white noise.
-            share = noise[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
-            # Twice what is expected of the robot is taken off: the reading does not have it.
-            white = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
-            power = np.maximum(share**2 * (seen - 2.0 * of_robot), white)
+            # Of the residual, what is this sensor's own white noise.
+            power = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
             root = np.sqrt(power * one_sided(length) / length)
             root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
             in_columns = np.fft.rfft(kernels, length) * root
@@ -546,16 +537,6 @@ def _noise(
     return stats.noise_spectrum(
         levels, band_frequencies(plan, centres, model.windowing.grid.dt), white
     )
-
-
-def _noise_of_robot(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
-    """Noise of joints and poses in the residuals, as :class:`NoiseSpectrum` has it, (F,) each."""
-    rotation, position = kinematic_noise(windowing.trajectory)
-    dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
-    turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum
-    # The place is differentiated twice, and gravity is seen tilted.
-    accel = angular**2 * position / 3.0 + STANDARD_GRAVITY**2 * turned
-    return accel / dt, angular * turned / dt
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
