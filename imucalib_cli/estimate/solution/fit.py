@@ -36,13 +36,10 @@ from imucalib_cli.estimate.solution.solve import (
 )
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
-    NoiseSpectrum,
     Statistics,
-    band_frequencies,
     deviance,
     embedded,
     inverse_of,
-    one_sided,
     part_matrices,
     part_numbers,
     statistics,
@@ -99,8 +96,6 @@ class Linearised:
     """(W,), robust."""
     scales: Floats
     """(2,), of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
-    noise: NoiseSpectrum
-    """Of the residuals, of whatever windows."""
 
     @property
     def windows(self) -> float:
@@ -152,38 +147,35 @@ class Linearised:
     def _noise_of_columns(self) -> tuple[Floats, Floats]:
         """What noise adds to information (n, n) and score (n,) in columns of the own reading."""
         windowing, layout = self.model.windowing, self.model.layout
-        plan, dt = windowing.plan, windowing.grid.dt
-        nodes = plan_nodes(plan, dt)
+        plan, grid = windowing.plan, windowing.grid
+        nodes = plan_nodes(plan, grid.dt)
         on_information = np.zeros((layout.size, layout.size))
         on_score = np.zeros(layout.size)
-        own = list(layout.of(Reading))
+        own_errors = list(layout.of(Reading))
         of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
         for (sensor, name), (errors, noise) in itertools.product(
             enumerate(SENSORS),
-            ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
+            ((own_errors, np.array(grid.noise)), (of_base, windowing.base_noise)),
         ):
             found = [pairs for pairs in errors if pairs[1].sensor == name]
             if not found:
                 continue
+            plain = plan.filters[sensor].average
+            # Of the residual, what is this sensor's own white noise; whitened as the columns are.
+            own = min(
+                noise[sensor] * float(np.sqrt(grid.refine)),
+                self.scales[sensor] / plan.gains[sensor],
+            )
+            power = self.windows * (own * plan.noise_gains[sensor] / self.scales[sensor]) ** 2
             pair = (nodes.second, nodes.first)[sensor]
+            places = places_of(each.part for each, _ in found)
             answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
             kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
-            plain = plan.filters[sensor].average
             margin = (kernels.shape[2] - len(plain)) // 2
-            length = 2 * kernels.shape[2]
-            frequency = np.arange(length // 2 + 1) / (length * dt)
-            seen = self.noise.at(sensor, frequency)
-            # Of the residual, what is this sensor's own white noise.
-            power = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
-            root = np.sqrt(power * one_sided(length) / length)
-            root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
-            in_columns = np.fft.rfft(kernels, length) * root
-            in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
-            flat = in_columns.reshape(len(kernels), -1).view(np.float64)
-            gram, both = flat @ flat.T, (in_columns.sum(axis=1) @ in_residual.conj()).real
-            places = places_of(each.part for each, _ in found)
-            on_information[np.ix_(places, places)] = gram
-            on_score[places] = gram @ self.state.x[places] - both
+            residual = kernels[:, :, margin : margin + len(plain)] @ plain
+            gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
+            on_information[np.ix_(places, places)] = power * gram
+            on_score[places] = power * (gram @ self.state.x[places] - residual.sum(axis=1))
         return on_information, on_score
 
 
@@ -197,8 +189,6 @@ class Fit(Answer):
     """About the point of linearisation of the equations."""
     levels: Floats
     """(2, bands), of the noise."""
-    noise: NoiseSpectrum
-    """Of the same."""
     centres: Indices
     residuals: Residuals
     weights: Floats
@@ -248,7 +238,6 @@ class Fit(Answer):
             self.residuals.values,
             self.weights,
             self.residual_scales,
-            self.noise,
         )
 
     def equations_in(
@@ -422,7 +411,6 @@ def _fitted(
             curvature[each.part] = 0.1 * seconds
     clock = layout.part("time_offset")
     scales = np.full(2, np.inf)
-    noise = NoiseSpectrum.white(windowing.noise * np.sqrt(windowing.grid.refine))
     for turn in range(_PASSES):
         every = model.centres(state)
         _see_enough(windowing, every, model.shifts(state)[1][0])
@@ -437,13 +425,12 @@ def _fitted(
         # While a first solution may still be far off, no window is left out.
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
-        sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
+        at = Linearised(model, state, centres, residuals.values, weights, scales)
+        stats = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
+        stats = stats.calibrated(*at.calibration(stats.normal.sum(axis=(0, 1))))
         offset, level = prior_offset(layout, options, state), 1.0
         beside = _beside(model, state, options)
         for _ in range(_LEVEL_PASSES):
-            at = replace(at, noise=noise)
-            stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
             A, b = stats.information / level + beside[0], stats.score / level + beside[1]
             problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
             u = most_likely(problem, u)
@@ -451,7 +438,6 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
-            noise = _noise(stats, levels, model, centres, scales)
             level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
@@ -480,7 +466,6 @@ def _fitted(
         equations=equations,
         statistics=stats,
         levels=levels,
-        noise=noise,
         centres=centres,
         residuals=residuals,
         weights=weights,
@@ -525,18 +510,6 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     )
     seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
-
-
-def _noise(
-    stats: Statistics, levels: Floats, model: Model, centres: Indices, scales: Floats
-) -> NoiseSpectrum:
-    """Of residuals whose levels these are."""
-    plan = model.windowing.plan
-    # Levels are of rows that stand for the samples up to the next window.
-    white = scales / plan.noise_gains
-    return stats.noise_spectrum(
-        levels, band_frequencies(plan, centres, model.windowing.grid.dt), white
-    )
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
