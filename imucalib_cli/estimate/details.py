@@ -15,7 +15,6 @@ from imucalib_cli.estimate import again
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
-from imucalib_cli.estimate.solution.spectrum import band_frequencies
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
@@ -217,20 +216,16 @@ def _nearest(ascending: Indices, values: Indices) -> Indices:
 
 def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
     """Density of what a fit leaves, accelerometer and gyroscope."""
-    windowing, grid = fit.model.windowing, fit.model.windowing.grid
-    frequency = band_frequencies(windowing.plan, fit.centres, grid.dt)
-    # Levels are of rows that stand for the samples up to the next window.
-    to_density = np.sqrt(2.0 * grid.dt * grid.refine / windowing.plan.hop)
-    units = fit.residual_scales / windowing.white_gains * to_density
-    own = np.array(grid.noise) * np.sqrt(2.0 * grid.dt * grid.refine)
+    grid = fit.model.windowing.grid
     accel, gyro = (
         Spectrum(
-            frequency=frequency[heard],
-            # Without noise a level may be below zero by rounding.
-            density=np.sqrt(np.maximum(fit.levels[sensor, heard], 0.0)) * units[sensor],
-            own=float(own[sensor]),
+            frequency=frequency,
+            density=np.sqrt(2.0 * grid.dt * power),
+            own=noise * float(np.sqrt(2.0 * grid.dt * grid.refine)),
         )
-        for sensor, heard in enumerate(fit.statistics.heard)
+        for frequency, power, noise in zip(
+            fit.noise.frequency, fit.noise.power, grid.noise, strict=True
+        )
     )
     return accel, gyro
 

@@ -199,3 +199,15 @@ def test_what_may_be_wrong_costs_little_and_sigma_says_so(clean: Recording, name
 def test_coloured_noise_is_covered(clean: Recording) -> None:
     trials = tried(clean, "mems", 12, accel_coloured=0.03, gyro_coloured=0.002)
     assert_true_sigma(trials.squares("pose"), 6)
+
+
+@pytest.mark.slow
+def test_coloured_noise_is_no_mount_that_gives(clean: Recording) -> None:
+    changes = {"accel_coloured": 0.03, "gyro_coloured": 0.002}
+    trials = tried(clean, "mems", 8, MatchedOptions(), **changes)
+    for estimate in trials.estimates:
+        assert estimate.trusted
+        (give,) = (each for each in estimate.parameters if each.name == "mount_give")
+        assert abs(give.value) < 4.0 * give.std
+    squares = trials.squares("pose")
+    assert squares.mean() < float(chi2.ppf(0.9995, 6 * len(squares))) / len(squares)

@@ -125,6 +125,7 @@ def _difference(
         residuals,
         fit.weights[np.searchsorted(fit.centres, centres)],
         fit.residual_scales * (plan.gains / fit.model.windowing.plan.gains),
+        fit.noise,
     )
     step, influence, inverse = _solved(fit, *there.parts())
     own_step, own_influence, own_inverse = own

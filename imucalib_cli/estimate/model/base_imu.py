@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,11 +26,21 @@ def less_errors(
     errors: Iterable[tuple[Reading, Floats]], samples: Samples, sensor: Sensor
 ) -> Floats:
     """(M, 3), readings of a sensor with errors of given sizes taken off."""
-    reading = np.array(samples.accel if sensor == "accel" else samples.gyro)
+
+    def error(effect: Reading, size: Floats, read: Floats) -> Floats:
+        at = replace(samples, accel=read) if sensor == "accel" else replace(samples, gyro=read)
+        return np.asarray(np.tensordot(size, effect.basis(at), axes=1))
+
+    measured = samples.accel if sensor == "accel" else samples.gyro
+    ideal = np.array(measured)
     for effect, size in errors:
-        if effect.sensor == sensor and size.any():
-            reading -= np.tensordot(size, effect.basis(samples), axes=1)
-    return reading
+        if effect.sensor != sensor or not size.any():
+            continue
+        if effect.turns:  # by half of it on the way: the square of a turn looks like a scale error
+            ideal -= error(effect, size, ideal - 0.5 * error(effect, size, ideal))
+        else:
+            ideal -= error(effect, size, measured)
+    return ideal
 
 
 _MINUTE = 60.0

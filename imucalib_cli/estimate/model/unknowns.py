@@ -64,6 +64,8 @@ class Reading:
     sensor: Sensor
     basis: Callable[[Samples], Floats]
     """Gives (size, M, 3), in the IMU's axes."""
+    turns: bool = False
+    """Whether it turns the sensor's axes: it is taken off to the second order."""
 
     def own_response(self, dt: float) -> Floats:
         """(size, 3, 7), what an axis of the basis has about an instant at which it alone reads 1.
@@ -463,7 +465,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="sensor_axes",
         healthy=0.05,
-        effect=Reading("gyro", lambda s: _turned(s.gyro)),
+        effect=Reading("gyro", lambda s: _turned(s.gyro), turns=True),
         words="turn of the gyroscope's axes against the accelerometer's",
     ),
     Unknown(

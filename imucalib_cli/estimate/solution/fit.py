@@ -36,16 +36,20 @@ from imucalib_cli.estimate.solution.solve import (
 )
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
+    NoiseSpectrum,
     Statistics,
+    band_frequencies,
     deviance,
     embedded,
     inverse_of,
+    one_sided,
     part_matrices,
     part_numbers,
     statistics,
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.robot.rotations import rotation_angle
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -72,6 +76,8 @@ _UNSURE: Final = 2
 """Passes from a first solution, in which an outlier may be what it is off by."""
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
+_LEAST_SEEN: Final = 0.1
+"""Share of the noise, in power: where less of it is left it tells nothing of what there is."""
 _FALLS: Final = 0.9
 """Share of a residual, at most, that a step leaves which gets on: those of a right model leave far
 less."""
@@ -96,6 +102,8 @@ class Linearised:
     """(W,), robust."""
     scales: Floats
     """(2,), of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
+    noise: NoiseSpectrum
+    """Of the residuals, of whatever windows."""
 
     @property
     def windows(self) -> float:
@@ -145,37 +153,48 @@ class Linearised:
         return T, T[1:, 1:] @ score
 
     def _noise_of_columns(self) -> tuple[Floats, Floats]:
-        """What noise adds to information (n, n) and score (n,) in columns of the own reading."""
+        """What noise adds to information (n, n) and score (n,) in columns of the own reading.
+
+        It has the residuals' spectrum, less the noise of joints and poses: what a robot does that
+        these do not report, vibration say, is in the reading too.
+        """
         windowing, layout = self.model.windowing, self.model.layout
-        plan, grid = windowing.plan, windowing.grid
-        nodes = plan_nodes(plan, grid.dt)
+        plan, dt = windowing.plan, windowing.grid.dt
+        nodes = plan_nodes(plan, dt)
         on_information = np.zeros((layout.size, layout.size))
         on_score = np.zeros(layout.size)
-        own_errors = list(layout.of(Reading))
+        own = list(layout.of(Reading))
         of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
         for (sensor, name), (errors, noise) in itertools.product(
             enumerate(SENSORS),
-            ((own_errors, np.array(grid.noise)), (of_base, windowing.base_noise)),
+            ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
         ):
             found = [pairs for pairs in errors if pairs[1].sensor == name]
             if not found:
                 continue
-            plain = plan.filters[sensor].average
-            # Of the residual, what is this sensor's own white noise; whitened as the columns are.
-            own = min(
-                noise[sensor] * float(np.sqrt(grid.refine)),
-                self.scales[sensor] / plan.gains[sensor],
-            )
-            power = self.windows * (own * plan.noise_gains[sensor] / self.scales[sensor]) ** 2
             pair = (nodes.second, nodes.first)[sensor]
-            places = places_of(each.part for each, _ in found)
             answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
             kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
+            plain = plan.filters[sensor].average
             margin = (kernels.shape[2] - len(plain)) // 2
-            residual = kernels[:, :, margin : margin + len(plain)] @ plain
-            gram = np.tensordot(kernels, kernels, axes=((1, 2), (1, 2)))
-            on_information[np.ix_(places, places)] = power * gram
-            on_score[places] = power * (gram @ self.state.x[places] - residual.sum(axis=1))
+            length = 2 * kernels.shape[2]
+            frequency = np.arange(length // 2 + 1) / (length * dt)
+            seen = self.noise.at(sensor, frequency)
+            of_robot = _noise_of_robot(windowing, frequency)[sensor]
+            # Two IMUs share the noise by what each has of white noise.
+            share = noise[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
+            # Twice what is expected of the robot is taken off: the reading does not have it.
+            white = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
+            power = np.maximum(share**2 * (seen - 2.0 * of_robot), white)
+            root = np.sqrt(power * one_sided(length) / length)
+            root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
+            in_columns = np.fft.rfft(kernels, length) * root
+            in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
+            flat = in_columns.reshape(len(kernels), -1).view(np.float64)
+            gram, both = flat @ flat.T, (in_columns.sum(axis=1) @ in_residual.conj()).real
+            places = places_of(each.part for each, _ in found)
+            on_information[np.ix_(places, places)] = gram
+            on_score[places] = gram @ self.state.x[places] - both
         return on_information, on_score
 
 
@@ -189,6 +208,8 @@ class Fit(Answer):
     """About the point of linearisation of the equations."""
     levels: Floats
     """(2, bands), of the noise."""
+    noise: NoiseSpectrum
+    """Of the same."""
     centres: Indices
     residuals: Residuals
     weights: Floats
@@ -238,6 +259,7 @@ class Fit(Answer):
             self.residuals.values,
             self.weights,
             self.residual_scales,
+            self.noise,
         )
 
     def equations_in(
@@ -411,6 +433,7 @@ def _fitted(
             curvature[each.part] = 0.1 * seconds
     clock = layout.part("time_offset")
     scales = np.full(2, np.inf)
+    noise = NoiseSpectrum.white(windowing.noise * np.sqrt(windowing.grid.refine))
     for turn in range(_PASSES):
         every = model.centres(state)
         _see_enough(windowing, every, model.shifts(state)[1][0])
@@ -425,12 +448,15 @@ def _fitted(
         # While a first solution may still be far off, no window is left out.
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        at = Linearised(model, state, centres, residuals.values, weights, scales)
-        stats = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
-        stats = stats.calibrated(*at.calibration(stats.normal.sum(axis=(0, 1))))
+        frequency = band_frequencies(windowing.plan, centres, windowing.grid.dt)
+        gains = windowing.plan.noise_gains
+        at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
+        sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
         beside = _beside(model, state, options)
         for _ in range(_LEVEL_PASSES):
+            at = replace(at, noise=noise)
+            stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
             A, b = stats.information / level + beside[0], stats.score / level + beside[1]
             problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
             u = most_likely(problem, u)
@@ -438,6 +464,8 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
+            seen = _noise_seen(model, state.x + embedded(step, layout.free), frequency)
+            noise = stats.noise_spectrum(levels / seen, frequency, scales / gains)
             level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
@@ -466,6 +494,7 @@ def _fitted(
         equations=equations,
         statistics=stats,
         levels=levels,
+        noise=noise,
         centres=centres,
         residuals=residuals,
         weights=weights,
@@ -510,6 +539,33 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     )
     seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
+
+
+def _noise_seen(model: Model, x: Floats, frequency: Floats) -> Floats:
+    """(2, F), share of the readings' noise, in power, that is left when errors (n,) are taken off.
+
+    A mount that gives cancels noise as well: what is left then tells less than there is.
+    """
+    dt = model.windowing.grid.dt
+    turn = np.exp(-2j * np.pi * dt * np.outer(np.arange(7) - 3, frequency))
+    share = np.ones((2, len(frequency)))
+    for sensor, name in enumerate(SENSORS):
+        answer = np.ones((3, len(frequency)), complex)
+        for each, effect in model.layout.of(Reading):
+            if effect.sensor == name:
+                answer -= np.tensordot(x[each.part], effect.own_response(dt), axes=1) @ turn
+        share[sensor] = (np.abs(answer) ** 2).mean(axis=0)
+    return np.maximum(share, _LEAST_SEEN)
+
+
+def _noise_of_robot(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
+    """Noise of joints and poses in the residuals, as :class:`NoiseSpectrum` has it, (F,) each."""
+    rotation, position = kinematic_noise(windowing.trajectory)
+    dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
+    turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum
+    # The place is differentiated twice, and gravity is seen tilted.
+    accel = angular**2 * position / 3.0 + STANDARD_GRAVITY**2 * turned
+    return accel / dt, angular * turned / dt
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:

@@ -85,7 +85,7 @@ class BandSums:
     def _transform(self) -> None:
         if self._filled is None:
             return
-        root = np.sqrt(_one_sided(self.length) / self.length)
+        root = np.sqrt(one_sided(self.length) / self.length)
         for row, values in enumerate(self._buffer):
             found = np.fft.rfft(values) * root
             for index, band in enumerate(self._bands):
@@ -104,8 +104,27 @@ class BandSums:
 
     def freedom(self, windows: float) -> Floats:
         """(bands,), residual components of a sensor in each band."""
-        per_bin = 3.0 * windows / self.length * _one_sided(self.length)
+        per_bin = 3.0 * windows / self.length * one_sided(self.length)
         return np.array([per_bin[band].sum() for band in self._bands])
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSpectrum:
+    """Noise of each sensor's residuals, as the variance of a grid sample of noise as loud."""
+
+    frequency: tuple[Floats, Floats]
+    """Hz, middle of each band that the windows let through, ascending: accelerometer, gyroscope."""
+    power: tuple[Floats, Floats]
+    """(m/s²)² and (rad/s)², in these bands."""
+
+    @classmethod
+    def white(cls, std: Floats) -> NoiseSpectrum:
+        """Of samples with standard deviations (2,), m/s² and rad/s."""
+        return cls((np.zeros(1), np.zeros(1)), (std[:1] ** 2, std[1:] ** 2))
+
+    def at(self, sensor: int, frequency: Floats) -> Floats:
+        """(F,), a sensor's power at frequencies; outside the bands that of the nearest."""
+        return np.interp(frequency, self.frequency[sensor], self.power[sensor])
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +178,19 @@ class Statistics:
         lost = np.einsum("sbpq,pq->sb", self.normal[:, :, 1:, 1:], covariance)
         left = np.maximum(self.freedom - lost, _LEAST_FREEDOM * self.freedom)
         return np.asarray(power / np.maximum(left * self.response, 1e-300))
+
+    def noise_spectrum(self, levels: Floats, frequency: Floats, white: Floats) -> NoiseSpectrum:
+        """Levels as powers of the sensors' samples.
+
+        Args:
+            levels: (2, bands).
+            frequency: (bands,), Hz, of the bands.
+            white: (2,), standard deviation of a sample, m/s² and rad/s, whose level is 1.
+        """
+        accel, gyro = self.heard
+        # Without noise a level may be below zero by rounding.
+        power = np.maximum(levels, 0.0) * (white**2)[:, None]
+        return NoiseSpectrum((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
     def score_covariance(self, levels: Floats) -> Floats:
         """B, (n, n), of the score J' e for noise of these levels."""
@@ -283,7 +315,7 @@ def _bounded(residuals: Floats) -> Floats:
     return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 
-def _one_sided(length: int) -> Floats:
+def one_sided(length: int) -> Floats:
     """How often each bin of a real transform stands in the full one."""
     weight = np.full(length // 2 + 1, 2.0)
     weight[0] = weight[-1] = 1.0
