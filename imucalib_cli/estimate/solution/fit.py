@@ -49,7 +49,6 @@ from imucalib_cli.estimate.solution.spectrum import (
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.robot.rotations import rotation_angle
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -155,8 +154,9 @@ class Linearised:
     def _noise_of_columns(self) -> tuple[Floats, Floats]:
         """What noise adds to information (n, n) and score (n,) in columns of the own reading.
 
-        It has the residuals' spectrum, less the noise of joints and poses: what a robot does that
-        these do not report, vibration say, is in the reading too.
+        It has the residuals' spectrum: what a robot does that its joints do not report, vibration
+        say, is in the reading too. Where poses are tracked, it is the tracker that is noisy: then
+        it is the white noise of the sensor.
         """
         windowing, layout = self.model.windowing, self.model.layout
         plan, dt = windowing.plan, windowing.grid.dt
@@ -165,6 +165,7 @@ class Linearised:
         on_score = np.zeros(layout.size)
         own = list(layout.of(Reading))
         of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
+        tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
         for (sensor, name), (errors, noise) in itertools.product(
             enumerate(SENSORS),
             ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
@@ -180,12 +181,10 @@ class Linearised:
             length = 2 * kernels.shape[2]
             frequency = np.arange(length // 2 + 1) / (length * dt)
             seen = self.noise.at(sensor, frequency)
-            of_robot = _noise_of_robot(windowing, frequency)[sensor]
             # Two IMUs share the noise by what each has of white noise.
             share = noise[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
-            # Twice what is expected of the robot is taken off: the reading does not have it.
             white = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
-            power = np.maximum(share**2 * (seen - 2.0 * of_robot), white)
+            power = white if tracked else np.maximum(share**2 * seen, white)
             root = np.sqrt(power * one_sided(length) / length)
             root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
             in_columns = np.fft.rfft(kernels, length) * root
@@ -556,16 +555,6 @@ def _noise_seen(model: Model, x: Floats, frequency: Floats) -> Floats:
                 answer -= np.tensordot(x[each.part], effect.own_response(dt), axes=1) @ turn
         share[sensor] = (np.abs(answer) ** 2).mean(axis=0)
     return np.maximum(share, _LEAST_SEEN)
-
-
-def _noise_of_robot(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
-    """Noise of joints and poses in the residuals, as :class:`NoiseSpectrum` has it, (F,) each."""
-    rotation, position = kinematic_noise(windowing.trajectory)
-    dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
-    turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum
-    # The place is differentiated twice, and gravity is seen tilted.
-    accel = angular**2 * position / 3.0 + STANDARD_GRAVITY**2 * turned
-    return accel / dt, angular * turned / dt
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
