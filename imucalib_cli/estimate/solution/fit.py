@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -13,10 +12,10 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.base_imu import felt_gravity
 from imucalib_cli.estimate.model.design import Model, Residuals
-from imucalib_cli.estimate.model.jacobian import columns, plan_nodes
-from imucalib_cli.estimate.model.layout import lay_out, places_of
+from imucalib_cli.estimate.model.jacobian import columns
+from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State
-from imucalib_cli.estimate.model.unknowns import LEAN, SENSORS, BaseReading, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import LEAN, BaseReading, Unknown
 from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
@@ -25,6 +24,7 @@ from imucalib_cli.estimate.solution.normal_equations import (
     embedded_matrix,
     prior_offset,
 )
+from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum, calibration
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.solution.scales import Problem, most_likely
 from imucalib_cli.estimate.solution.solve import (
@@ -36,13 +36,10 @@ from imucalib_cli.estimate.solution.solve import (
 )
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
-    NoiseSpectrum,
     Statistics,
     band_frequencies,
     deviance,
     embedded,
-    inverse_of,
-    one_sided,
     part_matrices,
     part_numbers,
     statistics,
@@ -75,8 +72,6 @@ _UNSURE: Final = 2
 """Passes from a first solution, in which an outlier may be what it is off by."""
 _LEVEL_PASSES: Final = 2
 """Solves in which noise level and scales are found in turn; each pass begins from the last's."""
-_LEAST_SEEN: Final = 0.1
-"""Share of the noise, in power: where less of it is left it tells nothing of what there is."""
 _FALLS: Final = 0.9
 """Share of a residual, at most, that a step leaves which gets on: those of a right model leave far
 less."""
@@ -124,77 +119,9 @@ class Linearised:
         return np.asarray(T @ matrices @ T.T), noise_score
 
     def calibration(self, total: Floats) -> tuple[Floats, Floats]:
-        """What noisy columns are multiplied by to be the mean of what the true ones may be.
-
-        Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
-
-        Returns:
-            (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
-
-        Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006,
-            4.
-        """
-        layout = self.model.layout
-        noise, score = self._noise_of_columns()
-        T = np.eye(len(total))
-        noisy = np.flatnonzero(np.diag(noise))
-        if len(noisy):
-            # Priors are taken at their weakest.
-            weakest = layout.std_at(layout.bounds[:, 1])
-            inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
-            unit = np.sqrt(np.diag(noise)[noisy])
-            powers, axes = np.linalg.eigh(noise[np.ix_(noisy, noisy)] / np.outer(unit, unit))
-            root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
-            shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
-            root = root @ turn
-            no_more_than_all = root / np.maximum(shares, 1.0)
-            T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
-        return T, T[1:, 1:] @ score
-
-    def _noise_of_columns(self) -> tuple[Floats, Floats]:
-        """What noise adds to information (n, n) and score (n,) in columns of the own reading.
-
-        It has the residuals' spectrum: what a robot does that its joints do not report, vibration
-        say, is in the reading too. Where poses are tracked, it is the tracker that is noisy: then
-        it is the white noise of the sensor.
-        """
-        windowing, layout = self.model.windowing, self.model.layout
-        plan, dt = windowing.plan, windowing.grid.dt
-        nodes = plan_nodes(plan, dt)
-        on_information = np.zeros((layout.size, layout.size))
-        on_score = np.zeros(layout.size)
-        own = list(layout.of(Reading))
-        of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
-        tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
-        for (sensor, name), (errors, noise) in itertools.product(
-            enumerate(SENSORS),
-            ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
-        ):
-            found = [pairs for pairs in errors if pairs[1].sensor == name]
-            if not found:
-                continue
-            pair = (nodes.second, nodes.first)[sensor]
-            answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
-            kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
-            plain = plan.filters[sensor].average
-            margin = (kernels.shape[2] - len(plain)) // 2
-            length = 2 * kernels.shape[2]
-            frequency = np.arange(length // 2 + 1) / (length * dt)
-            seen = self.noise.at(sensor, frequency)
-            # Two IMUs share the noise by what each has of white noise.
-            share = noise[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
-            white = np.minimum(noise[sensor] ** 2 * windowing.grid.refine, seen)
-            power = white if tracked else np.maximum(share**2 * seen, white)
-            root = np.sqrt(power * one_sided(length) / length)
-            root *= np.sqrt(self.windows) * plan.noise_gains[sensor] / self.scales[sensor]
-            in_columns = np.fft.rfft(kernels, length) * root
-            in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
-            flat = in_columns.reshape(len(kernels), -1).view(np.float64)
-            gram, both = flat @ flat.T, (in_columns.sum(axis=1) @ in_residual.conj()).real
-            places = places_of(each.part for each, _ in found)
-            on_information[np.ix_(places, places)] = gram
-            on_score[places] = gram @ self.state.x[places] - both
-        return on_information, on_score
+        """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
+        weights = self.windows / self.scales**2
+        return calibration(self.model, self.state.x, self.noise, weights, total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -448,7 +375,6 @@ def _fitted(
         sure = more > 1 or turn >= _UNSURE
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
         frequency = band_frequencies(windowing.plan, centres, windowing.grid.dt)
-        gains = windowing.plan.noise_gains
         at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
@@ -463,8 +389,9 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
-            seen = _noise_seen(model, state.x + embedded(step, layout.free), frequency)
-            noise = stats.noise_spectrum(levels / seen, frequency, scales / gains)
+            x, white = state.x + embedded(step, layout.free), scales / windowing.plan.noise_gains
+            left = levels * (white**2)[:, None]
+            noise = NoiseSpectrum.of(model, x, frequency, left, stats.heard)
             level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
         # What a step leaves is of second order: as small beside it as it is beside its curvature.
@@ -538,23 +465,6 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     )
     seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
-
-
-def _noise_seen(model: Model, x: Floats, frequency: Floats) -> Floats:
-    """(2, F), share of the readings' noise, in power, that is left when errors (n,) are taken off.
-
-    A mount that gives cancels noise as well: what is left then tells less than there is.
-    """
-    dt = model.windowing.grid.dt
-    turn = np.exp(-2j * np.pi * dt * np.outer(np.arange(7) - 3, frequency))
-    share = np.ones((2, len(frequency)))
-    for sensor, name in enumerate(SENSORS):
-        answer = np.ones((3, len(frequency)), complex)
-        for each, effect in model.layout.of(Reading):
-            if effect.sensor == name:
-                answer -= np.tensordot(x[each.part], effect.own_response(dt), axes=1) @ turn
-        share[sensor] = (np.abs(answer) ** 2).mean(axis=0)
-    return np.maximum(share, _LEAST_SEEN)
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:

@@ -109,25 +109,6 @@ class BandSums:
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseSpectrum:
-    """Noise of each sensor's residuals, as the variance of a grid sample of noise as loud."""
-
-    frequency: tuple[Floats, Floats]
-    """Hz, middle of each band that the windows let through, ascending: accelerometer, gyroscope."""
-    power: tuple[Floats, Floats]
-    """(m/s²)² and (rad/s)², in these bands."""
-
-    @classmethod
-    def white(cls, std: Floats) -> NoiseSpectrum:
-        """Of samples with standard deviations (2,), m/s² and rad/s."""
-        return cls((np.zeros(1), np.zeros(1)), (std[:1] ** 2, std[1:] ** 2))
-
-    def at(self, sensor: int, frequency: Floats) -> Floats:
-        """(F,), a sensor's power at frequencies; outside the bands that of the nearest."""
-        return np.interp(frequency, self.frequency[sensor], self.power[sensor])
-
-
-@dataclass(frozen=True, eq=False)
 class Statistics:
     """Whitened normal matrices of [e J] about one point of linearisation."""
 
@@ -178,19 +159,6 @@ class Statistics:
         lost = np.einsum("sbpq,pq->sb", self.normal[:, :, 1:, 1:], covariance)
         left = np.maximum(self.freedom - lost, _LEAST_FREEDOM * self.freedom)
         return np.asarray(power / np.maximum(left * self.response, 1e-300))
-
-    def noise_spectrum(self, levels: Floats, frequency: Floats, white: Floats) -> NoiseSpectrum:
-        """Levels as powers of the sensors' samples.
-
-        Args:
-            levels: (2, bands).
-            frequency: (bands,), Hz, of the bands.
-            white: (2,), standard deviation of a sample, m/s² and rad/s, whose level is 1.
-        """
-        accel, gyro = self.heard
-        # Without noise a level may be below zero by rounding.
-        power = np.maximum(levels, 0.0) * (white**2)[:, None]
-        return NoiseSpectrum((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
     def score_covariance(self, levels: Floats) -> Floats:
         """B, (n, n), of the score J' e for noise of these levels."""

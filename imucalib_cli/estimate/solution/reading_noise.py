@@ -1,0 +1,178 @@
+"""Noise of the readings, and what it does in columns that are made of a reading.
+
+It is in such a column and in the residual alike: as if the readings told more than they do.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucalib_cli.estimate.model.jacobian import plan_nodes
+from imucalib_cli.estimate.model.layout import places_of
+from imucalib_cli.estimate.model.unknowns import SENSORS, BaseReading, Reading
+from imucalib_cli.estimate.solution.spectrum import inverse_of, one_sided
+from imucalib_cli.estimate.window_choice import kinematic_noise
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.estimate.model.design import Model
+    from imucalib_cli.estimate.model.windows import Windowing
+
+_HELD: Final = 1e-12
+"""Of any unit: smaller than what holds a component."""
+_LEAST_LEFT: Final = 0.1
+"""Share of the noise, in power: where less of it is left, that tells nothing of what there is."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseSpectrum:
+    """Noise of each sensor's residuals, as the variance of a grid sample of noise as loud."""
+
+    frequency: tuple[Floats, Floats]
+    """Hz, middle of each band that the windows let through, ascending: accelerometer, gyroscope."""
+    power: tuple[Floats, Floats]
+    """(m/s²)² and (rad/s)², in these bands."""
+
+    @classmethod
+    def white(cls, std: Floats) -> NoiseSpectrum:
+        """Of samples with standard deviations (2,), m/s² and rad/s."""
+        return cls((np.zeros(1), np.zeros(1)), (std[:1] ** 2, std[1:] ** 2))
+
+    @classmethod
+    def of(
+        cls, model: Model, x: Floats, frequency: Floats, left: Floats, heard: Bools
+    ) -> NoiseSpectrum:
+        """Of the windows of a fit.
+
+        Args:
+            model: Of them.
+            x: (n,), the errors that are taken off.
+            frequency: (bands,), Hz.
+            left: (2, bands), power of what is left.
+            heard: (2, bands), whether the windows let a band through.
+        """
+        # Without noise a power may be below zero by rounding.
+        power = np.maximum(left / _share_left(model, x, frequency), 0.0)
+        accel, gyro = heard
+        return cls((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
+
+    def at(self, sensor: int, frequency: Floats) -> Floats:
+        """(F,), a sensor's power at frequencies; outside the bands that of the nearest."""
+        return np.interp(frequency, self.frequency[sensor], self.power[sensor])
+
+
+def calibration(
+    model: Model, x: Floats, noise: NoiseSpectrum, weights: Floats, total: Floats
+) -> tuple[Floats, Floats]:
+    """What noisy columns are multiplied by to be the mean of what the true ones may be.
+
+    Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
+
+    Args:
+        model: Of the windows.
+        x: (n,), the errors that are taken off.
+        noise: Of the residuals.
+        weights: (2,), windows over the square of what their residuals are whitened by.
+        total: (n + 1, n + 1), sum of [e J]' [e J].
+
+    Returns:
+        (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
+
+    Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006,
+        4.
+    """
+    layout = model.layout
+    added, score = _of_columns(model, x, noise, weights)
+    T = np.eye(len(total))
+    noisy = np.flatnonzero(np.diag(added))
+    if len(noisy):
+        # Priors are taken at their weakest.
+        weakest = layout.std_at(layout.bounds[:, 1])
+        inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
+        unit = np.sqrt(np.diag(added)[noisy])
+        powers, axes = np.linalg.eigh(added[np.ix_(noisy, noisy)] / np.outer(unit, unit))
+        root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
+        shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
+        root = root @ turn
+        no_more_than_all = root / np.maximum(shares, 1.0)
+        T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
+    return T, T[1:, 1:] @ score
+
+
+def _of_columns(
+    model: Model, x: Floats, noise: NoiseSpectrum, weights: Floats
+) -> tuple[Floats, Floats]:
+    """What noise adds to information (n, n) and score (n,) in columns made of a reading.
+
+    It has the residuals' spectrum, less the noise of joints: what a robot does that these do not
+    report, vibration say, is in the reading too. Where poses are tracked, it is the tracker that is
+    noisy: the reading then has the white noise of the sensor.
+    """
+    windowing, layout = model.windowing, model.layout
+    plan, dt = windowing.plan, windowing.grid.dt
+    nodes = plan_nodes(plan, dt)
+    on_information = np.zeros((layout.size, layout.size))
+    on_score = np.zeros(layout.size)
+    own = list(layout.of(Reading))
+    of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
+    tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
+    for (sensor, name), (errors, white) in itertools.product(
+        enumerate(SENSORS),
+        ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
+    ):
+        found = [pairs for pairs in errors if pairs[1].sensor == name]
+        if not found:
+            continue
+        pair = (nodes.second, nodes.first)[sensor]
+        answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
+        kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
+        plain = plan.filters[sensor].average
+        length = 2 * kernels.shape[2]
+        frequency = np.arange(length // 2 + 1) / (length * dt)
+        seen = noise.at(sensor, frequency)
+        # Two IMUs share the noise by what each has of white noise.
+        share = white[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
+        least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
+        # Twice what is expected of the joints is taken off.
+        of_joints = np.inf if tracked else _of_joints(windowing, frequency)[sensor]
+        power = np.maximum(share**2 * (seen - 2.0 * of_joints), least)
+        root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
+        root *= plan.noise_gains[sensor]
+        in_columns = np.fft.rfft(kernels, length) * root
+        margin = (kernels.shape[2] - len(plain)) // 2
+        in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
+        flat = in_columns.reshape(len(kernels), -1).view(np.float64)
+        gram, both = flat @ flat.T, (in_columns.sum(axis=1) @ in_residual.conj()).real
+        places = places_of(each.part for each, _ in found)
+        on_information[np.ix_(places, places)] = gram
+        on_score[places] = gram @ x[places] - both
+    return on_information, on_score
+
+
+def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
+    """(2, F), share of the readings' noise, in power, that is left when errors (n,) are taken off.
+
+    A mount that gives takes noise off as well: what is left then tells less than there is.
+    """
+    dt = model.windowing.grid.dt
+    turn = np.exp(-2j * np.pi * dt * np.outer(np.arange(7) - 3, frequency))
+    left = np.ones((2, 3, len(frequency)), complex)
+    for each, effect in model.layout.of(Reading):
+        taken = np.tensordot(x[each.part], effect.own_response(dt), axes=1) @ turn
+        left[SENSORS.index(effect.sensor)] -= taken
+    return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), _LEAST_LEFT))
+
+
+def _of_joints(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
+    """What joints add to the residuals, as :class:`NoiseSpectrum` has it, (F,) each."""
+    rotation, position = kinematic_noise(windowing.trajectory)
+    dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
+    turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum
+    # The place is differentiated twice, and gravity is seen tilted.
+    accel = angular**2 * position / 3.0 + STANDARD_GRAVITY**2 * turned
+    return accel / dt, angular * turned / dt
