@@ -65,8 +65,6 @@ _FEW: Final = 480
 """Windows that are enough for a first solution."""
 _MORE: Final = 8
 """Times as many with each solution that follows, until they are all."""
-_HELD: Final = 1e-12
-"""Of any unit: smaller than what holds a component."""
 _PASSES: Final = 8
 _UNSURE: Final = 2
 """Passes from a first solution, in which an outlier may be what it is off by."""
