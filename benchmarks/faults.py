@@ -162,7 +162,7 @@ def _owner(finding: Finding) -> str:
 def _right(fault: Fault, finding: Finding) -> bool:
     """Whether the right thing is named, and its size."""
     if fault.kind == "ringing":
-        give: Any = finding.values["value"]
+        give: Any = np.ravel(finding.values.get("value", finding.values.get("values")))[0]
         return bool(abs(1.0 / (2.0 * np.pi * np.sqrt(give)) - fault.size) < 0.1 * fault.size)
     if finding.code.startswith("unknown."):
         return True

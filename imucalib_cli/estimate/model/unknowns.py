@@ -295,26 +295,25 @@ _SKEWS: Final = ("yz", "xz", "xy")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
-    "sensor_scale": Scale(low=1e-5, high=2e-2),
-    "sensor_axes": Scale(low=1e-5, high=2e-2),
+    "sensor_scale": Scale(low=5e-6, high=2e-2),
+    "sensor_axes": Scale(low=5e-6, high=2e-2),
     "g_sensitivity": Scale(low=1e-7, high=3e-4),
     "driver_filter": Scale(low=3e-7, high=3e-4),
     "mount_give": Scale(low=3e-7, high=3e-3),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
-    "joint_zero": Scale(low=2e-5, high=5e-3, walking=2e-2),
-    "length": Scale(low=5e-5, high=3e-3),
-    "joint_harmonic": Scale(low=1e-5, high=2e-3, like="joint_play"),
+    "joint_zero": Scale(low=1e-5, high=5e-3, walking=2e-2),
+    "length": Scale(low=2e-5, high=3e-3),
+    "joint_harmonic": Scale(low=5e-6, high=2e-3, like="joint_play"),
     "joint_lag": Scale(low=5e-6, high=4e-3),
     "joint_play": Scale(low=3e-6, high=1e-3),
 }
 """From the best that is made to the worst that is sold, in the unit of their entries: sensors
-factory-calibrated over temperature to consumer parts; arms calibrated one by one to hobby arms, and
-legs whose joints are turned to a stop by hand to be zeroed;
-encoders on the output to those behind a worn gear; an IMU placed by measured holes to one placed by
-eye; delays of a field bus cycle or less. A gear's
-error once a turn and its play are made by the same teeth: catalogues of strain wave gears give one
-arc minute for either, within a factor of two."""
+factory-calibrated over temperature to consumer parts; measuring arms (20 micrometres, two arc
+seconds) to hobby arms, and legs whose joints are turned to a stop by hand to be zeroed; encoders on
+the output to those behind a worn gear; an IMU placed by measured holes to one placed by eye; delays
+of a field bus cycle or less. A gear's error once a turn and its play are made by the same teeth:
+catalogues of strain wave gears give one arc minute for either, within a factor of two."""
 
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
