@@ -16,7 +16,7 @@ import typer
 import imucalib_cli
 from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
-from imucalib_cli.cli.main import COMMANDS, app
+from imucalib_cli.cli.main import COMMANDS, app_of
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
@@ -47,7 +47,7 @@ def options(command: str, *panels: str, without: Iterable[str] = ()) -> str:
     """
     tables: dict[str, list[tuple[str, ...]]] = {}
     annotations = inspect.signature(with_groups(COMMANDS[command])).parameters
-    for option in typer.main.get_command(app).commands[command].params:  # type: ignore[attr-defined]
+    for option in typer.main.get_command(app_of()).commands[command].params:  # type: ignore[attr-defined]
         if option.param_type_name == "option" and option.name in annotations:
             kind = annotations[option.name].annotation
             if get_origin(kind) is Annotated:

@@ -15,7 +15,7 @@ from cogapp import Cog
 
 from docs.tables import imported_rooms
 from imucalib_cli import __version__
-from imucalib_cli.cli.main import app
+from imucalib_cli.cli.main import app_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
@@ -77,7 +77,7 @@ def _mentions(page: Path) -> list[tuple[str, list[str]]]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    commands = typer.main.get_command(app_of()).commands  # type: ignore[attr-defined]
     for name, options in _mentions(page):
         if name in commands:
             known = {

@@ -5,6 +5,7 @@ So does SIGTERM, which containers, services and CI send: files are put in order 
 
 import atexit
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -26,6 +27,8 @@ def main() -> int:
     interruption ends the process at once, as does one that comes when all is done.
     """
     _on_interruption(_leave)
+    # what imports make lives on: looking through it again and again is a twentieth of a short run
+    gc.set_threshold(100_000)
     # registered first, so called last: the interpreter then ends with the code that was returned
     atexit.register(_on_interruption, signal.SIG_IGN)
     from imucalib_cli.cli.main import main as run

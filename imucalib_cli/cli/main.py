@@ -3,7 +3,7 @@
 import os
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -78,16 +78,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "schema": schema_command,
 }
 _CODES = [f"{code} {each.brief}" for code, each in EXIT_CODES.items() if code < EXIT_INTERRUPTED]
-app = typer.Typer(
-    name="imucalib",
-    help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
-    epilog=f"Exit codes: {', '.join(_CODES)}.",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-for _name, _command in COMMANDS.items():
-    app.command(_name)(with_groups(_command))
 
 
 def _show_version(wanted: bool) -> None:
@@ -98,7 +88,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def common(
     *,
     version: Annotated[
@@ -108,6 +97,22 @@ def common(
 ) -> None:
     """Where on my robot is the IMU, really? Finds it from a log of motion and a URDF."""
     del version
+
+
+def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
+    """The command line with some of its commands: reading the options of all takes its time."""
+    app = typer.Typer(
+        name="imucalib",
+        help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
+        epilog=f"Exit codes: {', '.join(_CODES)}.",
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    for name in names:
+        app.command(name)(with_groups(COMMANDS[name]))
+    app.callback()(common)
+    return app
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -133,6 +138,7 @@ def _prepare_process() -> None:
 
 
 def _run(argv: list[str]) -> int:
+    app = app_of([each for each in argv[:1] if each in COMMANDS] or COMMANDS)
     try:
         code = app(argv, prog_name="imucalib", standalone_mode=False)
     except typer.Abort:

@@ -7,7 +7,7 @@ than a whole calibration.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,12 +33,14 @@ def skew(v: ArrayLike) -> Floats:
     return matrix
 
 
-def cross(a: Floats, b: Floats) -> Floats:
-    """Cross product a x b of (..., 3) that broadcast; several times numpy's own speed."""
+def cross(a: Floats, b: Floats, axis: int = -1) -> Floats:
+    """Cross product a x b along an axis from the end; several times numpy's own speed."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
-    product[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
-    product[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    after: tuple[Any, ...] = (slice(None),) * (-1 - axis)
+    x, y, z = ((..., k, *after) for k in range(3))
+    product[x] = a[y] * b[z] - a[z] * b[y]
+    product[y] = a[z] * b[x] - a[x] * b[z]
+    product[z] = a[x] * b[y] - a[y] * b[x]
     return product
 
 

@@ -146,6 +146,26 @@ def test_overflow_pages_in_a_circle_end(tmp_path: Path) -> None:
     assert len(by_pages(path, [1])) <= 20
 
 
+@pytest.mark.parametrize("left", range(1, 9))
+def test_a_row_that_begins_in_the_last_bytes_of_a_page_is_damage(tmp_path: Path, left: int) -> None:
+    path = write(tmp_path / "a.db3", [(1, k, bytes(1000)) for k in range(20)])
+    raw = bytearray(path.read_bytes())
+    leaves = [at for at in range(4096, len(raw), 4096) if raw[at] == 13]
+    for at in leaves[-3:]:
+        raw[at + 8 : at + 10] = (4096 - left).to_bytes(2, "big")
+    path.write_bytes(raw)
+    assert 0 < len(by_pages(path, [1])) < 20
+
+
+def test_overflow_pages_that_end_early_are_damage(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.db3", [(1, k, bytes(9000)) for k in range(20)])
+    raw = bytearray(path.read_bytes())
+    first = next(at for at in range(4096, len(raw), 4096) if raw[at] == 0)
+    raw[first : first + 4] = bytes(4)
+    path.write_bytes(raw)
+    assert 0 < len(by_pages(path, [1])) < 20
+
+
 def test_a_log_that_a_crash_left_is_read_with_its_wal(tmp_path: Path) -> None:
     path = write(tmp_path / "a.db3", make_rows(4, [100], count=200))
     with closing(sqlite3.connect(path)) as database:

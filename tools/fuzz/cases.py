@@ -220,9 +220,9 @@ def _result(rng: Random, folder: Path) -> Case:
 
 
 def _has(command: str) -> bool:
-    from imucalib_cli.cli.main import app
+    from imucalib_cli.cli.main import COMMANDS
 
-    return command in {each.name for each in app.registered_commands}
+    return command in COMMANDS
 
 
 _RESULTS: dict[bool, bytes] = {}

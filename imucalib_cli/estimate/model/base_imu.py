@@ -157,15 +157,15 @@ class BaseNodes:
 
     samples: Samples
     R: Floats
-    """(M, 3, 3), R_world_base."""
+    """(3, 3, M), R_world_base."""
     force: Floats
-    """(M, 3), m/s²."""
+    """(3, M), m/s²."""
     turning: Floats
-    """(M, 3), rad/s."""
+    """(3, M), rad/s."""
     moving: Floats
-    """(M, 3), velocity, m/s."""
+    """(3, M), velocity, m/s."""
     arm: Floats
-    """(M, 3), from it to the IMU that is calibrated, m."""
+    """(3, M), from it to the IMU that is calibrated, m."""
     later: Floats
     """(M,), robot time since the middle of its readings, s."""
 
@@ -185,7 +185,7 @@ def base_nodes(
     frame: tuple[Floats, Floats],
     place: Floats,
 ) -> BaseNodes:
-    """The base IMU at nodes (M,), s, every dt; its frame, and the place (M, 3) of the other IMU."""
+    """The base IMU at nodes (M,), s, every dt; its frame, and the place (3, M) of the other IMU."""
     stamps, gyro, accel = base.readings(t)
     box = box_over(max(round(dt / base.dt), 1))
     mean = np.stack(
@@ -201,9 +201,9 @@ def base_nodes(
     return BaseNodes(
         samples=samples,
         R=R,
-        force=np.einsum("mij,mj->mi", R, samples.accel),
-        turning=np.einsum("mij,mj->mi", R, samples.gyro),
-        moving=with_ends((p[2:] - p[:-2]) / (2 * dt)),
+        force=(R * samples.accel.T).sum(axis=1),
+        turning=(R * samples.gyro.T).sum(axis=1),
+        moving=with_ends((p.T[2:] - p.T[:-2]) / (2 * dt)).T,
         arm=place - p,
         later=base.seconds * age,
     )

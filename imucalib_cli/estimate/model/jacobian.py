@@ -32,7 +32,7 @@ from imucalib_cli.estimate.model.unknowns import (
 )
 from imucalib_cli.estimate.model.windows import blocks
 from imucalib_cli.robot.path import JointStep, PoseStep
-from imucalib_cli.robot.rotations import cross, vee
+from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.kernels import MatchedFilter
 
     Channels = defaultdict[str, list[tuple[slice, Floats]]]
-    """What unknowns do along the nodes, world axes: components, and their changes (M, n, 3) of
+    """What unknowns do along the nodes, world axes: components, and their changes (n, 3, M) of
 
     - "shift", the IMU's place, and "turn", the parent link;
     - "force" and "rate", the specific force and the rate as they are read, seen in the world;
@@ -109,24 +109,28 @@ def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Everything of a stretch of nodes that effects are made of."""
+    """Everything of a stretch of nodes that effects are made of.
+
+    Nodes are the last axis: numpy's inner loops are then long.
+    """
 
     first: int
     """The first node, of those of the grid."""
     samples: Samples
     R: Floats
-    """(M, 3, 3), R_world_parent."""
+    """(3, 3, M), R_world_parent."""
     p: Floats
     lever: Floats
-    """(M, 3), R t: from the parent link to the IMU, world axes."""
+    """(3, M), R t: from the parent link to the IMU, world axes."""
     R_world_imu: Floats
     force: Floats
-    """(M, 3), ideal specific force, world axes."""
+    """(3, M), ideal specific force, world axes."""
     turning: Floats
-    """(M, 3), rate of the parent link, world axes, rad/s."""
+    """(3, M), rate of the parent link, world axes, rad/s."""
     moving: Floats
-    """(M, 3), velocity of the IMU, world axes, m/s."""
+    """(3, M), velocity of the IMU, world axes, m/s."""
     frames: tuple[tuple[Floats, Floats], ...]
+    """(3, 3, M) and (3, M) each."""
     values: tuple[Floats, ...]
     rates: tuple[Floats, ...]
     path: KinematicPath
@@ -136,29 +140,29 @@ class _Nodes:
     _twists: dict[Joint, tuple[Floats, Floats, Floats]] = field(default_factory=dict)
 
     def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
-        """What a unit of a joint turns, shifts, and how it turns the force: (M, 3) each."""
+        """What a unit of a joint turns, shifts, and how it turns the force: (3, M) each."""
         if joint not in self._twists:
             turn, shift = np.zeros_like(self.p), np.zeros_like(self.p)
             for index in joint.steps:
                 step, (R, p) = self.path.steps[index], self.frames[index]
                 if isinstance(step, JointStep):
-                    axis = step.multiplier * (R @ step.axis)
+                    axis = step.multiplier * np.matmul(step.axis, R)
                     if step.kind == "prismatic":
                         shift += axis
                     else:
                         turn += axis
-                        shift += cross(axis, self.p + self.lever - p)
-            self._twists[joint] = turn, shift, cross(turn, self.force)
+                        shift += cross(axis, self.p + self.lever - p, -2)
+            self._twists[joint] = turn, shift, cross(turn, self.force, -2)
         return self._twists[joint]
 
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), what hidden components do to the mount: its translation and rotation."""
         turn = np.zeros((len(placed.labels), 3))
         if placed.joint is None:
-            shift = placed.directions @ self.frames[placed.index][0][0].T
+            shift = placed.directions @ self.frames[placed.index][0][..., 0].T
         else:
-            turn, shift = (each[:1] for each in self.twist(placed.joint)[:2])
-        return np.hstack([shift @ self.R[0], turn @ self.R[0]])
+            turn, shift = (each[None, :, 0] for each in self.twist(placed.joint)[:2])
+        return np.hstack([shift @ self.R[..., 0], turn @ self.R[..., 0]])
 
 
 def _block_columns(
@@ -172,17 +176,18 @@ def _block_columns(
     nodes = _nodes(model, plan, chain, state, centres)
     channels = _channels(model.layout, nodes)
     at = centres // plan.every - nodes.first
-    R_centre = nodes.R[at]
+    R_centre = np.ascontiguousarray(np.moveaxis(nodes.R[..., at], -1, 0))
 
     def in_parent(values: Floats, weights: Floats) -> Floats:
-        """Weighted sums of (M, n, 3) in each window, in the parent's axes: (W, n, 3)."""
-        flat = convolve_at(values.reshape(len(values), -1), weights, at - len(weights) // 2)
-        return np.asarray(flat.reshape(len(flat), -1, 3) @ R_centre)
+        """Weighted sums of (n, 3, M) in each window, in the parent's axes: (W, n, 3)."""
+        flat = values.reshape(-1, values.shape[-1])
+        sums = convolve_at(flat.T, weights, at - len(weights) // 2)
+        return np.asarray(sums.reshape(len(sums), -1, 3) @ R_centre)
 
     def joined(name: str) -> tuple[Indices, Floats]:
-        """Components of a channel, and its changes (M, n, 3)."""
+        """Components of a channel, and its changes (n, 3, M)."""
         found = channels[name]
-        changes = np.concatenate([np.zeros((len(nodes.p), 0, 3)), *(each for _, each in found)], 1)
+        changes = np.concatenate([np.zeros((0, *nodes.p.shape)), *(each for _, each in found)])
         return places_of(part for part, _ in found), changes
 
     J = np.zeros((len(centres), model.layout.size, 6))
@@ -197,18 +202,18 @@ def _block_columns(
         J[:, index, rows] += sign * in_parent(changes, weights)
     if nodes.base is not None:
         index, turn = joined("base turn")
-        arm, force = nodes.base.arm[:, None], (nodes.force - nodes.base.force)[:, None]
-        moved = in_parent(cross(turn, arm), plan.second.derivative)
-        moved -= in_parent(cross(turn, force), plan.second.average)
+        arm, force = nodes.base.arm[None], (nodes.force - nodes.base.force)[None]
+        moved = in_parent(cross(turn, arm, -2), plan.second.derivative)
+        moved -= in_parent(cross(turn, force, -2), plan.second.average)
         still = in_parent(arm, plan.second.derivative) - in_parent(force, plan.second.average)
-        J[:, index, accel] += moved - cross(turn[at] @ R_centre, still)
+        J[:, index, accel] += moved - cross(np.moveaxis(turn[..., at], -1, 0) @ R_centre, still)
     for part, size in channels["times"]:
         J[:, part] *= size[at, None, None]
     for part, change in channels["gravity"]:
         J[:, part, accel] -= change @ R_centre
     # A later stamp means an earlier pose: one column, times what each entry says.
-    turn, shift = -nodes.turning[:, None], -nodes.moving[:, None]
-    read = cross(turn, nodes.force[:, None])
+    turn, shift = -nodes.turning[None], -nodes.moving[None]
+    read = cross(turn, nodes.force, -2)
     by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
     turned = in_parent(turn, plan.first.derivative)
     grid = model.windowing.grid
@@ -236,9 +241,8 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
     part, effect = placed.part, placed.unknown.effect
     match effect:
         case Reading():
-            basis = np.swapaxes(effect.basis(nodes.samples), 0, 1)
             # Taking the error off lowers the reading.
-            seen = -(basis @ np.swapaxes(nodes.R_world_imu, 1, 2))
+            seen = -_in_world(effect.basis(nodes.samples), nodes.R_world_imu)
             channels["force" if effect.sensor == "accel" else "rate"].append((part, seen))
         case BaseReading() | BaseMount() | BaseClock() if nodes.base is not None:
             _add_of_base(placed, nodes, nodes.base, channels)
@@ -247,28 +251,34 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             turned = cross(gravity_axes(nodes.gravity), nodes.gravity)
             channels["gravity"].append((part, turned if effect.what == "direction" else down))
         case Mount(what="translation"):
-            channels["shift"].append((part, np.swapaxes(nodes.R, 1, 2)))
+            channels["shift"].append((part, np.swapaxes(nodes.R, 0, 1)))
         case Mount():
-            axes = np.swapaxes(nodes.R, 1, 2)  # rows: the parent's axes in the world
-            channels["force"].append((part, cross(axes, nodes.force[:, None])))
+            axes = np.swapaxes(nodes.R, 0, 1)  # the parent's axes in the world
+            channels["force"].append((part, cross(axes, nodes.force, -2)))
             # As a joint turns the link: where the two look alike, no rounding tells them apart.
             channels["turn"].append((part, axes))
         case Origin():
             R, _ = nodes.frames[placed.index]
-            channels["shift"].append((part, placed.directions @ np.swapaxes(R, 1, 2)))
+            channels["shift"].append((part, np.swapaxes(np.matmul(placed.directions, R), 0, 1)))
         case PoseScale():
-            shift = np.zeros((len(nodes.p), 1, 3))
+            shift = np.zeros_like(nodes.p)
             for index, step in enumerate(nodes.path.steps):
                 if isinstance(step, PoseStep) and step.track == placed.index:
-                    shift[:, 0] += nodes.frames[index + 1][1] - nodes.frames[index][1]
-            channels["shift"].append((part, shift))
+                    shift += nodes.frames[index + 1][1] - nodes.frames[index][1]
+            channels["shift"].append((part, shift[None]))
         case JointCurve() if placed.joint is not None:
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
-            curve = effect.basis(q, rate).T[:, :, None]
+            curve = effect.basis(q, rate)[:, None]
             twist = zip(("turn", "shift", "force"), nodes.twist(placed.joint), strict=True)
             for name, along in twist:
-                channels[name].append((part, curve * along[:, None]))
+                channels[name].append((part, curve * along))
+
+
+def _in_world(basis: Floats, R: Floats) -> Floats:
+    """What a sensor reads (k, M, 3), in the world, to which R (3, 3, M) turns: (k, 3, M)."""
+    x, y, z = np.moveaxis(basis, -1, 0)[:, :, None]
+    return np.asarray(x * R[:, 0] + y * R[:, 1] + z * R[:, 2])
 
 
 def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: Channels) -> None:
@@ -276,7 +286,7 @@ def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: Chann
     part = placed.part
     match placed.unknown.effect:
         case BaseReading(reading):
-            seen = np.swapaxes(reading.basis(base.samples), 0, 1) @ np.swapaxes(base.R, 1, 2)
+            seen = _in_world(reading.basis(base.samples), base.R)
             if reading.sensor == "accel":  # what is taken off moves the base less
                 channels["force"].append((part, seen))
             else:
@@ -285,26 +295,26 @@ def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: Chann
             return
         case BaseMount(what="translation"):
             # Farther from the link's origin, and the link begins so much farther back.
-            axes = np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            axes = np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
             channels["shift"].append((part, -axes))
             return
         case BaseMount():
-            turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 1, 2)
+            turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
             shift = np.zeros_like(turn)
         case BaseClock(basis):  # a later stamp means a later pose
-            turn, shift = base.turning[:, None], base.moving[:, None]
+            turn, shift = base.turning[None], base.moving[None]
             channels["times"].append((part, basis(base.later)))
         case _:
             return
     channels["turn"].append((part, turn))
-    channels["shift"].append((part, shift + cross(turn, base.arm[:, None])))
-    channels["force"].append((part, cross(turn, nodes.force[:, None])))
+    channels["shift"].append((part, shift + cross(turn, base.arm, -2)))
+    channels["force"].append((part, cross(turn, nodes.force, -2)))
 
 
 def _integral(values: Floats, dt: float) -> Floats:
-    """Sum of trapezia from the first on, as the values."""
-    steps = 0.5 * dt * (values[1:] + values[:-1])
-    return np.concatenate([np.zeros_like(values[:1]), np.cumsum(steps, axis=0)])
+    """Sum of trapezia along the nodes from the first on, as the values."""
+    steps = 0.5 * dt * (values[..., 1:] + values[..., :-1])
+    return np.concatenate([np.zeros_like(values[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
 
 
 def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices) -> _Nodes:
@@ -325,16 +335,16 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         model.robot_times(stamps, model.shifts(state)[1])
     )
     values, rates = chain.values_and_rates(t)
-    frames = chain.path.frames(values)
+    frames = tuple((R.transpose(1, 2, 0), p.T) for R, p in chain.path.frames(values))
     R, p = frames[-1]
-    lever = R @ state.t
+    lever = np.matmul(state.t, R)
     dt = grid.dt * plan.every
-    spin = R[2:] @ np.swapaxes(R[:-2], 1, 2)
-    turning = vee(spin) / (2 * dt)
+    # The skew part of R_later R_earlier'.
+    turning = cross(R[..., :-2], R[..., 2:], -3).sum(axis=1) / (4 * dt)
     place = p + lever
-    moving = (place[2:] - place[:-2]) / (2 * dt)
+    moving = (place[:, 2:] - place[:, :-2]) / (2 * dt)
     accel = model.less_errors(state, samples, "accel")
-    R_world_imu = R @ state.R
+    R_world_imu = np.matmul(state.R.T, R)
     base = None
     if chain.base is not None:
         of_base = frames[chain.path.base_step + 1]
@@ -346,9 +356,9 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         p=p,
         lever=lever,
         R_world_imu=R_world_imu,
-        force=np.einsum("mij,mj->mi", R_world_imu, accel),
-        turning=with_ends(turning),
-        moving=with_ends(moving),
+        force=(R_world_imu * accel.T).sum(axis=1),
+        turning=with_ends(turning.T).T,
+        moving=with_ends(moving.T).T,
         frames=frames,
         values=values,
         rates=rates,

@@ -99,6 +99,8 @@ class _Pages:
         return [self._row(page, at, wanted) for at in places]
 
     def _read(self, number: int) -> bytes:
+        if number < 0:
+            raise DamageError("a chain of pages ends early")
         page = os.pread(self._handle, self._size, number * self._size)
         if len(page) < self._size:
             raise DamageError("a page is missing")
@@ -107,8 +109,8 @@ class _Pages:
     def _row(self, page: bytes, at: int, wanted: Collection[int]) -> tuple[int, Row]:
         total, at = _varint(page, at)
         row_id, start = _varint(page, at)
+        kind, head_end = _varint(page, start + 4)  # first: it fails where the page ends before
         head_size, *kinds = page[start : start + 4]
-        kind, head_end = _varint(page, start + 4)
         # The id is the key and stored as null; then topic, time and the bytes of the message.
         if kinds[0] != 0 or head_end != start + head_size or kind < 12 or kind % 2:
             raise DamageError("a row is not a message")
