@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "sample_data"
 PARTS = re.split(r"^### ", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), flags=re.MULTILINE)
 ARM = ("run", f"{SAMPLE}/rihibot.mcap", "--urdf", f"{SAMPLE}/rihibot.urdf", "-q")
-BODY = ("--parent", "sensor_body", "--format", "json", "-q")
+BODY = ("--parent", "sensor_body", "--to", "15", "--format", "json", "-q")
 
 
 def _with_recipe(recipe: str, *arguments: str) -> str:
@@ -49,6 +49,7 @@ def test_a_log_format(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None
         )
     ]
     rows.sort(key=lambda row: row[0])
+    rows = rows[: len(rows) // 3]  # more than what is used
     table = tmp_path / "recording.toy"
     lines = (",".join([str(t), *cells]) for t, cells in rows)
     table.write_text("\n".join(lines) + "\n")

@@ -32,7 +32,7 @@ RATE = 200.0
 
 @lru_cache(maxsize=1)
 def clean() -> Recording:
-    options = PhysicsOptions(duration=36.0, imu_rate=RATE, robot_rate=125.0)
+    options = PhysicsOptions(duration=24.0, imu_rate=RATE, robot_rate=125.0)
     return record(load_system("barbot"), options)
 
 
