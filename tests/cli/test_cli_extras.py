@@ -24,6 +24,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.logs.part import Part
 from imucalib_cli.report.debug_mcap import frames_of, topics_of
 from imucalib_cli.results.codec import read_results, to_yaml
 from imucalib_cli.robot.rotations import matrix_from_quaternion
@@ -52,6 +53,7 @@ def bar() -> Outcome:
             logs=(SAMPLES / "barbot.bag",),
             parent="bar_link",
             estimator=MatchedOptions(gravity="none"),
+            part=Part(end=15.0),
             details=True,
         )
     )

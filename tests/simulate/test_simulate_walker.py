@@ -49,7 +49,7 @@ def walking_soon() -> SystemConfig:
 @pytest.fixture(scope="module")
 def walk() -> Recording:
     """Some strides, as fast as the engine's own steps, without a low-pass."""
-    options = PhysicsOptions(duration=2.5, imu_rate=4000.0, robot_rate=500.0, bandwidth=0.0)
+    options = PhysicsOptions(duration=1.5, imu_rate=4000.0, robot_rate=500.0, bandwidth=0.0)
     return record(walking_soon(), options)
 
 
