@@ -127,6 +127,7 @@ def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_tells() -> N
     assert nees(held, FOOT) > 100.0
 
 
+@pytest.mark.slow
 def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell() -> None:
     """One joint: how far both are along its axis together nobody sees."""
     imu, path = Walk(noisy=True, axes=((0.0, 1.0, 0.0),)).log()

@@ -221,6 +221,7 @@ def halves_of(log: Log) -> tuple[Floats, Floats]:
     return apart, np.hypot(sigma(first), sigma(second))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("grade", slow_after(1, GRADES))
 def test_halves_agree_with_two_calibrations(grade: str) -> None:
     """Though nothing is fitted again: to first order, so the mount moves little."""

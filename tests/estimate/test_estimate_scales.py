@@ -64,6 +64,7 @@ def by_grid(given: Problem) -> tuple[Floats, Floats, Floats]:
     return mean, covariance, weights @ np.array(points)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_the_integral_is_the_dense_grids(seed: int) -> None:
     given = problem(seed)

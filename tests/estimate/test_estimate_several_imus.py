@@ -214,6 +214,7 @@ def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
         assert said["sigmas"] > 6.0
 
 
+@pytest.mark.slow
 def test_of_three_the_one_that_disagrees_is_left_out() -> None:
     shank, foot = imus(2)
     samples, path = walk(2).shank()

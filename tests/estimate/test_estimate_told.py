@@ -69,6 +69,7 @@ def test_true_values_are_believed(seed: int) -> None:
     assert nees(estimate, MOUNT) < UNLIKELY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     """They turn what is found as the mount, and no log without their motion tells."""

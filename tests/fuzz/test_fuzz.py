@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from tests.slow import slow_after
 from tools.fuzz import check as checking
 from tools.fuzz import seeds
 from tools.fuzz.cases import Case, make, sound_case
@@ -131,7 +132,7 @@ def test_misbehaviour_is_seen(
     assert (finding in "\n".join(found)) if finding else (found == [])
 
 
-@pytest.mark.parametrize("scene", seeds.SCENES)
+@pytest.mark.parametrize("scene", slow_after(1, seeds.SCENES))
 def test_wrong_answers_are_seen(scene: Callable[[], seeds.Scene], tmp_path: Path) -> None:
     case = sound_case(scene, "mcap-none", tmp_path)
     assert checking.check(case) == (0, [])

@@ -32,7 +32,7 @@ RATE = 200.0
 
 @lru_cache(maxsize=1)
 def clean() -> Recording:
-    options = PhysicsOptions(duration=24.0, imu_rate=RATE, robot_rate=125.0)
+    options = PhysicsOptions(duration=36.0, imu_rate=RATE, robot_rate=125.0)
     return record(load_system("barbot"), options)
 
 
@@ -62,6 +62,7 @@ def of_model(found: Result) -> list[str]:
     return [w for w in found.diagnostics.warnings if "data sheet" in w]
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
     found = result(written(tmp_path, load_imu("bmi088")), "bmi088")

@@ -67,6 +67,7 @@ def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
     assert left_out < windows / 10
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_cut_off_is_told_and_sigma_stays_true(
     walk: Recording, tmp_path: Path
 ) -> None:
