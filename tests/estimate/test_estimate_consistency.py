@@ -221,7 +221,6 @@ def halves_of(log: Log) -> tuple[Floats, Floats]:
     return apart, np.hypot(sigma(first), sigma(second))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("grade", slow_after(1, GRADES))
 def test_halves_agree_with_two_calibrations(grade: str) -> None:
     """Though nothing is fitted again: to first order, so the mount moves little."""
@@ -237,6 +236,7 @@ def test_halves_agree_with_two_calibrations(grade: str) -> None:
     assert parts.halves_sigmas > 3.0
 
 
+@pytest.mark.slow
 def test_halves_of_noise_agree_with_two_calibrations() -> None:
     log = flawed_log(moves=MOVES).noisy(6)
     apart, sigma = halves_of(log)

@@ -69,7 +69,6 @@ def test_true_values_are_believed(seed: int) -> None:
     assert nees(estimate, MOUNT) < UNLIKELY
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     """They turn what is found as the mount, and no log without their motion tells."""
@@ -85,6 +84,7 @@ def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     assert nees(exact, MOUNT) < UNLIKELY
 
 
+@pytest.mark.slow
 def test_a_wrong_value_is_sized_where_the_clocks_are_far_apart() -> None:
     log = make_log(MOVES).noisy(1, INDUSTRIAL)
     late = replace(log.imu, t=log.imu.t + 6.0)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from imucalib_cli.api import Calibration
     from imucalib_cli.simulate.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 SHANK = "/imu/RL_foot"
 EIGHT_G = 8 * 9.80665
 
@@ -67,7 +69,6 @@ def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
     assert left_out < windows / 10
 
 
-@pytest.mark.slow
 def test_a_sensor_that_is_cut_off_is_told_and_sigma_stays_true(
     walk: Recording, tmp_path: Path
 ) -> None:
