@@ -21,19 +21,20 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-SLOW_HALF = "IMUCALIB_SLOW_HALF"
-"""Environment variable: 0 or 1 leaves out half of the slow tests, the one or the other."""
+SLOW_PART = "IMUCALIB_SLOW_PART"
+"""Environment variable: 0/3, 1/3 or 2/3 leaves in that third of the slow tests alone."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out a half of the slow tests, where one is chosen; by their names, so evenly."""
-    half = os.environ.get(SLOW_HALF)
-    if not half:
+    """Leave in a part of the slow tests, where one is chosen; by their names, so evenly."""
+    chosen = os.environ.get(SLOW_PART)
+    if not chosen:
         return
+    part, parts = map(int, chosen.split("/"))
     left_out = [
         item
         for item in items
-        if item.get_closest_marker("slow") and zlib.crc32(item.nodeid.encode()) % 2 != int(half)
+        if item.get_closest_marker("slow") and zlib.crc32(item.nodeid.encode()) % parts != part
     ]
     config.hook.pytest_deselected(items=left_out)
     items[:] = [item for item in items if item not in set(left_out)]

@@ -67,7 +67,13 @@ def test_the_commands_of_a_job_run(commands: list[str], checkout: Path) -> None:
     assert "one recording can be used" in done.stdout
 
 
-@pytest.mark.parametrize("commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"])
+@pytest.mark.parametrize(
+    "commands",
+    [
+        pytest.param(github_steps(), id="github"),
+        pytest.param(gitlab_lines(), id="gitlab", marks=pytest.mark.slow),
+    ],
+)
 def test_a_mount_that_has_moved_fails_the_job(commands: list[str], tmp_path: Path) -> None:
     (last,) = (line for line in commands if line.startswith("imucalib trend"))
     still = drawn(1, 12)

@@ -19,7 +19,7 @@ from tests.test_docs import PAGES, ROOT, run
 if TYPE_CHECKING:
     from pathlib import Path
 
-QUICK = {"docs/README.md", "docs/motion.md", "sample_data/README.md"}
+QUICK = {"docs/README.md", "docs/motion.md"}
 """Pages that are tested among the fast tests."""
 
 

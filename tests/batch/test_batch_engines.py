@@ -21,6 +21,7 @@ from imucalib_cli.batch.on_dask import DaskWorkers
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import batch, copying, here, task_for
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -100,7 +101,7 @@ print(*sorted(set(sys.modules) - before))
 """
 
 
-@pytest.mark.parametrize("engine", [LocalProcesses, DaskWorkers])
+@pytest.mark.parametrize("engine", slow_after(1, [LocalProcesses, DaskWorkers]))
 def test_a_log_that_takes_too_long_fails_alone(engine: Any, tmp_path: Path) -> None:
     """The others are done, and it is done again the next time."""
     logs = texts(tmp_path / "logs", slow="sleep", good="1", fine="2")

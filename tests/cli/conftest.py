@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.cli.stand_in import Estimator
+from tests.conftest import LogWriter
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from tests.conftest import Imucalib, LogWriter
+    from tests.conftest import Imucalib
 
 
 @pytest.fixture
@@ -21,9 +23,16 @@ def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
     return fake
 
 
+@pytest.fixture(scope="session")
+def arm_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return LogWriter(tmp_path_factory.mktemp("arm") / "log").imu().joints().text().write().parent
+
+
 @pytest.fixture
-def arm_log(log_writer: LogWriter) -> Path:
-    return log_writer.imu().joints().text().write()
+def arm_log(arm_recording: Path, tmp_path: Path) -> Path:
+    """A copy, which a test may change."""
+    (log,) = shutil.copytree(arm_recording, tmp_path / "recording").glob("*.mcap")
+    return log
 
 
 @pytest.fixture

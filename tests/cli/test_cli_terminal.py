@@ -28,6 +28,7 @@ from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
 from tests.results.test_results_documents import make_result
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -284,7 +285,7 @@ def _delivered(monkeypatch: pytest.MonkeyPatch, columns: int) -> str:
     return terminal.text()
 
 
-@pytest.mark.parametrize("columns", [60, 80, 160])
+@pytest.mark.parametrize("columns", slow_after(1, [80, 160, 60]))
 def test_the_width_is_that_of_the_terminal(columns: int) -> None:
     """In a process of its own, as a shell starts it."""
     terminal = Terminal(columns)

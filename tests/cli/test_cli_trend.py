@@ -22,6 +22,7 @@ from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.cli.stand_in import ANSWERS
 from tests.results.trend_results import drawn, named, result, written
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from tests.conftest import Imucalib
@@ -140,7 +141,7 @@ def test_each_imu_has_a_trend_of_its_own(tmp_path: Path, imucalib: Imucalib) -> 
     assert picture.read_bytes() == before
 
 
-@pytest.mark.parametrize("suffix", [".pdf", ".png"])
+@pytest.mark.parametrize("suffix", slow_after(1, [".png", ".pdf"]))
 def test_pictures_of_every_verdict_are_drawn(
     suffix: str, tmp_path: Path, imucalib: Imucalib
 ) -> None:

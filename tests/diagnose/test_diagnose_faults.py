@@ -164,7 +164,8 @@ def test_a_time_offset_given_wrongly_is_contradicted(late: float) -> None:
         assert "later than the robot's, not the 0 s that were given" in found.message
 
 
-@pytest.mark.parametrize("rate", slow_after(1, [6.0, 11.8]))
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [6.0, 11.8])
 def test_a_mount_that_gives_is_told_as_a_spring_of_its_frequency(rate: float) -> None:
     _, told, found, _ = judged(ARM, flawed("ringing", size=rate))
     assert not told.trusted

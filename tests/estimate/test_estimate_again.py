@@ -27,6 +27,7 @@ from tests.estimate.estimate_arm import (
     rotation_error,
     statistics,
 )
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.again import Combined
@@ -82,15 +83,15 @@ def test_with_its_own_priors_a_log_says_the_same() -> None:
 
 OTHER: dict[str, dict[str, Any]] = {
     "robot exact": {"robot": "exact"},
+    "one component known": {"pose": known((np.inf, np.inf, 1e-5, *[np.inf] * 3))},
     "robot known": {"robot": (1e-3, 2e-4)},
     "bias known": {"accel_bias_std": 0.02},
-    "one component known": {"pose": known((np.inf, np.inf, 1e-5, *[np.inf] * 3))},
     "one component held": {"pose": known((np.inf, 0.0, *[np.inf] * 3, 0.0))},
     "gravity along -z": {"gravity": "fixed"},
 }
 
 
-@pytest.mark.parametrize("name", OTHER)
+@pytest.mark.parametrize("name", slow_after(2, OTHER))
 def test_with_other_priors_it_says_what_a_run_says(name: str) -> None:
     """But for the noise's level and the point of linearisation, which a run finds anew."""
     (estimate,) = logs(1, 1)

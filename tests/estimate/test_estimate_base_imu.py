@@ -25,6 +25,7 @@ from tests.estimate.estimate_arm import (
     statistics,
 )
 from tests.estimate.estimate_walk import BASE, FOOT, Walk, gap_in_base, logged, readings_of
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
@@ -55,23 +56,24 @@ def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
     assert np.abs(np.diff(left[5:-5:20], 2, axis=0)).max() / 0.1**2 < 2e-4
 
 
-@pytest.mark.parametrize("seconds", [0.1, 0.2, 0.4])
+@pytest.mark.parametrize("seconds", slow_after(1, [0.2, 0.1, 0.4]))
 def test_without_noise_the_pose_is_exact_at_any_window(seconds: float) -> None:
     imu, path = logged(Walk())
     options = replace(FLOATING, window=WindowChoice(seconds=seconds))
     assert_near(calibrate_matched(imu, path, options), 2e-6, 2e-6)
 
 
-def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot() -> None:
-    """Eight walks: the sum of squares is chi-squared of 48 degrees."""
+@pytest.mark.parametrize("walks", slow_after(1, [2, 8]))
+def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot(walks: int) -> None:
+    """The sum of squares is chi-squared of six degrees a walk."""
     total = 0.0
-    for seed in range(8):
+    for seed in range(walks):
         walk = Walk(seed=seed, noisy=True, scale=3e-3, zero=1e-3, base_off=(1e-3, 3e-3))
         found = calibrate_matched(*walk.log(), FLOATING)
         assert found.trusted
         assert_near(found, 1e-3, np.radians(0.1))
         total += nees(found, FOOT)
-    assert chi2.ppf(0.001, 48) < total < chi2.ppf(0.999, 48)
+    assert chi2.ppf(0.001, 6 * walks) < total < chi2.ppf(0.999, 6 * walks)
 
 
 def test_stamps_of_three_clocks() -> None:
@@ -125,6 +127,7 @@ def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_tells() -> N
     assert nees(held, FOOT) > 100.0
 
 
+@pytest.mark.slow
 def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell() -> None:
     """One joint: how far both are along its axis together nobody sees."""
     imu, path = Walk(noisy=True, axes=((0.0, 1.0, 0.0),)).log()

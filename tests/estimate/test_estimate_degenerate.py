@@ -154,7 +154,7 @@ def test_moving_in_a_plane_hides_the_way_across_it_only(noisy: bool) -> None:
     assert np.all(np.abs(pose_error(estimate, log.mount)[3:]) < 4 * turn + 1e-6)
 
 
-@pytest.mark.parametrize("amplitude", [PAN, PLANAR])
+@pytest.mark.parametrize("amplitude", slow_after(1, [(PAN,), (PLANAR,)]))
 def test_halves_are_compared_in_what_they_tell(amplitude: tuple[float, ...]) -> None:
     _, estimate = calibrate(amplitude, noisy=True)
     assert estimate.unobservable

@@ -116,7 +116,7 @@ def test_the_window_moves_nothing_on_a_sound_log(seed: int) -> None:
     assert "window.dependent" not in codes(calibrated(log))
 
 
-@pytest.mark.parametrize(("rate", "told"), [(8.0, False), (4.0, True)])
+@pytest.mark.parametrize(("rate", "told"), slow_after(1, [(4.0, True), (8.0, False)]))
 def test_a_mount_that_rings_is_covered_and_told_where_it_is_slow(rate: float, told: bool) -> None:
     """Delay and curvature of the resonance are those of a filter, which is found and corrected."""
     quick = Moves(

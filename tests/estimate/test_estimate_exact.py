@@ -61,7 +61,7 @@ def plain() -> Log:
     return make_log()
 
 
-@pytest.mark.parametrize("seconds", slow_after(2, [0.05, 0.5, 0.1, 0.2, 0.35]))
+@pytest.mark.parametrize("seconds", slow_after(1, [0.05, 0.5, 0.1, 0.2, 0.35]))
 def test_every_window_gives_the_same_micrometre(fine: Log, seconds: float) -> None:
     estimate = taken_as_exact(fine, window=WindowChoice(seconds=seconds))
     assert_exact(estimate, fine, MICROMETRE)
@@ -80,12 +80,12 @@ def test_what_may_be_wrong_with_robot_and_sensor_takes_nothing(seed: int) -> Non
     assert estimate.warnings == ()
 
 
-@pytest.mark.parametrize("degree", slow_after(2, [2, 4, 3]))
+@pytest.mark.parametrize("degree", slow_after(1, [2, 4, 3]))
 def test_every_degree_is_exact(plain: Log, degree: int) -> None:
     assert_exact(taken_as_exact(plain, degree=degree), plain)
 
 
-@pytest.mark.parametrize("offset", slow_after(2, [0.9, -0.2173, 0.5, -0.5, -0.0421]))
+@pytest.mark.parametrize("offset", slow_after(1, [0.9, -0.2173, 0.5, -0.5, -0.0421]))
 def test_offsets_are_found_and_are_imu_stamp_minus_robot_stamp(offset: float) -> None:
     # The same instant is stamped later by the IMU where the offset is positive.
     log = make_log(time_offset=offset)
@@ -111,13 +111,13 @@ def test_an_offset_beyond_the_search_is_not_trusted() -> None:
     assert any("--max-offset" in reason or "explain" in reason for reason in estimate.distrust)
 
 
-@pytest.mark.parametrize("seed", slow_after(2, range(6)))
+@pytest.mark.parametrize("seed", slow_after(1, range(6)))
 def test_any_mount_is_found_without_a_guess(seed: int) -> None:
     log = make_log(mount=random_mount(seed))
     assert_exact(taken_as_exact(log), log)
 
 
-@pytest.mark.parametrize("tilt", slow_after(2, [0.5, np.pi, 0.05, 1.5, np.pi / 2, 2.5]))
+@pytest.mark.parametrize("tilt", slow_after(1, [0.5, np.pi, 0.05, 1.5, np.pi / 2, 2.5]))
 def test_a_base_may_lean_or_hang_from_the_ceiling(tilt: float) -> None:
     gravity = Rotation.from_rotvec([0.6 * tilt, 0.8 * tilt, 0]).apply([0, 0, -GRAVITY])
     log = make_log(gravity_world=gravity)
@@ -148,7 +148,7 @@ def test_biases_are_found_in_the_imu_frame(plain: Log) -> None:
 
 @pytest.mark.parametrize(
     ("imu_rate", "robot_rate"),
-    slow_after(2, [(97, 211), (500, 100), (200, 125), (100, 500), (400, 50)]),
+    slow_after(1, [(97, 211), (500, 100), (200, 125), (100, 500), (400, 50)]),
 )
 @pytest.mark.parametrize("seconds", slow_after(1, [None, 0.5]))
 def test_rates_need_not_agree(imu_rate: float, robot_rate: float, seconds: float | None) -> None:

@@ -91,6 +91,7 @@ def test_another_imu_frame_turns_the_rotation_and_the_biases(log: Log, plain: Es
     assert np.all(turned.accel_bias_std > 0)
 
 
+@pytest.mark.slow
 def test_with_all_of_the_table_free_frames_hardly_matter(log: Log) -> None:
     """Errors along axes have priors, so other axes are other priors: less than half a sigma."""
     plain = calibrated(log)

@@ -108,7 +108,7 @@ def assert_contradicted(estimate: Estimate, option: str, step: Any) -> None:
     assert reason.values["step"] == step
 
 
-@pytest.mark.parametrize(("name", "size"), [("tx", 8e-3), ("rz", -np.radians(1.0))])
+@pytest.mark.parametrize(("name", "size"), slow_after(1, [("tx", 8e-3), ("rz", -np.radians(1.0))]))
 def test_a_wrong_fix_is_contradicted_by_name_and_size(name: str, size: float) -> None:
     wrong = np.where(np.array(NAMES) == name, size, 0.0).tolist()
     prior = told(fixing(name), dt=tuple(wrong[:3]), turn=tuple(wrong[3:]))
@@ -233,7 +233,7 @@ def test_a_prior_is_true_of_itself() -> None:
 def test_a_prior_on_a_bias_pulls_as_hard_as_it_should() -> None:
     """The posterior of a bias is the precision-weighted mean of measurement and prior."""
 
-    recorded = make_log().noisy(2)
+    recorded = make_log(Moves(seconds=12.0)).noisy(2)
 
     def found(std: float) -> tuple[Floats, Floats]:
         options = MatchedOptions(accel_bias_std=std, gravity="fixed", time_offset=0.0)
@@ -252,7 +252,7 @@ def test_a_prior_on_a_bias_pulls_as_hard_as_it_should() -> None:
 def test_a_prior_on_tilt_holds_the_vertical() -> None:
     lean = 0.02
     gravity = Rotation.from_rotvec([lean, 0, 0]).apply([0, 0, -GRAVITY])
-    recorded = make_log(gravity_world=gravity).noisy(1)
+    recorded = make_log(Moves(seconds=12.0), gravity_world=gravity).noisy(1)
 
     def found(std: float) -> Floats:
         options = MatchedOptions(tilt_std=std, gravity_std=0.0)

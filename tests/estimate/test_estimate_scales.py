@@ -75,6 +75,7 @@ def test_the_integral_is_the_dense_grids(seed: int) -> None:
     np.testing.assert_allclose(found.u, logs, atol=0.5)
 
 
+@pytest.mark.slow
 def test_of_many_scales_that_hang_together_the_mean_is_that_of_plain_draws() -> None:
     """Twelve of four components each, seen by sixteen readings: few points by themselves count."""
     rng = np.random.default_rng(1)

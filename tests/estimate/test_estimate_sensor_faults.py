@@ -79,7 +79,7 @@ def named(estimate: Estimate) -> set[str]:
 
 
 @pytest.mark.parametrize("grade", slow_after(1, GRADES))
-@pytest.mark.parametrize("which", slow_after(3, sorted(FAULTS)))
+@pytest.mark.parametrize("which", slow_after(1, sorted(FAULTS)))
 def test_a_fault_alone_is_found_sized_and_told(which: str, grade: str) -> None:
     flaws, name, size, ideal = FAULTS[which]
     log = noisy(flaws, 1, grade)
@@ -200,10 +200,13 @@ def test_a_fault_is_not_looked_for_in_what_the_user_told() -> None:
 
 @pytest.mark.parametrize(
     ("name", "flaws"),
-    [
-        ("gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0))),
-        ("gyro_misalignment", Flaws(gyro_turn=(0.0, 0.0, 0.1))),
-    ],
+    slow_after(
+        1,
+        [
+            ("gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0))),
+            ("gyro_misalignment", Flaws(gyro_turn=(0.0, 0.0, 0.1))),
+        ],
+    ),
 )
 def test_more_than_a_working_sensor_errs_is_not_trusted(name: str, flaws: Flaws) -> None:
     log = noisy(flaws, 1, "mems")

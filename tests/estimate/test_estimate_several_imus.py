@@ -33,8 +33,11 @@ from tests.estimate.estimate_arm import (
     told,
 )
 from tests.estimate.estimate_walk import FOOT, SHANK, Walk
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
@@ -72,6 +75,12 @@ def imus(seed: int) -> tuple[Imu, Imu]:
     return imu("/imu/shank", *log.shank()), imu("/imu/foot", *log.log())
 
 
+@lru_cache(maxsize=16)
+def joined(seed: int) -> list[Estimate]:
+    """Both of them, solved together."""
+    return together(imus(seed))
+
+
 def alone(log: LogStatistics) -> Answer:
     return log.equations.solve(log.options)
 
@@ -84,7 +93,7 @@ def errors(seed: int, found: list[Estimate]) -> tuple[Floats, Floats]:
 
 
 def test_one_imu_is_solved_as_by_itself() -> None:
-    log = statistics(imus(0)[1][1])
+    log = statistics(imus(2)[1][1])
     own, (found,) = alone(log), solve_together([log])
     np.testing.assert_allclose(found.state.t, own.state.t, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.state.R, own.state.R, rtol=0, atol=1e-12)
@@ -92,7 +101,7 @@ def test_one_imu_is_solved_as_by_itself() -> None:
     scale = np.sqrt(np.diag(own.covariance)) + 1e-300
     difference = (found.covariance - own.covariance) / np.outer(scale, scale)
     assert np.abs(difference).max() < 1e-8
-    each = imus(0)[1]
+    each = imus(2)[1]
     assert together([each]) == [each[1]]
 
 
@@ -108,7 +117,7 @@ def named(place: int, placed: Placed, index: int) -> dict[tuple[object, ...], fl
 
 def test_it_is_the_answer_of_one_dense_system() -> None:
     """Put together by names, in values instead of steps."""
-    logs = [statistics(each) for _, each, _ in imus(0)]
+    logs = [statistics(each) for _, each, _ in imus(2)]
     system = System.of(logs)
     u = system.problem.bounds.mean(axis=1)
     std: dict[tuple[object, ...], float] = {}
@@ -144,12 +153,11 @@ def test_it_is_the_answer_of_one_dense_system() -> None:
         assert np.abs(difference / np.outer(sigma, sigma)).max() < 1e-5
 
 
-@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 24), marks=pytest.mark.slow)])
-def test_errors_are_smaller_together_and_sigma_stays_true(seeds: range) -> None:
+@pytest.mark.parametrize("seeds", slow_after(1, [[2, 3], range(24)]))
+def test_errors_are_smaller_together_and_sigma_stays_true(seeds: Sequence[int]) -> None:
     before, after, squares = [], [], 0.0
     for seed in seeds:
-        mine = imus(seed)
-        found = together(mine)
+        mine, found = imus(seed), joined(seed)
         assert all("imus.together" in codes(each) for each in found)
         before.append(errors(seed, [each for _, each, _ in mine])[0])
         off, square = errors(seed, found)
@@ -160,14 +168,15 @@ def test_errors_are_smaller_together_and_sigma_stays_true(seeds: range) -> None:
     assert squares < chi2.ppf(0.999, 12 * len(seeds))
 
 
-def test_what_is_shared_is_one_and_found_better() -> None:
+@pytest.mark.parametrize("seeds", slow_after(1, [[2, 3], range(4)]))
+def test_what_is_shared_is_one_and_found_better(seeds: Sequence[int]) -> None:
     """The place of the trunk's IMU, which a first joint that is elsewhere looks like."""
     before, after = [], []
-    for seed in range(4):
+    for seed in seeds:
         mine, log = imus(seed), walk(seed)
         true = log.base_off[0] * np.random.default_rng([seed, 5]).normal(size=3) - log.first_off
         alone_each = [parameter(each, "base_translation")[0] for _, each, _ in mine]
-        one, other = (parameter(each, "base_translation")[0] for each in together(mine))
+        one, other = (parameter(each, "base_translation")[0] for each in joined(seed))
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
         before += [each - true for each in alone_each]
         after.append(one - true)
@@ -176,7 +185,7 @@ def test_what_is_shared_is_one_and_found_better() -> None:
 
 def test_the_order_of_imus_does_not_matter() -> None:
     one, other = imus(2)
-    found, turned = together([one, other]), together([other, one])[::-1]
+    found, turned = joined(2), together([other, one])[::-1]
     for each, again in zip(found, turned, strict=True):
         np.testing.assert_array_equal(each.t_parent_imu, again.t_parent_imu)
         np.testing.assert_array_equal(each.covariance, again.covariance)
@@ -192,8 +201,8 @@ def another_robot(path: KinematicPath, zero: float) -> KinematicPath:
 
 
 def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
-    shank, foot = imus(0)
-    samples, path = walk(0).shank()
+    shank, foot = imus(2)
+    samples, path = walk(2).shank()
     wrong = imu(shank[0], samples, another_robot(path, 0.01))
     assert wrong[1].trusted
     for each, before, other in zip(
@@ -205,9 +214,10 @@ def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
         assert said["sigmas"] > 6.0
 
 
+@pytest.mark.slow
 def test_of_three_the_one_that_disagrees_is_left_out() -> None:
-    shank, foot = imus(0)
-    samples, path = walk(0).shank()
+    shank, foot = imus(2)
+    samples, path = walk(2).shank()
     wrong = imu("/imu/thigh", samples, another_robot(path, 0.01))
     logs = [statistics(each) for _, each, _ in (shank, wrong, foot)]
     solved = solve_agreeing(logs, [alone(log) for log in logs])
@@ -216,9 +226,9 @@ def test_of_three_the_one_that_disagrees_is_left_out() -> None:
         np.testing.assert_array_equal(solved.answers[place].state.t, answer.state.t)
 
 
-@pytest.mark.parametrize("std", [(0.0,) * 6, (0.0,) * 3 + (np.inf,) * 3])
+@pytest.mark.parametrize("std", slow_after(1, [((0.0,) * 3 + (np.inf,) * 3,), ((0.0,) * 6,)]))
 def test_what_is_held_of_the_mounts_stays_held(std: tuple[float, ...]) -> None:
-    log, found = walk(0), []
+    log, found = walk(2), []
     for name, (samples, path), mount in (
         ("/imu/shank", log.shank(), log.seen(SHANK, 2)),
         ("/imu/foot", log.log(), FOOT),
@@ -234,13 +244,13 @@ def test_what_is_held_of_the_mounts_stays_held(std: tuple[float, ...]) -> None:
 
 
 def test_an_imu_that_is_not_to_be_trusted_takes_nobody_along() -> None:
-    (name, shank, path), foot = imus(0)
+    (name, shank, path), foot = imus(2)
     vague = replace(shank, statistics=replace(statistics(shank), widened=1e-6 * np.eye(6)))
     assert together([(name, vague, path), foot]) == [vague, foot[1]]
 
 
 def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None:
-    on_robot = [OnRobot.of(statistics(each), path) for _, each, path in imus(0)]
+    on_robot = [OnRobot.of(statistics(each), path) for _, each, path in imus(2)]
     shank, foot = on_robot
     assert groups([shank, foot]) == [[0, 1]]
     elsewhere = replace(foot, joints={**foot.joints, "j0": "/other/joint_states"})
@@ -252,7 +262,7 @@ def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None
 
 def test_where_chains_part_at_the_base_their_first_joints_may_be_elsewhere() -> None:
     """The base IMU's place is then not quite one place for both."""
-    logs = [statistics(each) for _, each, _ in imus(0)]
+    logs = [statistics(each) for _, each, _ in imus(2)]
     renamed = [
         replace(placed, joint=None if placed.joint is None else replace(placed.joint, name="k"))
         for placed in logs[1].equations.layout.placed

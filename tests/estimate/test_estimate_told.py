@@ -38,7 +38,7 @@ WRONG: dict[str, tuple[dict[str, Any], str, float]] = {
 }
 
 
-@pytest.mark.parametrize("what", slow_after(2, WRONG))
+@pytest.mark.parametrize("what", slow_after(1, WRONG))
 def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(what: str) -> None:
     stated, option, step = WRONG[what]
     log = make_log(MOVES).noisy(1, INDUSTRIAL)
@@ -84,6 +84,7 @@ def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     assert nees(exact, MOUNT) < UNLIKELY
 
 
+@pytest.mark.slow
 def test_a_wrong_value_is_sized_where_the_clocks_are_far_apart() -> None:
     log = make_log(MOVES).noisy(1, INDUSTRIAL)
     late = replace(log.imu, t=log.imu.t + 6.0)

@@ -48,6 +48,7 @@ def test_noisy_encoders_take_longer_windows_and_ever_longer(log: Log) -> None:
     assert "kinematics" in estimate.window.reason
 
 
+@pytest.mark.slow
 def test_the_longer_window_is_what_saves_the_lever_arm(log: Log) -> None:
     noisy = with_encoders(log, 3e-4)
     errors = []

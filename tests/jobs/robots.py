@@ -173,7 +173,11 @@ def messages(
         else (pin.buildModelFromXML(shape.urdf()))
     )
     data, frame = model.createData(), model.getFrameId(shape.carrier)
+    neutral = pin.neutral(model)
     names = [row[0] for row in shape.joints if row[1] != "fixed"]
+    jointed = [model.joints[model.getJointId(name)] for name in names]
+    places = [slice(joint.idx_q, joint.idx_q + joint.nq) for joint in jointed]
+    turning = [joint.nq == 2 for joint in jointed]  # continuous: cosine and sine
     size = np.array([0.1 if row[1] == "prismatic" else 0.7 for row in shape.joints])
     size = size[[row[1] != "fixed" for row in shape.joints]]
     size *= [name not in still for name in names]
@@ -195,15 +199,11 @@ def messages(
         return pin.SE3(R, np.array([0.5 * s[3], 0.5 * s[4], 0.1 * s[5]]))
 
     def imu_pose(t: float) -> pin.SE3:
-        q = pin.neutral(model)
+        q = neutral.copy()
         if shape.base:
             q[:7] = pin.SE3ToXYZQUAT(base(t))
-        for name, value in zip(names, joints(t), strict=True):
-            joint = model.joints[model.getJointId(name)]
-            turns = joint.nq == 2  # continuous: cosine and sine
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                [np.cos(value), np.sin(value)] if turns else [value]
-            )
+        for place, turns, value in zip(places, turning, joints(t), strict=True):
+            q[place] = (np.cos(value), np.sin(value)) if turns else value
         pin.framesForwardKinematics(model, data, q)
         return data.oMf[frame] * mount
 
@@ -212,8 +212,8 @@ def messages(
     for t in np.arange(0.0, seconds, 0.01):
         around = [imu_pose(t + k * _STEP) for k in range(-4, 5)]
         R = around[4].rotation
-        places = np.array([each.translation for each in around])
-        acceleration = _SECOND @ places / _STEP**2 - GRAVITY
+        p = np.array([each.translation for each in around])
+        acceleration = _SECOND @ p / _STEP**2 - GRAVITY
         turned = np.array([pin.log3(R.T @ each.rotation) for each in around])
         w = _FIRST @ turned / _STEP + rng.normal(0.0, 1e-3, 3)
         a = R.T @ acceleration + rng.normal(0.0, 0.01, 3)

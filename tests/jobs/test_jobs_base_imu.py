@@ -132,15 +132,10 @@ def _walk_of(topic: str) -> list[Said]:
 def test_a_sensor_of_the_base_imu_that_is_not_there(
     sensor: str, value: float, said: str, tmp_path: Path
 ) -> None:
-    messages = of_imu(ROBOT, TRUNK, "trunk_imu", ON_TRUNK)
     field = {"gyro": "angular_velocity", "accel": "linear_acceleration"}[sensor]
-    for each in messages:
-        if each.topic == TRUNK:
-            for axis in "xyz":
-                setattr(getattr(each.message, field), axis, value)
-    both = (*messages, *_walk_of(LEG))
-    (tmp_path / "spoilt").mkdir()
-    log = log_of(tmp_path / "spoilt", TRUNK, LEG, "/joint_states", said=both)
+    nothing = {field: T["Vector3"](value, value, value)}
+    spoilt = _changed(TRUNK, lambda imu: replace(imu, **nothing))
+    log = log_of(tmp_path / "spoilt", TRUNK, LEG, "/joint_states", said=spoilt)
     asked = replace(request(tmp_path, base_imu=TRUNK), logs=(log,))
     with pytest.raises(InputError, match=f"{TRUNK}: {sensor} is {said} in all .*--base-imu"):
         read_recording(asked)

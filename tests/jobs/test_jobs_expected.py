@@ -83,6 +83,7 @@ def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
     assert again == check
 
 
+@pytest.mark.slow
 def test_five_times_the_noise_is_told_and_changes_nothing(tmp_path: Path) -> None:
     sheet = load_imu("bmi088")
     loud = replace(sheet, accel_noise=5 * sheet.accel_noise, gyro_noise=5 * sheet.gyro_noise)

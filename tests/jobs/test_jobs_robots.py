@@ -66,7 +66,7 @@ def test_links_behind_joints_that_stand_still_are_one(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("gripper", [0.02, 1.0])
+@pytest.mark.parametrize("gripper", slow_after(1, [1.0, 0.02]))
 def test_an_imu_on_a_finger(tmp_path: Path, gripper: float) -> None:
     """Fingers slide 2 mm and 10 cm; what tells them from the hand is how they push."""
     shape, mount = SHAPES["arm with a gripper"], random_mount(2)

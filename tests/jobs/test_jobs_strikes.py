@@ -24,13 +24,15 @@ if TYPE_CHECKING:
     from imucalib_cli.api import Calibration
     from imucalib_cli.simulate.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 SHANK = "/imu/RL_foot"
 EIGHT_G = 8 * 9.80665
 
 
 @pytest.fixture(scope="module")
 def walk() -> Recording:
-    clean = record(load_system("walker"), PhysicsOptions(duration=15.0))
+    clean = record(load_system("walker"), PhysicsOptions(duration=12.0))
     return corrupt(clean, load_grade("mems"), seed=1)
 
 
@@ -62,7 +64,7 @@ def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
     assert isinstance(windows, int)
     assert isinstance(total, int)
     assert isinstance(left_out, int)
-    assert strikes > 15  # twelve seconds of two strides each
+    assert strikes > 12  # nine seconds of two strides each
     assert total >= windows > total / 4
     assert left_out < windows / 10
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def messages() -> list[Said]:
     """Fewer than elsewhere, because every storage is written and read for every test."""
     return mixed_messages(100)

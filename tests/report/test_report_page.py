@@ -18,6 +18,7 @@ from imucalib_cli.report.words import WORDS
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS
 from tests.report.report_pages import data_of, outcome, page_of
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.calibrate import Calibrated
@@ -73,7 +74,7 @@ def outline(text: str) -> Outline:
     return found
 
 
-@pytest.mark.parametrize("name", ["rihibot", "broad_21_cut"])
+@pytest.mark.parametrize("name", slow_after(1, ["rihibot", "broad_21_cut"]))
 def test_a_page_is_whole_and_small(name: str) -> None:
     text = page_of(name)
     assert len(text.encode()) < 1.5e6  # of a minute; 3 MB are allowed for two
@@ -98,7 +99,7 @@ def test_a_page_tells_what_the_summary_tells(calibrated: Calibrated) -> None:
             assert (each.command + each.render([result])).strip() in texts, name
 
 
-@pytest.mark.parametrize("name", ["rihibot", "broad_21_cut"])
+@pytest.mark.parametrize("name", slow_after(1, ["rihibot", "broad_21_cut"]))
 def test_every_figure_has_its_words_and_its_plots(name: str) -> None:
     (calibrated,) = outcome(name).calibrated
     made = list(

@@ -17,6 +17,7 @@ from imucalib_cli.results.trend.search import Series, find_line, find_mounts
 from imucalib_cli.results.trend.trend import trend
 from tests.results.test_results_documents import RECORDED
 from tests.results.trend_results import drawn, named, result
+from tests.slow import slow_after
 
 SCATTERS = {"none": (0.0, 0.0), "some": (3e-4, 1e-4), "much": (3e-3, 1e-3)}
 """Between recordings, 1 sigma of an axis, m and rad; sigma itself is about 0.1 mm, 0.05 mrad."""
@@ -43,7 +44,7 @@ def false_alarms(seeds: range, count: int, scatter: tuple[float, float]) -> int:
     return alarms
 
 
-@pytest.mark.parametrize("scatter", SCATTERS)
+@pytest.mark.parametrize("scatter", slow_after(1, ["some", "none", "much"]))
 def test_a_mount_that_stands_still_gives_no_alarm(scatter: str) -> None:
     """The criterion is stated to give fewer than one false alarm in a thousand."""
     assert false_alarms(range(60), 12, SCATTERS[scatter]) == 0
@@ -78,6 +79,7 @@ def test_a_move_after_recording_12_of_20_is_found_there(scatter: str) -> None:
         assert [each.mount for each in answer.recordings] == [1] * 12 + [2] * 8
 
 
+@pytest.mark.slow
 def test_the_sigma_of_a_move_is_true_where_recordings_scatter() -> None:
     squared = []
     for seed in range(40):

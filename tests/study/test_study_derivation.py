@@ -86,6 +86,7 @@ def test_starts_and_stops_are_where_acceleration_jumps() -> None:
     assert not near[np.minimum(np.abs(t - 1.0), np.abs(t - 3.0)) > 0.12].any()
 
 
+@pytest.mark.slow
 def test_the_figure_is_an_svg_and_the_same_twice(tmp_path: Path) -> None:
     truth = wrong_guess(bar(), 0.0, 0.0, 0)
     found = {

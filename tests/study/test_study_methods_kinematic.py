@@ -95,6 +95,7 @@ def test_the_spline_takes_encoder_noise_for_what_it_is(arm: Recording) -> None:
     assert found.rotation < np.radians(0.02)
 
 
+@pytest.mark.slow
 def test_knots_are_enough_and_degree_five_too(arm: Recording) -> None:
     imu, path = streams_of(corrupt(arm, NOISE, 0))
     bound = cramer_rao(arm, ACCEL_STD, GYRO_STD)

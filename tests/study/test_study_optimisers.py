@@ -161,6 +161,7 @@ def test_without_a_guess_the_same_minimum_as_from_a_good_one(spiked: PoseCost) -
         np.testing.assert_array_equal(ends[0][0].t, ends[1][0].t)
 
 
+@pytest.mark.slow
 def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> None:
     truth, guess = near(0.0, 0.0), near(0.02, 0.05)
     off = {

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.robots import MEMS, ROBOTS, ROWS, Row, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from tests.slow import slow_after
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", slow_after(1, ROBOTS))
 def test_without_errors_the_estimate_is_the_truth(robot: str) -> None:
     case = make_case(robot, Row(), seed=1)
     estimate = calibrate_matched(case.imu, case.path, MatchedOptions())

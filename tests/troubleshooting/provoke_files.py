@@ -358,6 +358,7 @@ def two_legs(edit: Edit = lambda text: text) -> Provocation:
 
 
 CHOICES: dict[str, Provocation] = {
+    "no-imu": lambda scene: scene.run(scene.writer().joints().text().write()),
     "imus-together": two_legs(),
     "imus-disagree": two_legs(joint("FR_hip", 'rpy="0 0 0"', 'rpy="0 0.02 0.02"')),
     "base-imu": walking(),
@@ -374,7 +375,6 @@ CHOICES: dict[str, Provocation] = {
         scene.writer().imu(gyro=0.01).imu("/imu/2").joints(names=NAMES).write(),
         *("--base-imu", "/imu/data"),
     ),
-    "no-imu": lambda scene: scene.run(scene.writer().joints().text().write()),
     "no-motion-topic": lambda scene: scene.run(scene.writer().imu().text().write()),
     "topic-not-there": arm_messages("--imu-topic", "/imu"),
     "topic-of-another-type": arm_messages("--imu-topic", "/joint_states"),

@@ -123,6 +123,7 @@ def with_half_a_definition(scene: Scene) -> Seen:
 
 _COLUMNS = ",".join("abcdef")
 SAID: dict[str, Provocation] = {
+    "joints-spelling": run_as(as_array, "--joints", "/arm/state"),
     "imu-halves": run_as(in_halves),
     "halves-alone": run_as(in_halves, "--gyro-topic", "/camera/gyro/sample"),
     "halves-wrong": run_as(
@@ -134,7 +135,6 @@ SAID: dict[str, Provocation] = {
     "joints-few": run_as(as_array, "--joints", "/arm/state:data=pan,lift"),
     "joints-field": run_as(as_array, "--joints", f"/arm/state:positions={_COLUMNS}"),
     "joints-topic": run_as(as_array, "--joints", f"/state:data={_COLUMNS}"),
-    "joints-spelling": run_as(as_array, "--joints", "/arm/state"),
     "protobuf-missing": in_protobuf,
     "protobuf-damaged": with_half_a_definition,
 }

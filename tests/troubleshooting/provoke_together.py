@@ -92,11 +92,11 @@ def damaged(scene: Scene) -> Seen:
 
 
 TOGETHER: dict[str, Provocation] = {
+    "together-few": together(3, 4),
     "together-disagree": together(3, 4, 5, also=moved),
     "together-left-out": together(3, also=mirrored),
     "together-apart": together(3, also=moved),
     "together-far": together(3, 4, 5, also=moving_only(5)),
-    "together-few": together(3, 4),
     "together-twice": together(3, 4, 5, 5),
     "together-missing": missing,
     "combine-robots": other_robot,
