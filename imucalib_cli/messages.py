@@ -291,16 +291,19 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
-    "each part alone (--to {seconds:.0f}, --from {seconds:.0f})",
+    "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
     "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other at "
     "about {seconds:.0f} ± {uncertainty:whole} s of the log: use a part on one side of it "
-    "(--to {seconds:.0f} or --from {seconds:.0f}), and see that no clock is set while recording",
+    "(--to {seconds:before uncertainty} or --from {seconds:after uncertainty}), and see that no "
+    "clock is set while recording",
     "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s at about {seconds:.0f} "
     "± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming up; use a "
-    "part on one side of it (--to {seconds:.0f} or --from {seconds:.0f})",
+    "part on one side of it (--to {seconds:before uncertainty} or --from "
+    "{seconds:after uncertainty})",
     "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s² at about "
     "{seconds:.0f} ± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming "
-    "up; use a part on one side of it (--to {seconds:.0f} or --from {seconds:.0f})",
+    "up; use a part on one side of it (--to {seconds:before uncertainty} or --from "
+    "{seconds:after uncertainty})",
     "unknown.found": unknown_found,
     "unknown.implausible": implausible,
     "robot.joints_still": "{joints:list} do not move in this log: their zeros and lengths cannot "

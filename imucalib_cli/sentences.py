@@ -9,6 +9,8 @@
 - ``{name:sensor}`` and ``{name:unit}`` are the sensor's name and the unit of its readings,
   ``{name:stamps}`` whose stamps are meant.
 - ``{name:many}`` is a count that is there only if it is more than one, ``some`` if it is not zero.
+- ``{name:before other}`` is the last whole number that is surely less, if the other value is its
+  uncertainty, ``{name:after other}`` the first that is surely more.
 - ``{name:/ other}`` is how many times another value it is; further forms stand in ``_FORMS``.
 - ``[...]`` is left out where a value in it is not there; ``[...||...]`` then has its second part.
 
@@ -52,6 +54,12 @@ _FORMS: dict[str, Callable[[Any], str]] = {
         "gyroscope": "be right-handed",
     }.__getitem__,
 }
+_OF_TWO: dict[str, Callable[[float, float], str]] = {
+    "±": with_std,
+    "/": lambda value, other: f"{value / other:.2g}",
+    "before": lambda value, std: str(max(math.floor(value - std), 0)),
+    "after": lambda value, std: str(math.ceil(value + std)),
+}
 _VALUE = re.compile(r"\{(\w+)(?::([^{}]*))?\}")
 _CLAUSE = re.compile(r"\[([^\[\]]*)\]")
 _QUANTITY = re.compile(r"(mm|deg|ms|µs)(\W.*)")
@@ -88,10 +96,9 @@ def _is_there(value: Any, spec: str) -> bool:
 def _shown(value: Any, spec: str, values: Mapping[str, Any]) -> str:
     if spec in _FORMS:
         return _FORMS[spec](value)
-    if spec.startswith("± "):
-        return with_std(value, values[spec[2:]])
-    if spec.startswith("/ "):
-        return f"{value / values[spec[2:]]:.2g}"
+    form, _, other = spec.partition(" ")
+    if other and form in _OF_TWO:
+        return _OF_TWO[form](value, values[other])
     if spec.startswith("list"):
         shown = (each if isinstance(each, str) else f"{each + 0.0:{spec[4:]}}" for each in value)
         return ", ".join(shown)

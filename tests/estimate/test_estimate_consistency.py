@@ -98,7 +98,7 @@ def test_a_stretch_that_was_left_out_is_named() -> None:
 
 @pytest.mark.parametrize("grade", slow_after(1, GRADES))
 def test_a_mount_that_moved_by_a_hair_is_covered_and_not_called_a_fault(grade: str) -> None:
-    after = moved_by(0.02)
+    after = moved_by(0.01)
     log = flawed_log(moves=MOVES, mount_after=(16.0, after)).noisy(1, GRADES[grade])
     estimate = calibrated(log)
     assert estimate.trusted
