@@ -30,6 +30,10 @@ from imucalib_cli.sentences import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+_ONE_SIDE = (
+    "use a part on one side of it (--to {seconds:before uncertainty} or --from "
+    "{seconds:after uncertainty})"
+)
 MESSAGES: dict[str, str | Callable[..., str]] = {
     # As it is, for words may carry more than their letters.
     "text": "{text}",
@@ -293,17 +297,15 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
     "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
     "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other at "
-    "about {seconds:.0f} ± {uncertainty:whole} s of the log: use a part on one side of it "
-    "(--to {seconds:before uncertainty} or --from {seconds:after uncertainty}), and see that no "
-    "clock is set while recording",
+    "about {seconds:.0f} ± {uncertainty:whole} s of the log: "
+    + _ONE_SIDE
+    + ", and see that no clock is set while recording",
     "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s at about {seconds:.0f} "
-    "± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming up; use a "
-    "part on one side of it (--to {seconds:before uncertainty} or --from "
-    "{seconds:after uncertainty})",
+    "± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming up; "
+    + _ONE_SIDE,
     "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s² at about "
     "{seconds:.0f} ± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming "
-    "up; use a part on one side of it (--to {seconds:before uncertainty} or --from "
-    "{seconds:after uncertainty})",
+    "up; " + _ONE_SIDE,
     "unknown.found": unknown_found,
     "unknown.implausible": implausible,
     "robot.joints_still": "{joints:list} do not move in this log: their zeros and lengths cannot "

@@ -187,8 +187,8 @@ def test_each_log_keeps_its_own_biases() -> None:
         part = statistics(estimate).equations.layout.part("gyro_bias")
         assert estimate.gyro_bias_std is not None
         off = (own.state.x[part] - estimate.gyro_bias) / estimate.gyro_bias_std
-        # Half a degree a second apart, the biases of other logs would be tens of sigmas off.
-        assert np.abs(off).max() < 3.0
+        # Another log's are from eighty sigmas off.
+        assert np.abs(off).max() < 1.1
 
 
 @pytest.mark.slow

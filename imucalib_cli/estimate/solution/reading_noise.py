@@ -138,9 +138,10 @@ def _of_columns(
         # Two IMUs share the noise by what each has of white noise.
         share = white[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
         least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
-        # Twice what is expected of the joints is taken off.
-        of_joints = np.inf if tracked else _of_joints(windowing, frequency)[sensor]
-        power = np.maximum(share**2 * (seen - 2.0 * of_joints), least)
+        power = least
+        if not tracked:  # twice what is expected of the joints is taken off
+            of_joints = _of_joints(windowing, frequency)[sensor]
+            power = np.maximum(share**2 * (seen - 2.0 * of_joints), least)
         root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
         root *= plan.noise_gains[sensor]
         in_columns = np.fft.rfft(kernels, length) * root
