@@ -142,11 +142,13 @@ class Layout(Prior):
         return with_priors(self.placed, options, self.still)
 
 
-def alike(scales: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Pairs of learnt scales that are alike in size."""
-    pairs = ((name, SCALES[name].like) for name in scales)
+def alike(scales: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
+    """Pairs of learnt scales that are alike in size, and how large the one is over the other."""
     return tuple(
-        (scales.index(one), scales.index(other)) for one, other in pairs if other in scales
+        (at, scales.index(other), ratio)
+        for at, name in enumerate(scales)
+        for other, ratio in SCALES[name].like.items()
+        if other in scales
     )
 
 

@@ -23,7 +23,7 @@ stands. A URDF whose last link is wrong gives the pose that this URDF needs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ import numpy as np
 from imucalib_cli.robot.rotations import cross
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import Sensor
@@ -225,8 +225,8 @@ class Scale:
 
     low: float
     high: float
-    like: str = ""
-    """Another one that it is alike in size to, where both come from the same parts."""
+    like: Mapping[str, float] = field(default_factory=dict)
+    """How large it mostly is over others that the same parts or the same measurement make."""
     walking: float | None = None
     """Upper limit on robots whose base an IMU tells: those that walk, if it is another."""
 
@@ -295,25 +295,32 @@ _SKEWS: Final = ("yz", "xz", "xy")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
-    "sensor_scale": Scale(low=5e-6, high=2e-2),
-    "sensor_axes": Scale(low=5e-6, high=2e-2),
-    "g_sensitivity": Scale(low=1e-7, high=3e-4),
-    "driver_filter": Scale(low=3e-7, high=3e-4),
-    "mount_give": Scale(low=3e-7, high=3e-3),
+    "sensor_scale": Scale(low=5e-7, high=2e-2),
+    "sensor_axes": Scale(low=5e-7, high=2e-2),
+    "g_sensitivity": Scale(low=1e-8, high=3e-4),
+    "driver_filter": Scale(low=3e-8, high=3e-4),
+    "mount_give": Scale(low=3e-8, high=3e-3),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
-    "joint_zero": Scale(low=1e-5, high=5e-3, walking=2e-2),
-    "length": Scale(low=2e-5, high=3e-3),
-    "joint_harmonic": Scale(low=5e-6, high=2e-3, like="joint_play"),
-    "joint_lag": Scale(low=5e-6, high=4e-3),
-    "joint_play": Scale(low=3e-6, high=1e-3),
+    "joint_zero": Scale(low=1.5e-4, high=5e-3, walking=2e-2),
+    "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}),
+    "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
+    "joint_lag": Scale(low=5e-7, high=4e-3),
+    "joint_play": Scale(low=3e-7, high=1e-3),
 }
-"""From the best that is made to the worst that is sold, in the unit of their entries: sensors
-factory-calibrated over temperature to consumer parts; measuring arms (20 micrometres, two arc
-seconds) to hobby arms, and legs whose joints are turned to a stop by hand to be zeroed; encoders on
-the output to those behind a worn gear; an IMU placed by measured holes to one placed by eye; delays
-of a field bus cycle or less. A gear's error once a turn and its play are made by the same teeth:
-catalogues of strain wave gears give one arc minute for either, within a factor of two."""
+"""From as good as exact to the worst that is sold, in the unit of their entries.
+
+A tenth of the best that is made cannot be told from exact, which a simulated system is. The best
+are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on the
+output. The worst are consumer sensors, hobby arms, legs whose joints are turned to a stop by hand
+to be zeroed, encoders behind a worn gear, a field bus cycle of delay. The IMU on a moving base is
+placed by measured holes or by eye. Zeros are never taken to be better than half an arc minute, as
+calibrated arms have them: those of joints that stand still in a log are known by the others' alone.
+
+Zeros and lengths are found by one measurement, which puts its error down to either: at the end of a
+link of half a metre they count alike. A zero is set at one position of the joint, where the error
+once a turn is a part of it. That error and the play are made by the same teeth: catalogues of
+strain wave gears give one arc minute for either."""
 
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(

@@ -29,8 +29,8 @@ _POINTS: Final = 64
 """Importance points: the mean and covariance they give vary by some per cent of sigma."""
 _NO_WEIGHT: Final = 1e-6
 """Of a point that adds nothing to the mean."""
-_PROFILE: Final = 7
-"""Points along the range of a scale at which its likelihood is taken."""
+_FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
+"""Where the likelihood of a scale's logarithm is taken: well told, it is some tenths wide."""
 _FINE: Final = 200
 """Points between them, on which it is interpolated."""
 _FLATTER: Final = 1.5
@@ -46,8 +46,8 @@ _SETTLED: Final = 0.02
 """Change of the logarithm of a scale that ends the search of the mode."""
 _LARGEST_MOVE: Final = 2.0
 """In the logarithm of a scale, of one step."""
-_ALIKE: Final = math.log(2.0)
-"""Standard deviation of the logarithm of the ratio of two scales that are alike."""
+_ALIKE: Final = math.log(3.0)
+"""Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
 _LEAST_SHARE: Final = 0.05
 """Of a component, that the log tells: less is rounding."""
 
@@ -62,8 +62,8 @@ class Prior:
     """(n,), index of the learnt scale; -1 where the prior is given."""
     bounds: Floats
     """(k, 2), limits of the logarithms of the scales."""
-    alike: tuple[tuple[int, int], ...] = ()
-    """Pairs of scales that differ by no more than a factor of some size."""
+    alike: tuple[tuple[int, int, float], ...] = ()
+    """Pairs of scales that are alike, and how large the one mostly is over the other."""
 
     @property
     def free(self) -> Bools:
@@ -81,6 +81,19 @@ class Prior:
         if not len(u):
             return np.array(self.std)
         return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
+
+    def log_density(self, u: Floats, newest: int | None = None) -> Floats:
+        """(...), of logarithms of the scales (..., k), within their bounds and up to a constant.
+
+        It is flat but for the ratios of scales that are alike. With ``newest`` only those between
+        this scale and the ones before it count.
+        """
+        total = np.zeros(u.shape[:-1])
+        for one, other, ratio in self.alike:
+            if newest in {None, max(one, other)}:
+                # Cauchy's: where the log tells another ratio it is believed.
+                total -= np.log1p(((u[..., one] - u[..., other] - math.log(ratio)) / _ALIKE) ** 2)
+        return total
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,15 +137,14 @@ class Problem:
         return H * np.outer(unit, unit), unit
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
-        """Log marginal likelihood and prior of the scales, and the step to the posterior mean."""
+        """Log marginal likelihood of the scales, and the step to the posterior mean."""
         P = self.precision(u)
         scaled, unit = self._scaled(P)
         gradient = self.score + P * self.offset
         step = -unit * np.linalg.solve(scaled, unit * gradient)
         log_det = 2.0 * np.log(np.diag(np.linalg.cholesky(scaled)) / unit).sum()
         fit = gradient @ -step - P @ self.offset**2
-        apart = sum(((u[one] - u[other]) / _ALIKE) ** 2 for one, other in self.prior.alike)
-        return float(0.5 * (fit - log_det + np.log(P).sum() - apart)), step
+        return float(0.5 * (fit - log_det + np.log(P).sum())), step
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
@@ -154,6 +166,10 @@ class Marginal(Protocol):
     @property
     def bounds(self) -> Floats:
         """(k, 2), of the logarithms of the scales."""
+
+    @property
+    def prior(self) -> Prior:
+        """Of the scales that come first."""
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """As :meth:`Problem.likelihood`."""
@@ -210,7 +226,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for pairs that are
-    alike: the logarithm of their ratio is normal about zero.
+    alike: the logarithm of their ratio is Cauchy's about the usual.
 
     Args:
         problem: The normal equations.
@@ -226,7 +242,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     values, steps = (
         np.array(each) for each in zip(*(problem.likelihood(u) for u in points), strict=True)
     )
-    log_weight = values - log_density
+    log_weight = values + problem.prior.log_density(points) - log_density
     weights = np.exp(log_weight - log_weight.max())
     log_likelihood = float(log_weight.max() + np.log(weights.mean()))
     weights /= weights.sum()
@@ -253,6 +269,7 @@ def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
     rng = np.random.default_rng(0)
     low, high = problem.bounds.T
     u, (value, step) = start, problem.likelihood(start)
+    value += float(problem.prior.log_density(start))
     points, steps = [], []
     for _ in range(_SWEEPS):
         for index, move in enumerate(rng.normal(size=len(u)) * _STRIDE * (high - low)):
@@ -260,6 +277,7 @@ def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
             tried[index] += move
             if low[index] <= tried[index] <= high[index]:
                 its_value, its_step = problem.likelihood(tried)
+                its_value += float(problem.prior.log_density(tried))
                 if its_value - value > -rng.exponential():
                     u, value, step = tried, its_value, its_step
         points.append(u)
@@ -279,8 +297,9 @@ def _even_points(count: int, dimensions: int) -> Floats:
 def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     """Points and the logarithm of the density they are drawn from.
 
-    Each scale is drawn by itself from its likelihood with the others at the mode, which is taken
-    all along its range: where the log hardly tells a scale it is flat, and no normal covers it.
+    Each scale is drawn from its likelihood with the others at the mode, all along its range: where
+    the log hardly tells a scale it is flat, and no normal covers it. Scales that are alike are
+    drawn one after the other, each by its prior given those before.
 
     Returns:
         (_POINTS, k) and (_POINTS,).
@@ -288,16 +307,22 @@ def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     even = _even_points(_POINTS, len(mode))
     points, log_density = np.empty_like(even), np.zeros(len(even))
     for index, (low, high) in enumerate(problem.bounds):
-        at = np.unique(np.append(np.linspace(low, high, _PROFILE), mode[index]))
+        at = np.unique(np.clip([low, mode[index], high, *(mode[index] + _FROM_MODE)], low, high))
         height = np.empty(len(at))
         for place, value in enumerate(at):
             u = mode.copy()
             u[index] = value
             height[place] = problem.likelihood(u)[0]
         fine = np.linspace(low, high, _FINE)
-        density = np.exp((np.interp(fine, at, height) - height.max()) / _FLATTER)
-        cumulative = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]))])
-        total = cumulative[-1]
-        points[:, index] = np.interp(even[:, index], cumulative / total, fine)
-        log_density += np.log(np.interp(points[:, index], fine, density) / total)
+        tried = np.repeat(points[:, None], _FINE, axis=1)
+        tried[..., index] = fine
+        told = np.interp(fine, at, height - height.max()) / _FLATTER
+        density = np.exp(told + problem.prior.log_density(tried, newest=index))
+        steps = 0.5 * (density[:, 1:] + density[:, :-1])
+        cumulative = np.concatenate([np.zeros((len(even), 1)), steps.cumsum(axis=1)], axis=1)
+        for point, (shares, heights) in enumerate(zip(cumulative, density, strict=True)):
+            total = shares[-1]
+            drawn = np.interp(even[point, index], shares / total, fine)
+            points[point, index] = drawn
+            log_density[point] += math.log(np.interp(drawn, fine, heights) / total)
     return points, log_density
