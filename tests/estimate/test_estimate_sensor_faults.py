@@ -217,10 +217,6 @@ def test_more_than_a_working_sensor_errs_is_not_trusted(name: str, flaws: Flaws)
     assert nees(estimate, log.mount) < UNLIKELY
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the turn is taken as its first order: half its square is found as a scale error",
-)
 def test_a_large_turn_of_the_gyroscope_is_no_scale_error() -> None:
     estimate = calibrated(noisy(Flaws(gyro_turn=(0.0, 0.0, 0.1)), 1, "mems"))
     assert named(estimate) == {"gyro_misalignment"}
