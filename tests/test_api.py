@@ -71,7 +71,7 @@ def test_a_calibration_has_arrays_residuals_and_words(arm: ic.Calibration) -> No
     html = arm._repr_html_()
     assert html.startswith("<table>")
     assert html.endswith("</table>")
-    assert "-22.509 ± 0.008 mm" in html
+    assert "-22.508 ± 0.008 mm" in html
 
 
 def test_what_is_shown_of_a_stranger_s_names_is_no_html(arm: ic.Calibration) -> None:

