@@ -8,7 +8,8 @@ the sensors read, or gravity, or the instants. One mechanism makes columns of th
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -125,10 +126,6 @@ class _Nodes:
     R_world_imu: Floats
     force: Floats
     """(3, M), ideal specific force, world axes."""
-    turning: Floats
-    """(3, M), rate of the parent link, world axes, rad/s."""
-    moving: Floats
-    """(3, M), velocity of the IMU, world axes, m/s."""
     frames: tuple[tuple[Floats, Floats], ...]
     """(3, 3, M) and (3, M) each."""
     values: tuple[Floats, ...]
@@ -137,23 +134,47 @@ class _Nodes:
     gravity: Floats
     """(3,), m/s², world axes."""
     base: BaseNodes | None = None
-    _twists: dict[Joint, tuple[Floats, Floats, Floats]] = field(default_factory=dict)
 
-    def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
-        """What a unit of a joint turns, shifts, and how it turns the force: (3, M) each."""
-        if joint not in self._twists:
-            turn, shift = np.zeros_like(self.p), np.zeros_like(self.p)
-            for index in joint.steps:
-                step, (R, p) = self.path.steps[index], self.frames[index]
-                if isinstance(step, JointStep):
-                    axis = step.multiplier * np.matmul(step.axis, R)
-                    if step.kind == "prismatic":
-                        shift += axis
-                    else:
-                        turn += axis
-                        shift += cross(axis, self.p + self.lever - p, -2)
-            self._twists[joint] = turn, shift, cross(turn, self.force, -2)
-        return self._twists[joint]
+    @cached_property
+    def joint_twists(self) -> dict[int, tuple[Floats, Floats]]:
+        """What a unit of its reported position turns and shifts, (3, M) each, by a joint's step."""
+        found = {}
+        for index, step in enumerate(self.path.steps):
+            if isinstance(step, JointStep):
+                R, p = self.frames[index]
+                axis = step.multiplier * np.matmul(step.axis, R)
+                found[index] = (
+                    (np.zeros_like(axis), axis)
+                    if step.kind == "prismatic"
+                    else (axis, cross(axis, self.p + self.lever - p, -2))
+                )
+        return found
+
+    def twist(self, joint: Joint) -> tuple[Floats, Floats]:
+        """What a unit of a joint turns and shifts: (3, M) each."""
+        turns, shifts = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
+        return sum(turns), sum(shifts)
+
+    def velocity(self) -> tuple[Floats, Floats]:
+        """Rate of the parent link, rad/s, and velocity of the IMU, m/s, world axes: (3, M) each.
+
+        By the joints' twists, behind the last pose stream: that all joints are late is then the
+        same as that the IMU is early, and no rounding tells one from the other.
+        """
+        streams = (i for i, step in enumerate(self.path.steps) if isinstance(step, PoseStep))
+        behind = max(streams, default=-1) + 1
+        R, p = self.frames[behind]
+        # The skew part of R_later R_earlier'.
+        turning = cross(R[..., :-2], R[..., 2:], -3).sum(axis=1) / (4 * self.samples.dt)
+        turning = with_ends(turning.T).T
+        moving = with_ends((p.T[2:] - p.T[:-2]) / (2 * self.samples.dt)).T
+        moving = moving + cross(turning, self.p + self.lever - p, -2)
+        for index, (turn, shift) in self.joint_twists.items():
+            step = self.path.steps[index]
+            if index >= behind and isinstance(step, JointStep):
+                rate = self.rates[step.track][:, step.column]
+                turning, moving = turning + rate * turn, moving + rate * shift
+        return turning, moving
 
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), what hidden components do to the mount: its translation and rotation."""
@@ -161,7 +182,7 @@ class _Nodes:
         if placed.joint is None:
             shift = placed.directions @ self.frames[placed.index][0][..., 0].T
         else:
-            turn, shift = (each[None, :, 0] for each in self.twist(placed.joint)[:2])
+            turn, shift = (each[None, :, 0] for each in self.twist(placed.joint))
         return np.hstack([shift @ self.R[..., 0], turn @ self.R[..., 0]])
 
 
@@ -212,7 +233,7 @@ def _block_columns(
     for part, change in channels["gravity"]:
         J[:, part, accel] -= change @ R_centre
     # A later stamp means an earlier pose: one column, times what each entry says.
-    turn, shift = -nodes.turning[None], -nodes.moving[None]
+    turn, shift = (-each[None] for each in nodes.velocity())
     read = cross(turn, nodes.force, -2)
     by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
     turned = in_parent(turn, plan.first.derivative)
@@ -270,8 +291,9 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
             curve = effect.basis(q, rate)[:, None]
-            twist = zip(("turn", "shift", "force"), nodes.twist(placed.joint), strict=True)
-            for name, along in twist:
+            turn, shift = nodes.twist(placed.joint)
+            force = cross(turn, nodes.force, -2)
+            for name, along in (("turn", turn), ("shift", shift), ("force", force)):
                 channels[name].append((part, curve * along))
 
 
@@ -338,17 +360,12 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     frames = tuple((R.transpose(1, 2, 0), p.T) for R, p in chain.path.frames(values))
     R, p = frames[-1]
     lever = np.matmul(state.t, R)
-    dt = grid.dt * plan.every
-    # The skew part of R_later R_earlier'.
-    turning = cross(R[..., :-2], R[..., 2:], -3).sum(axis=1) / (4 * dt)
-    place = p + lever
-    moving = (place[:, 2:] - place[:, :-2]) / (2 * dt)
     accel = model.less_errors(state, samples, "accel")
     R_world_imu = np.matmul(state.R.T, R)
     base = None
     if chain.base is not None:
         of_base = frames[chain.path.base_step + 1]
-        base = base_nodes(chain.base, t, dt, of_base, place)
+        base = base_nodes(chain.base, t, samples.dt, of_base, p + lever)
     return _Nodes(
         first=first,
         samples=samples,
@@ -357,8 +374,6 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         lever=lever,
         R_world_imu=R_world_imu,
         force=(R_world_imu * accel.T).sum(axis=1),
-        turning=with_ends(turning.T).T,
-        moving=with_ends(moving.T).T,
         frames=frames,
         values=values,
         rates=rates,
