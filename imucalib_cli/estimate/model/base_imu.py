@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.model.unknowns import Samples, with_ends
-from imucalib_cli.robot.rotations import matrix_from_quaternion
+from imucalib_cli.robot.rotations import cross, matrix_from_quaternion
 from imucalib_cli.signals.dead_reckoning import dead_reckon
 from imucalib_cli.signals.interpolate import lagrange
 
@@ -160,10 +160,8 @@ class BaseNodes:
     """(3, 3, M), R_world_base."""
     force: Floats
     """(3, M), m/s²."""
-    turning: Floats
-    """(3, M), rad/s."""
-    moving: Floats
-    """(3, M), velocity, m/s."""
+    velocity: tuple[Floats, Floats]
+    """(3, M) each: its rate, rad/s, and velocity, m/s."""
     arm: Floats
     """(3, M), from it to the IMU that is calibrated, m."""
     later: Floats
@@ -176,6 +174,15 @@ def box_over(count: int) -> Floats:
     if count % 2 == 0:
         box[[0, -1]] /= 2.0
     return box
+
+
+def velocity_of(frame: tuple[Floats, Floats], dt: float) -> tuple[Floats, Floats]:
+    """Rate, rad/s, and velocity, m/s, of a frame (3, 3, M), (3, M) every dt: (3, M) each."""
+    R, p = frame
+    # The skew part of R_later R_earlier'.
+    turning = cross(R[..., :-2], R[..., 2:], -3).sum(axis=1) / (4 * dt)
+    moving = (p[:, 2:] - p[:, :-2]) / (2 * dt)
+    return with_ends(turning.T).T, with_ends(moving.T).T
 
 
 def base_nodes(
@@ -202,8 +209,7 @@ def base_nodes(
         samples=samples,
         R=R,
         force=(R * samples.accel.T).sum(axis=1),
-        turning=(R * samples.gyro.T).sum(axis=1),
-        moving=with_ends((p.T[2:] - p.T[:-2]) / (2 * dt)).T,
+        velocity=velocity_of(frame, dt),
         arm=place - p,
         later=base.seconds * age,
     )

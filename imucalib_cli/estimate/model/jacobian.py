@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.base_imu import base_nodes, box_over
+from imucalib_cli.estimate.model.base_imu import base_nodes, box_over, velocity_of
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, gravity_axes
@@ -29,7 +29,6 @@ from imucalib_cli.estimate.model.unknowns import (
     Origin,
     PoseScale,
     Reading,
-    with_ends,
 )
 from imucalib_cli.estimate.model.windows import blocks
 from imucalib_cli.robot.path import JointStep, PoseStep
@@ -163,12 +162,9 @@ class _Nodes:
         """
         streams = (i for i, step in enumerate(self.path.steps) if isinstance(step, PoseStep))
         behind = max(streams, default=-1) + 1
-        R, p = self.frames[behind]
-        # The skew part of R_later R_earlier'.
-        turning = cross(R[..., :-2], R[..., 2:], -3).sum(axis=1) / (4 * self.samples.dt)
-        turning = with_ends(turning.T).T
-        moving = with_ends((p.T[2:] - p.T[:-2]) / (2 * self.samples.dt)).T
-        moving = moving + cross(turning, self.p + self.lever - p, -2)
+        turning, moving = velocity_of(self.frames[behind], self.samples.dt)
+        arm = self.p + self.lever - self.frames[behind][1]
+        moving = moving + cross(turning, arm, -2)
         for index, (turn, shift) in self.joint_twists.items():
             step = self.path.steps[index]
             if index >= behind and isinstance(step, JointStep):
@@ -324,7 +320,7 @@ def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: Chann
             turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
             shift = np.zeros_like(turn)
         case BaseClock(basis):  # a later stamp means a later pose
-            turn, shift = base.turning[None], base.moving[None]
+            turn, shift = (each[None] for each in base.velocity)
             channels["times"].append((part, basis(base.later)))
         case _:
             return
