@@ -181,6 +181,15 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
                 assert off < (0.15 if coarse else 0.04) * size + 1e-4, each.labels
 
 
+def test_joints_that_are_all_late_are_an_imu_that_is_early() -> None:
+    """Else what is missing elsewhere, a driver's filter say, would pull at their difference."""
+    model, state = case("ur10e").model, case("ur10e").state
+    (J,) = (J for _, J in columns(model, state, model.centres(state)[5:25]))
+    lags = owners(model.layout, JointCurve)["joint_lag"]
+    early = -sum(J[:, :, each.part] for each in lags)
+    np.testing.assert_allclose(early, J[:, :, model.layout.part("time_offset")], atol=1e-11)
+
+
 def _has(robot: str, name: str) -> bool:
     """Whether a robot has an unknown."""
     if name.startswith("base_"):
