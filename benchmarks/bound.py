@@ -15,13 +15,14 @@ from __future__ import annotations
 import argparse
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.common import rms, table
-from benchmarks.robots import ROBOTS, ROWS, Row
+from benchmarks.robots import ANY, ROBOTS, ROWS, Row, row_of
 from benchmarks.sweeps import Job, Line, read
 from imucalib_cli.estimate.model.unknowns import SCALES
 from imucalib_cli.estimate.options import MatchedOptions
@@ -70,7 +71,7 @@ def bound(line: Line) -> tuple[float, float, float]:
     The third is that of the rotation where the gyroscope's axes may be the worst that are sold.
     """
     case = Job.of(line).case()
-    options, drawn = MatchedOptions(), drawn_with(ROWS[line["row"]])
+    options, drawn = MatchedOptions(), drawn_with(row_of(line["row"], line["seed"]))
     attempt = best_attempt(clean_imu(case.imu), Trajectory.of(case.path), options)
     fit = whole_fit(attempt.lean, options)
     layout = fit.layout
@@ -103,7 +104,7 @@ def main() -> None:
             groups[each["robot"], each["row"]].append(each)
     line = table(*HEADER)
     with ProcessPoolExecutor(asked.workers) as pool:
-        for key in ((robot, row) for robot in ROBOTS for row in ROWS):
+        for key in product((*ROBOTS, ANY), (*ROWS, ANY)):
             lines = sorted(groups[key], key=lambda each: each["seed"])[: asked.logs]
             if not lines:
                 continue

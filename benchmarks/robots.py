@@ -223,6 +223,65 @@ ROWS = {
 }
 """Each sweep by its name, in the order of the table."""
 
+ANY = "any"
+"""A robot, or a row, that is drawn anew with each seed."""
+
+
+def robot_of(name: str, seed: int) -> Robot:
+    """A robot by its name, or any: three to seven joints, one in four on a tracked base."""
+    if name != ANY:
+        return ROBOTS[name]
+    rng = np.random.default_rng([seed, 0])
+    count = int(rng.integers(3, 8))
+    origins = []
+    for index in range(count):
+        # Where the last two axes are parallel, what no log tells of the last it tells of neither.
+        parallel = rng.uniform() < 0.2 and index < count - 1
+        roll = 0.0 if parallel else rng.choice([_RIGHT, -_RIGHT])
+        length = rng.uniform(0.0, 0.5) if index == 1 or rng.uniform() < 0.7 else 0.0
+        xyz = length * _direction(rng)
+        origins.append(_origin(tuple(xyz), roll, rng.choice([0.0, rng.uniform(-np.pi, np.pi)])))
+    return Robot(
+        origins=tuple(origins),
+        flange=_origin((0.0, 0.0, rng.uniform(0.0, 0.2)), 0.0),
+        home=tuple(rng.uniform(-2.0, 2.0, count)),
+        amplitude=tuple(rng.uniform(0.3, 1.2, count)),
+        moves=(rng.uniform(0.8, 1.6), 3.0),
+        moving_base=bool(rng.uniform() < 0.25),
+    )
+
+
+def row_of(name: str, seed: int) -> Row:
+    """A row by its name, or any: one in four errors is not there, the others of all sizes."""
+    if name != ANY:
+        return ROWS[name]
+    rng = np.random.default_rng([seed, 1])
+
+    def size(low: float, high: float) -> float:
+        """As often of one order of magnitude as of another."""
+        drawn = np.exp(rng.uniform(np.log(low), np.log(high)))
+        return float(drawn) if rng.uniform() < 0.75 else 0.0
+
+    grade, loud = MEMS if rng.uniform() < 0.6 else INDUSTRIAL, rng.choice([0.3, 0.6, 1.0, 2.0])
+    drivers = (*[None] * 6, _exponential(0.5), _moving_average(5), _butterworth)
+    return Row(
+        noise=(loud * grade[0], loud * grade[1]),
+        scale=size(2e-4, 1.5e-2),
+        gyro_delay=size(5e-5, 1.5e-3),
+        zero=size(1e-4, 4e-3),
+        origin=size(3e-5, 2e-3),
+        gravity=0.015,
+        encoder=size(1e-6, 1e-4),
+        eccentricity=size(5e-5, 1.5e-3),
+        lag=size(1e-4, 2e-3),
+        play=size(5e-5, 6e-4),
+        track_noise=(5e-5, 5e-5),
+        track_scale=0.002,
+        ramp=(size(3e-3, 0.03), size(1e-4, 2e-3)),
+        walk=(size(2e-4, 2e-3), size(5e-6, 5e-5)),
+        driver=drivers[int(rng.integers(len(drivers)))],
+    )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Moves:
@@ -407,14 +466,14 @@ def make_case(
     """One log of a robot with errors of a row's sizes.
 
     Args:
-        robot: One of ROBOTS.
-        row: One of ROWS, or a row of one's own.
+        robot: One of ROBOTS, or ANY.
+        row: One of ROWS, or ANY, or a row of one's own.
         seed: Of motion, mount and all errors; the same draws in every row.
         seconds: Length of the log.
         imu_rate: Hz.
         joint_rate: Hz.
     """
-    true, sizes = ROBOTS[robot], ROWS[row] if isinstance(row, str) else row
+    true, sizes = robot_of(robot, seed), row_of(row, seed) if isinstance(row, str) else row
     key = [zlib.crc32(robot.encode()), seed]
     motion = Motion.drawn(true, [*key, 0], seconds)
     rng = np.random.default_rng([*key, 1])

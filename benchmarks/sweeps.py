@@ -5,8 +5,9 @@
     python -m benchmarks.sweeps --compare before.jsonl after.jsonl
 
 One line of JSON for each log; logs whose line is already there are skipped. Without --robots or
---rows it takes all of them. Another version of the package sees the same logs if PYTHONPATH leads
-to its checkout: of the package only samples, paths, options and the estimator are used here.
+--rows it takes all that have a name; ``any`` draws a robot, or the sizes of its errors, for each
+seed. Another version of the package sees the same logs if PYTHONPATH leads to its checkout: of the
+package only samples, paths, options and the estimator are used here.
 
 Errors are root mean squares of the norms. NEES is the squared pose error in units of the stated
 covariance, 6 where that is true. A log is *wrong* where that is as improbable as 5 sigma and the
@@ -32,7 +33,7 @@ from scipy.stats import chi2
 
 import imucalib_cli
 from benchmarks.common import rms, table
-from benchmarks.robots import ROBOTS, ROWS, Case, make_case
+from benchmarks.robots import ANY, ROBOTS, ROWS, Case, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 
@@ -173,7 +174,7 @@ def show(*runs: dict[str, Line]) -> None:
     for key in sorted(set.intersection(*(set(run_lines) for run_lines in runs))):
         groups[runs[0][key]["robot"], runs[0][key]["row"]].append(key)
     line = table("robot", "row", "logs", "failed", *COLUMNS)
-    for robot, row in product(ROBOTS, ROWS):
+    for robot, row in product((*ROBOTS, ANY), (*ROWS, ANY)):
         if not (keys := groups.get((robot, row))):
             continue
         kept = [[one[key] for key in keys if "failed" not in one[key]] for one in runs]
@@ -208,8 +209,8 @@ def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
 def main() -> None:
     """Run the sweeps that are asked for, or compare two that were run, and print the table."""
     parser = argparse.ArgumentParser(description="How the estimator does on imperfect robots.")
-    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
-    parser.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
+    parser.add_argument("--robots", nargs="+", choices=(*ROBOTS, ANY), default=list(ROBOTS))
+    parser.add_argument("--rows", nargs="+", choices=(*ROWS, ANY), default=list(ROWS))
     parser.add_argument("--seeds", type=int, default=20, help="logs a row")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument(
