@@ -82,3 +82,23 @@ def children_ignore_interruptions() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def interrupted_afterwards() -> Iterator[None]:
+    """Put off what interrupts this process: one that is half started would show a traceback."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    put_off: list[int] = []
+    before = {
+        number: signal.signal(number, lambda *got: put_off.append(got[0]))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for each in put_off:
+            signal.raise_signal(each)

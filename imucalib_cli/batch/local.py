@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from multiprocessing import connection
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.process import fresh_processes, prepare_worker
+from imucalib_cli.process import fresh_processes, interrupted_afterwards, prepare_worker
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Sequence
@@ -81,8 +81,9 @@ class LocalProcesses:
             while waiting or running:
                 while waiting and len(running) < self.workers:
                     log, tries = waiting.popleft()
-                    process, ours = _started(context, task, log, self.memory)
-                    running[ours] = _Running(process, log, tries, time.monotonic())
+                    with interrupted_afterwards():
+                        process, ours = _started(context, task, log, self.memory)
+                        running[ours] = _Running(process, log, tries, time.monotonic())
                 ready: list[Any] = connection.wait(list(running), self._left(running.values()))
                 for ours in ready:
                     each = running.pop(ours)

@@ -9,6 +9,7 @@ from unittest.mock import patch
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.logs.messages.protobuf import message_class
 from tests.troubleshooting.scene import Provocation, Scene, Seen, noisy
 from tools.republish import make, protobuf_files, vector, write_mcap, write_plain
 
@@ -105,6 +106,7 @@ def in_protobuf(scene: Scene) -> Seen:
         scene.path("log.mcap"), [("/joints", "foxglove.JointState", message, 1)], "protobuf"
     )
     missing = ChoiceError("not here")
+    message_class.cache_clear()  # of logs that were read before
     with (
         patch("imucalib_cli.logs.messages.protobuf.optional", side_effect=missing),
         patch("imucalib_cli.logs.select.is_installed", return_value=False),
