@@ -29,11 +29,12 @@ from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.timing.stamps import sample_interval
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
-    from imucalib_cli.estimate.checks.specification import Dependence
+    from imucalib_cli.estimate.checks.specification import Dependence, OtherWindow
+    from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
@@ -147,6 +148,11 @@ def of_findings(evidence: Evidence) -> Floats:
     worst = evidence.hangs_most
     if worst is not None and worst.sigmas > WARN_SIGMAS:
         added += np.outer(worst.difference, worst.difference)
+    else:
+        for *_, other in _too_large(evidence.fit, evidence.dependence):
+            if other is not None:
+                difference = other.changes[evidence.fit.layout.pose]
+                added += np.outer(difference, difference)
     change = evidence.change
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
@@ -356,13 +362,16 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
     """Errors that no sound robot and no sound sensor has, and those that would move the pose."""
     windows = () if log is None else log.windows
     pose, stated = answer.layout.pose, np.sqrt(np.diag(answer.pose_covariance))
+    too_large = {
+        each.part.start: (worst, other) for each, worst, other in _too_large(answer, windows)
+    }
     for each in answer.layout.placed:
         unknown, part, value = each.unknown, each.part, answer.value(each)
         if isinstance(unknown.effect, Mount) or unknown.name in _JUDGED_ELSEWHERE:
             continue
         if log is not None and log.clock_stepped and isinstance(unknown.effect, Clock):
             continue
-        if not answer.layout.free[part].all() or (unknown.positive and (value < 0.0).all()):
+        if not answer.layout.free[part].all():
             continue
         # An error that another window does not see is not surely one.
         C = answer.covariance[part, part].copy()
@@ -371,8 +380,8 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             C += np.diag((changes**2).max(axis=0))
         moves = answer.covariance[pose, part] @ inverse_of(C) @ value
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
-        surely = np.abs(value) - WARN_SIGMAS * std
         clear = (np.abs(value) > DISTRUST_SIGMAS * std).any() and (np.abs(moves) > stated).any()
+        below = unknown.positive and (value < 0.0).all()
         what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
@@ -381,22 +390,19 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
                 make = untrusted if sure else warning
                 yield make("bias.unusual", name=unknown.name, size=size)
-        elif (surely > limit).any():
-            worst = int(np.argmax(surely))
-            # A window by which it keeps to its limit: then something else looks like it.
-            kept = (w for w in windows if abs(value[worst] + w.changes[part][worst]) <= limit)
-            other = next((w.seconds for w in kept), None)
+        elif part.start in too_large:
+            worst, other = too_large[part.start]
             make = untrusted if other is None and "bias" not in unknown.name else warning
             yield make(
                 "unknown.implausible",
                 **what,
                 label=each.labels[worst],
                 value=value[worst],
-                std=std[worst],
+                std=np.sqrt(answer.covariance[part, part][worst, worst]),
                 limit=limit,
-                other=other,
+                other=None if other is None else other.seconds,
             )
-        elif clear and (np.abs(value) >= unknown.least).any():
+        elif clear and not below and (np.abs(value) >= unknown.least).any():
             shown = (JointCurve, Origin, PoseScale, BaseClock)
             make = note if isinstance(unknown.effect, shown) else warning
             yield make(
@@ -409,6 +415,24 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 **_lengths(moves),
                 like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
             )
+
+
+def _too_large(
+    answer: Answer, windows: Sequence[OtherWindow]
+) -> Iterator[tuple[Placed, int, OtherWindow | None]]:
+    """Entries that are surely larger than they can be: the component that is so most.
+
+    And a window by which it is not, if there is one: then something else looks like it.
+    """
+    for each in answer.layout.placed:
+        value, limit = answer.value(each), each.unknown.healthy
+        std = np.sqrt(np.diag(answer.covariance)[each.part])
+        if not len(value) or not answer.layout.free[each.part].all():
+            continue
+        worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
+        if abs(value[worst]) - WARN_SIGMAS * std[worst] > limit:
+            kept = (w for w in windows if abs(value[worst] + w.changes[each.part][worst]) <= limit)
+            yield each, worst, next(kept, None)
 
 
 def _like(answer: Answer, place: int) -> str:

@@ -302,7 +302,7 @@ SCALES: Final[dict[str, Scale]] = {
     "mount_give": Scale(low=3e-8, high=3e-3),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
-    "joint_zero": Scale(low=1.5e-4, high=5e-3, walking=2e-2),
+    "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
     "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_lag": Scale(low=5e-7, high=4e-3),
@@ -314,7 +314,7 @@ A tenth of the best that is made cannot be told from exact, which a simulated sy
 are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on the
 output. The worst are consumer sensors, hobby arms, legs whose joints are turned to a stop by hand
 to be zeroed, encoders behind a worn gear, a field bus cycle of delay. The IMU on a moving base is
-placed by measured holes or by eye. Zeros are never taken to be better than half an arc minute, as
+placed by measured holes or by eye. Zeros are never taken to be better than one arc minute, as
 calibrated arms have them: those of joints that stand still in a log are known by the others' alone.
 
 Zeros and lengths are found by one measurement, which puts its error down to either: at the end of a
