@@ -348,7 +348,7 @@ def _fitted(
 ) -> Fit:
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
-    u = layout.bounds.mean(axis=1)
+    u = layout.bounds[:, 1]
     seconds = windowing.plan.length * windowing.grid.dt
     # Steps at which the model is bent: a radian, a metre, a tenth of a window's seconds.
     curvature = np.ones(layout.size)

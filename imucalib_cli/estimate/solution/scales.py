@@ -202,7 +202,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     A scale's square is the mean square of its components over the share that the log tells of them.
     """
     k = len(problem.bounds)
-    u = problem.bounds.mean(axis=1) if start is None else start
+    u = problem.bounds[:, 1] if start is None else start
     scale = problem.prior.scale
     counts = np.array([np.count_nonzero(scale == index) for index in range(k)])
     low, high = problem.bounds.T
