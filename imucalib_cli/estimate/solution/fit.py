@@ -69,7 +69,7 @@ _PASSES: Final = 8
 _UNSURE: Final = 2
 """Passes from a first solution, in which an outlier may be what it is off by."""
 _LEVEL_PASSES: Final = 2
-"""Solves in which noise level and scales are found in turn; each pass begins from the last's."""
+"""Solves of a pass in which noise level and scales are found in turn."""
 _FALLS: Final = 0.9
 """Share of a residual, at most, that a step leaves which gets on: those of a right model leave far
 less."""
@@ -348,7 +348,6 @@ def _fitted(
 ) -> Fit:
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
-    u = layout.bounds[:, 1]
     seconds = windowing.plan.length * windowing.grid.dt
     # Steps at which the model is bent: a radian, a metre, a tenth of a window's seconds.
     curvature = np.ones(layout.size)
@@ -376,6 +375,7 @@ def _fitted(
         at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
+        u = layout.bounds[:, 1]  # anew: a size once taken for another's would stay so
         beside = _beside(model, state, options)
         for _ in range(_LEVEL_PASSES):
             at = replace(at, noise=noise)

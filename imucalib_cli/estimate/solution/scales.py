@@ -200,6 +200,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     """(k,), mode of the marginal likelihood within the bounds, by MacKay's fixed point.
 
     A scale's square is the mean square of its components over the share that the log tells of them.
+    It begins at the upper limits: a scale at its lower one holds its components, and stays there.
     """
     k = len(problem.bounds)
     u = problem.bounds[:, 1] if start is None else start
