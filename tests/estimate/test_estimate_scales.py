@@ -103,7 +103,7 @@ def test_of_many_scales_that_hang_together_the_mean_is_that_of_plain_draws() -> 
     weights /= weights.sum()
     mean = weights @ (np.repeat(squares, 4, axis=1) * (solved @ J))
     away = np.abs(found.step - mean) / np.sqrt(np.diag(found.covariance))
-    assert away.max() < 0.8
+    assert away.max() < 1.0
 
 
 @pytest.mark.parametrize(("size", "bound"), [(0.0, 1e-3), (1e3, 10.0)])

@@ -17,6 +17,7 @@ from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import (
+    FIVE_SIGMA,
     GRADES,
     LINKS,
     MOUNT,
@@ -126,7 +127,8 @@ def test_a_wrong_robot_is_no_fault_of_the_sensor(seed: int, grade: str) -> None:
     ):
         estimate = calibrated(clean.noisy(seed, GRADES[grade]))
         assert named(estimate) <= {"joint_zero", "origin"}
-        assert nees(estimate, mount) < UNLIKELY
+        # Lengths are off by 6 mm, twice the worst that is sold.
+        assert nees(estimate, mount) < (UNLIKELY if clean is zeros else FIVE_SIGMA)
 
 
 PAIRS: dict[str, tuple[Flaws, dict[str, tuple[float, ...]]]] = {
@@ -213,13 +215,9 @@ def test_more_than_a_working_sensor_errs_is_not_trusted(name: str, flaws: Flaws)
     estimate = calibrated(log)
     (reason,) = (each for each in estimate.findings if each.severity is Severity.UNTRUSTED)
     assert (reason.code, reason.values["name"]) == ("unknown.implausible", name)
+    assert named(estimate) == set()  # nothing else is blamed
     # The pose is right all the same.
     assert nees(estimate, log.mount) < UNLIKELY
-
-
-def test_a_large_turn_of_the_gyroscope_is_no_scale_error() -> None:
-    estimate = calibrated(noisy(Flaws(gyro_turn=(0.0, 0.0, 0.1)), 1, "mems"))
-    assert named(estimate) == {"gyro_misalignment"}
 
 
 def test_axes_that_are_off_square_are_found_and_which_is_the_frame_is_in_sigma() -> None:
