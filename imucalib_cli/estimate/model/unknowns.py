@@ -416,6 +416,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="s/s",
         std=50e-6,
         healthy=500e-6,
+        least=1e-5,  # less than good quartz: jitter of stamps looks like it
         effect=Clock(accel=np.positive, gyro=np.positive),
         of_log=True,
         words="gain of the IMU's clock on the robot's",
