@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from benchmarks.robots import ROBOTS, Case, make_case
+from benchmarks.robots import ANY, ROBOTS, Case, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import (
@@ -95,6 +95,16 @@ def test_an_everyday_robot_is_covered_and_better_than_believed_exact(
         lean.append(float(np.linalg.norm(pose_error(believed, mount)[:3])))
     assert np.mean(scores) < 12.0
     assert np.sqrt(np.mean(np.square(whole))) < 0.5 * np.sqrt(np.mean(np.square(lean)))
+
+
+def test_an_error_that_only_one_window_sees_is_told_and_in_sigma() -> None:
+    """Play of 0.08 deg steps faster than the model's: in short windows it looks like a spring."""
+    case = make_case(ANY, ANY, 319)
+    estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
+    (told,) = (each for each in estimate.findings if each.code == "unknown.implausible")
+    assert told.values["name"] == "mount_give"
+    assert told.values["other"] == pytest.approx(0.4)
+    assert nees(estimate, Mount(R=case.R, t=case.t)) < UNLIKELY
 
 
 def _sprung(log: Log, rate: float = 8.0, damping: float = 0.05) -> Log:
