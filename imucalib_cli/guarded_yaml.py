@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 LARGEST = 1 << 22
 """Bytes of a text; a result has a few ten thousand for each IMU."""
 _DEEPEST = 64
+_TOO_DEEP = f"nested more than {_DEEPEST} deep"
 _MOST_NODES = 200_000
 
 FLOAT = re.compile(
@@ -82,7 +83,10 @@ def load_yaml(text: str) -> list[Any]:
     except YamlError:
         raise
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        raise YamlError(" ".join(str(error).split())) from error
+        words = " ".join(str(error).split())
+        if "nesting depth" in words:  # what libyaml reads ahead has a limit too, by PyYAML 6.0.4
+            words = _TOO_DEEP
+        raise YamlError(words) from error
 
 
 def load_one(text: str) -> Any:
@@ -132,6 +136,6 @@ def _see_bounded(text: str) -> None:
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
         if depth > _DEEPEST:
-            raise YamlError(f"nested more than {_DEEPEST} deep")
+            raise YamlError(_TOO_DEEP)
         if nodes > _MOST_NODES:
             raise YamlError(f"more than {_MOST_NODES} values")
