@@ -10,6 +10,7 @@ from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.messages.protobuf import message_class
+from imucalib_cli.logs.messages.shapes import reading_of
 from tests.troubleshooting.scene import Provocation, Scene, Seen, noisy
 from tools.republish import make, protobuf_files, vector, write_mcap, write_plain
 
@@ -106,7 +107,8 @@ def in_protobuf(scene: Scene) -> Seen:
         scene.path("log.mcap"), [("/joints", "foxglove.JointState", message, 1)], "protobuf"
     )
     missing = ChoiceError("not here")
-    message_class.cache_clear()  # of logs that were read before
+    for kept in (message_class, reading_of):  # of logs that were read before
+        kept.cache_clear()
     with (
         patch("imucalib_cli.logs.messages.protobuf.optional", side_effect=missing),
         patch("imucalib_cli.logs.select.is_installed", return_value=False),
