@@ -6,15 +6,18 @@ Truth is that of benchmarks/robots.py: analytic motions and pinocchio's accelera
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from benchmarks.robots import ANY, ROBOTS, Case, make_case
+import imucalib_cli as ic
+from benchmarks import robots
+from benchmarks.robots import ANY, ROBOTS, Case, Row, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
 from tests.estimate.estimate_arm import (
     EXACT,
     GRADES,
@@ -98,13 +101,44 @@ def test_an_everyday_robot_is_covered_and_better_than_believed_exact(
 
 
 def test_an_error_that_only_one_window_sees_is_told_and_in_sigma() -> None:
-    """Play of 0.08 deg steps faster than the model's: in short windows it looks like a spring."""
-    case = make_case(ANY, ANY, 319)
+    """Play of 0.03 deg steps faster than the model's: in short windows it looks like a spring."""
+    case = make_case(ANY, ANY, 233)
     estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
     (told,) = (each for each in estimate.findings if each.code == "unknown.implausible")
     assert told.values["name"] == "mount_give"
     assert told.values["other"] == pytest.approx(0.4)
     assert nees(estimate, Mount(R=case.R, t=case.t)) < UNLIKELY
+
+
+@pytest.mark.parametrize(
+    ("robot", "row", "seed"),
+    [
+        # A bias that walks by 1e-4 m/s² in that time is loud at the lowest frequencies alone.
+        ("ur10e", Row(noise=robots.INDUSTRIAL, walk=(3e-6, 2e-7)), 400),
+        # Noise of the tracker is in the columns of lengths.
+        ("mobile", "quiet", 403),
+    ],
+)
+def test_half_an_hour_of_noise_changes_no_unit_of_length(
+    robot: str, row: str | Row, seed: int
+) -> None:
+    """Lengths, scales of the accelerometer and gravity grow together: no log tells by how much."""
+    case = make_case(robot, row, seed, seconds=1800.0, imu_rate=100.0, joint_rate=100.0)
+    estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
+    assert estimate.trusted
+    assert np.linalg.norm(estimate.t_parent_imu - case.t) < 5e-5
+    assert nees(estimate, Mount(R=case.R, t=case.t)) < UNLIKELY
+    (norm,), (std,) = parameter(estimate, "gravity_norm")
+    assert abs(norm - case.drawn["gravity"]) < 3.0 * std
+
+
+def test_a_tracker_of_a_real_body_keeps_its_unit_of_length() -> None:
+    """By a short window too, in which its noise is large."""
+    body = Path(__file__).parents[2] / "sample_data/broad_21_cut.mcap"
+    short = MatchedOptions(window=WindowChoice(seconds=0.1))
+    found = ic.calibrate(body, parent="sensor_body", estimator=short).result.diagnostics
+    norm = next(each.value for each in found.parameters if each.name == "gravity_norm")
+    assert abs(norm - 9.80665) < 2.0 * GRAVITY_STD
 
 
 def _sprung(log: Log, rate: float = 8.0, damping: float = 0.05) -> Log:

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.windows import Windowing
 
-_HELD: Final = 1e-12
-"""Of any unit: smaller than what holds a component."""
 _LEAST_LEFT: Final = 0.1
 """Share of the noise, in power: where less of it is left, that tells nothing of what there is."""
 
@@ -61,9 +59,17 @@ class NoiseSpectrum:
         accel, gyro = heard
         return cls((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
-    def at(self, sensor: int, frequency: Floats) -> Floats:
-        """(F,), a sensor's power at frequencies; outside the bands that of the nearest."""
-        return np.interp(frequency, self.frequency[sensor], self.power[sensor])
+    def between(self, sensor: int, edges: Floats) -> Floats:
+        """(F,), mean power of a sensor between edges (F + 1,), Hz; beyond the bands the nearest's.
+
+        A bias that walks is far louder at the lowest frequencies than it is in the mean.
+        """
+        known = self.frequency[sensor]
+        f = np.unique(np.concatenate([known, edges]))
+        power = np.interp(f, known, self.power[sensor])
+        steps = 0.5 * np.diff(f) * (power[1:] + power[:-1])
+        sums = np.concatenate([[0.0], np.cumsum(steps)])
+        return np.asarray(np.diff(np.interp(edges, f, sums)) / np.diff(edges))
 
 
 def calibration(
@@ -86,14 +92,11 @@ def calibration(
     Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006,
         4.
     """
-    layout = model.layout
     added, score = _of_columns(model, x, noise, weights)
     T = np.eye(len(total))
     noisy = np.flatnonzero(np.diag(added))
     if len(noisy):
-        # Priors are taken at their weakest.
-        weakest = layout.std_at(layout.bounds[:, 1])
-        inverse = inverse_of(total[1:, 1:] + np.diag(1.0 / np.maximum(weakest, _HELD) ** 2))
+        inverse = inverse_of(total[1:, 1:])
         unit = np.sqrt(np.diag(added)[noisy])
         powers, axes = np.linalg.eigh(added[np.ix_(noisy, noisy)] / np.outer(unit, unit))
         root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
@@ -134,7 +137,8 @@ def _of_columns(
         plain = plan.filters[sensor].average
         length = 2 * kernels.shape[2]
         frequency = np.arange(length // 2 + 1) / (length * dt)
-        seen = noise.at(sensor, frequency)
+        middles = 0.5 * (frequency[1:] + frequency[:-1])
+        seen = noise.between(sensor, np.concatenate([[0.0], middles, frequency[-1:]]))
         # Two IMUs share the noise by what each has of white noise.
         share = white[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
         least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
@@ -147,11 +151,15 @@ def _of_columns(
         in_columns = np.fft.rfft(kernels, length) * root
         margin = (kernels.shape[2] - len(plain)) // 2
         in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
-        flat = in_columns.reshape(len(kernels), -1).view(np.float64)
-        gram, both = flat @ flat.T, (in_columns.sum(axis=1) @ in_residual.conj()).real
         places = places_of(each.part for each, _ in found)
-        on_information[np.ix_(places, places)] = gram
-        on_score[places] = gram @ x[places] - both
+        left = in_residual - np.tensordot(x[places], in_columns, axes=1)
+        # As the rows have it: the residual, whose noise has the other sign, is in these columns.
+        in_columns[np.isin(places, places_of([layout.part("accel_scale")]))] -= left / 3.0
+        flat, taken = (
+            each.reshape(-1, 3 * len(frequency)).view(np.float64) for each in (in_columns, left)
+        )
+        on_information[np.ix_(places, places)] = flat @ flat.T
+        on_score[places] = -(flat @ taken[0])
     return on_information, on_score
 
 
