@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.windows import Windowing
 
+_HELD: Final = 1e-12
+"""Of any unit: smaller than what holds a component."""
+_HARDLY: Final = 1e-8
+"""Of a prior's precision: it weighs nothing, and keeps what is rounding finite."""
 _LEAST_LEFT: Final = 0.1
 """Share of the noise, in power: where less of it is left, that tells nothing of what there is."""
 
@@ -96,7 +100,9 @@ def calibration(
     T = np.eye(len(total))
     noisy = np.flatnonzero(np.diag(added))
     if len(noisy):
-        inverse = inverse_of(total[1:, 1:])
+        # What no window tells is held by the weakest priors, far from telling anything.
+        weakest = np.maximum(model.layout.std_at(model.layout.bounds[:, 1]), _HELD)
+        inverse = inverse_of(total[1:, 1:] + np.diag(_HARDLY / weakest**2))
         unit = np.sqrt(np.diag(added)[noisy])
         powers, axes = np.linalg.eigh(added[np.ix_(noisy, noisy)] / np.outer(unit, unit))
         root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
