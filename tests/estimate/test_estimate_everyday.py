@@ -138,7 +138,7 @@ def test_a_tracker_of_a_real_body_keeps_its_unit_of_length() -> None:
     short = MatchedOptions(window=WindowChoice(seconds=0.1))
     found = ic.calibrate(body, parent="sensor_body", estimator=short).result.diagnostics
     norm = next(each.value for each in found.parameters if each.name == "gravity_norm")
-    assert abs(norm - 9.80665) < 2.0 * GRAVITY_STD
+    assert norm == pytest.approx(9.80665, abs=2.0 * GRAVITY_STD)
 
 
 def _sprung(log: Log, rate: float = 8.0, damping: float = 0.05) -> Log:
