@@ -17,8 +17,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rosbags.highlevel import AnyReader
 
@@ -33,7 +34,9 @@ from imucalib_cli.robot.urdf import load_robot
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+
+T = TypeVar("T")
 
 REPEATS = 7
 RUNS = 7
@@ -54,6 +57,12 @@ usage = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 """
 """In a small process: a child's memory counts from that of the process that starts it."""
+
+
+def in_turn(calls: Mapping[str, Callable[[], T]], rounds: int) -> dict[str, list[T]]:
+    """What each call gives, round by round; the first round compiles, and does not count."""
+    found = [{name: call() for name, call in calls.items()} for _ in range(rounds + 1)][1:]
+    return {name: [each[name] for each in found] for name in calls}
 
 
 def timed(call: Callable[[], object]) -> float:
@@ -95,12 +104,8 @@ def measure_runs(log: Path, urdf: Path) -> None:
         "imucalib run": [*program, "run", str(log), "--urdf", str(urdf)],
         "AnyReader, two topics": [sys.executable, "-c", THEIRS, str(log)],
     }
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in commands}
-    for run in range(RUNS + 1):
-        for name, command in commands.items():
-            measured = spent(command)
-            if run > 0:  # the first one compiles
-                found[name].append(measured)
+    calls = {name: partial(spent, command) for name, command in commands.items()}
+    found = in_turn(calls, RUNS)
     theirs = statistics.median(cpu for cpu, _ in found["AnyReader, two topics"])
     print()
     line = table("whole process", "median CPU s", "over AnyReader", "MB")
@@ -144,12 +149,7 @@ def measure(path: Path, urdf: Path) -> None:
                 reader.deserialize(raw, connection.msgtype)
 
     calls = {"estimate": estimate, "our reading": read_ours, "AnyReader, IMU topic": read_theirs}
-    times: dict[str, list[float]] = {name: [] for name in calls}
-    for repeat in range(REPEATS + 1):
-        for name, call in calls.items():
-            seconds = timed(call)
-            if repeat > 0:
-                times[name].append(seconds)
+    times = in_turn({name: partial(timed, call) for name, call in calls.items()}, REPEATS)
     medians = {name: statistics.median(values) for name, values in times.items()}
     line = table("what", "median CPU s", "over AnyReader")
     for name, value in medians.items():

@@ -87,10 +87,7 @@ def test_the_cause_is_told_and_nothing_that_follows_from_it(which: str) -> None:
     estimate = calibrated(log_of(3).noisy(3, grade), gyro, accel)
     assert len(estimate.distrust) == 1
     assert words in estimate.distrust[0]
-    # A turn is what the entry for a turn of the gyroscope is for, as far as it reaches.
-    assert {each.name for each in estimate.corrections} <= (
-        {"gyro_misalignment"} if which == "turned" else set()
-    )
+    assert estimate.corrections == ()
 
 
 def test_a_proper_turn_of_both_is_only_another_mount() -> None:

@@ -45,8 +45,7 @@ INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
 """One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz)."""
 GRADES = {"mems": MEMS, "industrial": INDUSTRIAL}
 UNLIKELY = float(chi2.ppf(0.999, 6))
-FIVE_SIGMA = float(chi2.isf(5.7e-7, 6))
-"""Of the squared pose error in stated sigmas: one in a thousand, and as improbable as 5 sigma."""
+"""Of the squared pose error in stated sigmas."""
 
 
 @dataclass(frozen=True, kw_only=True)

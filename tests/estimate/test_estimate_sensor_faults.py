@@ -17,7 +17,6 @@ from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import (
-    FIVE_SIGMA,
     GRADES,
     LINKS,
     MOUNT,
@@ -127,8 +126,7 @@ def test_a_wrong_robot_is_no_fault_of_the_sensor(seed: int, grade: str) -> None:
     ):
         estimate = calibrated(clean.noisy(seed, GRADES[grade]))
         assert named(estimate) <= {"joint_zero", "origin"}
-        # Lengths are off by 6 mm, twice the worst that is sold.
-        assert nees(estimate, mount) < (UNLIKELY if clean is zeros else FIVE_SIGMA)
+        assert nees(estimate, mount) < UNLIKELY
 
 
 PAIRS: dict[str, tuple[Flaws, dict[str, tuple[float, ...]]]] = {

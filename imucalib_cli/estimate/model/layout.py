@@ -131,6 +131,11 @@ class Layout(Prior):
         """(6,), components of the mount: translation, rotation."""
         return places_of((self.part("translation"), self.part("rotation")))
 
+    @property
+    def unit(self) -> Indices:
+        """(3,), components of the unit in which the accelerometer reads; (0,) where it is held."""
+        return places_of([self.part("accel_scale")])
+
     def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """Entries whose effect is of a kind, with it."""
         for each in self.placed:

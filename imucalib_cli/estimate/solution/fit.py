@@ -106,11 +106,11 @@ class Linearised:
         """[e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once."""
         gains = self.model.windowing.plan.noise_gains / self.scales
         root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
-        scale = self.model.layout.part("accel_scale")
+        unit = self.model.layout.unit
         for part, J in columns(self.model, self.state, self.centres):
             # Residuals count in the unit of the readings. If all lengths and forces were smaller,
             # the residuals would be so too, and a small unit of length would seem to fit better.
-            J[:, :3, scale] += self.residuals[part, :3, None] / 3.0
+            J[:, :3, unit] += self.residuals[part, :3, None] / 3.0
             rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
             yield part, rows * root[part, :, None]
 

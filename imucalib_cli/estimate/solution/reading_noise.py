@@ -143,8 +143,8 @@ def _of_columns(
         plain = plan.filters[sensor].average
         length = 2 * kernels.shape[2]
         frequency = np.arange(length // 2 + 1) / (length * dt)
-        middles = 0.5 * (frequency[1:] + frequency[:-1])
-        seen = noise.between(sensor, np.concatenate([[0.0], middles, frequency[-1:]]))
+        edges = np.clip((np.arange(len(frequency) + 1) - 0.5) / (length * dt), 0.0, frequency[-1])
+        seen = noise.between(sensor, edges)
         # Two IMUs share the noise by what each has of white noise.
         share = white[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
         least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
@@ -160,12 +160,10 @@ def _of_columns(
         places = places_of(each.part for each, _ in found)
         left = in_residual - np.tensordot(x[places], in_columns, axes=1)
         # As the rows have it: the residual, whose noise has the other sign, is in these columns.
-        in_columns[np.isin(places, places_of([layout.part("accel_scale")]))] -= left / 3.0
-        flat, taken = (
-            each.reshape(-1, 3 * len(frequency)).view(np.float64) for each in (in_columns, left)
-        )
+        in_columns[np.isin(places, layout.unit)] -= left / 3.0
+        flat = in_columns.reshape(len(kernels), -1).view(np.float64)
         on_information[np.ix_(places, places)] = flat @ flat.T
-        on_score[places] = -(flat @ taken[0])
+        on_score[places] = -(flat @ left.ravel().view(np.float64))
     return on_information, on_score
 
 
