@@ -14,10 +14,10 @@ from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import (
     SENSORS,
-    BaseClock,
     Clock,
     JointCurve,
     Mount,
+    OfBase,
     Origin,
     PoseScale,
 )
@@ -403,8 +403,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 other=None if other is None else other.seconds,
             )
         elif clear and not below and (np.abs(value) >= unknown.least).any():
-            shown = (JointCurve, Origin, PoseScale, BaseClock)
-            make = note if isinstance(unknown.effect, shown) else warning
+            effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
+            shown = isinstance(effect, (JointCurve, Origin, PoseScale, Clock))
+            make = note if shown and unknown.of_robot else warning
             yield make(
                 "unknown.found",
                 **what,

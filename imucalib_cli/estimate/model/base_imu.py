@@ -1,4 +1,4 @@
-"""The IMU that tells how a robot's base moves: its motion, and its errors along the nodes."""
+"""The IMU that measures how a robot's base moves: its motion, and its errors along the nodes."""
 
 from __future__ import annotations
 
@@ -25,37 +25,35 @@ if TYPE_CHECKING:
 def less_errors(
     errors: Iterable[tuple[Reading, Floats]], samples: Samples, sensor: Sensor
 ) -> Floats:
-    """(M, 3), readings of a sensor with errors of given sizes taken off."""
+    """(M, 3), readings of a sensor with errors of given sizes removed."""
 
     def error(effect: Reading, size: Floats, read: Floats) -> Floats:
         at = replace(samples, accel=read) if sensor == "accel" else replace(samples, gyro=read)
         return np.asarray(np.tensordot(size, effect.basis(at), axes=1))
 
-    measured = samples.accel if sensor == "accel" else samples.gyro
+    measured = samples.of(sensor)
     ideal = np.array(measured)
     for effect, size in errors:
-        if effect.sensor != sensor or not size.any():
-            continue
-        if effect.turns:  # by half of it on the way: the square of a turn looks like a scale error
-            ideal -= error(effect, size, ideal - 0.5 * error(effect, size, ideal))
-        else:
-            ideal -= error(effect, size, measured)
+        if effect.sensor == sensor and size.any():
+            read = measured
+            if effect.turns:  # from half of the way: the square of a turn looks like a scale error
+                read = ideal - 0.5 * error(effect, size, ideal)
+            ideal -= error(effect, size, read)
     return ideal
 
 
 _MINUTE = 60.0
-"""s: over which a gyroscope whose bias is known to a milliradian in ten seconds keeps level, and a
-change of speed is little beside gravity."""
+"""s: a gyroscope whose bias is known to a milliradian in ten seconds keeps level so long, and a
+change of speed is small beside gravity."""
 _AROUND = 5
-"""Samples of an IMU on either side of a stretch: polynomials reach so far, and ends are guesses."""
+"""Samples of an IMU beyond either end of a stretch: the reach of its polynomials."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReckonedBase:
-    """The IMU that tells how the base moves, its errors taken off.
+    """The IMU that measures how the base moves, its errors removed.
 
-    Each stretch is reckoned by itself, from rest: no digit is lost, however long the log, and what
-    stretches have in common is not asked for.
+    Each stretch is reckoned by itself, from rest, so that long logs lose no digits.
     """
 
     track: int
@@ -114,10 +112,10 @@ class ReckonedBase:
 def felt_gravity(
     base: ReckonedBase, placed: Iterable[tuple[slice, Reading]], size: int, norm: float
 ) -> tuple[float, Floats, float]:
-    """What the base IMU tells of the scale that all accelerometers share.
+    """What the base IMU says about the scale that all accelerometers share.
 
-    Over a minute its mean force is gravity's (norm, m/s²), but for a change of speed. Beside it
-    only lengths tell that scale, for gravity cancels between two IMUs.
+    Over a minute its mean force is gravity's (norm, m/s²), but for a change of speed. Otherwise
+    only lengths determine that scale, since gravity cancels between two IMUs.
 
     Returns:
         Mean size of the force less gravity's, m/s²; how it changes with each component, (size,);
@@ -138,7 +136,7 @@ def felt_gravity(
         force = np.einsum("nij,nj->ni", R, accel)
         mean = force.mean(axis=0)
         down = mean / np.linalg.norm(mean)
-        # As fast as it is within the stretch, less a steady climb, it may be at its ends.
+        # Its speed at the ends is like that within the stretch, without a steady climb.
         speed += float(np.var(np.cumsum((force - mean) @ down) * base.dt)) / len(starts)
         off += (float(np.linalg.norm(mean)) - norm) / len(starts)
         seen = np.einsum("nij,i->nj", R, down) / (len(accel) * len(starts))
@@ -153,7 +151,7 @@ def felt_gravity(
 
 @dataclass(frozen=True, eq=False)
 class BaseNodes:
-    """The IMU that tells how the base moves, along the nodes; world axes."""
+    """The IMU that measures how the base moves, along the nodes; world axes."""
 
     samples: Samples
     R: Floats
@@ -163,13 +161,13 @@ class BaseNodes:
     velocity: tuple[Floats, Floats]
     """(3, M) each: its rate, rad/s, and velocity, m/s."""
     arm: Floats
-    """(3, M), from it to the IMU that is calibrated, m."""
+    """(3, M), from it to the calibrated IMU, m."""
     later: Floats
     """(M,), robot time since the middle of its readings, s."""
 
 
 def box_over(count: int) -> Floats:
-    """Weights that average so many samples about one of them: half at the ends, if it is even."""
+    """Weights of an average over samples about one of them: halves at the ends of an even count."""
     box = np.full(2 * (count // 2) + 1, 1.0 / count)
     if count % 2 == 0:
         box[[0, -1]] /= 2.0

@@ -5,8 +5,8 @@ Per window, with D the Savitzky-Golay derivative and K its Peano kernel (docs/me
     accelerometer  R_c' (D2 (p + R t) - K2*(R R_fs a) - g)       = noise
     gyroscope      vee(R_c' (D1 R - K1*(R [R_fs w]x)))           = noise
 
-R, p is the parent link's pose in the world with the chain's errors taken off, R_c the same at the
-window's centre; a and w are the readings with the sensor's errors taken off.
+R, p is the parent link's pose in the world with the chain's errors removed, R_c the same at the
+window's centre; a and w are the readings with the sensor's errors removed.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 
 BLOCK = 256
-"""Windows made at once: what is made of them stays in the processor's cache."""
+"""Windows computed at once: they stay in the processor's cache."""
 _POINTS = 6
-"""Samples whose polynomial tells a pose a little later, as between the robot's own samples."""
+"""Samples whose polynomial gives a pose a little later, as between the robot's own samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Model:
         return np.asarray(t - shift[0] - shift[1] * (t - self.middle))
 
     def corrected(self, state: State, span: slice) -> tuple[Floats, Floats]:
-        """Readings of a stretch of the grid with the sensor's errors taken off."""
+        """Readings of a stretch of the grid with the sensor's errors removed."""
         grid = self.windowing.grid
         pad = slice(max(span.start - 1, 0), min(span.stop + 1, len(grid.usable)))
         inner = slice(span.start - pad.start, span.stop - pad.start)
@@ -90,7 +90,7 @@ class Model:
         return accel[inner], gyro[inner]
 
     def less_errors(self, state: State, samples: Samples, sensor: Sensor) -> Floats:
-        """(M, 3), readings of a sensor with its errors taken off."""
+        """(M, 3), readings of a sensor with its errors removed."""
         errors = ((effect, state.x[each.part]) for each, effect in self.layout.of(Reading))
         return less_errors(errors, samples, sensor)
 
@@ -106,7 +106,7 @@ class Model:
     ) -> list[Residuals]:
         """Exact residuals of windows about centres (W,), ascending, for each of some plans.
 
-        The plan is the model's own by default. What a window that does not fit leaves is zero.
+        The plan is the model's own by default. Residuals of windows that do not fit are zero.
         """
         plans = plans or (self.windowing.plan,)
         grid = self.windowing.grid
@@ -161,7 +161,7 @@ class Model:
 
 
 def _shifted(values: Floats, intervals: float, inner: slice) -> Floats:
-    """Some of even samples (N, ...), so many intervals later, by local polynomials."""
+    """Evenly spaced samples (N, ...) within ``inner``, some intervals later, by polynomials."""
     whole = math.floor(intervals)
     places = np.arange(_POINTS) - (_POINTS // 2 - 1)
     itself = np.eye(_POINTS, dtype=bool)
@@ -175,7 +175,7 @@ def _shifted(values: Floats, intervals: float, inner: slice) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Of windows, and how much they move."""
+    """Residuals of windows, and how much the windows move."""
 
     values: Floats
     """(W, 6): accelerometer m/s², gyroscope rad/s, parent frame at the window's centre."""

@@ -1,8 +1,8 @@
 """How the residuals of windows change with each unknown.
 
-Columns need no more than some per cent of accuracy, so they are made on nodes, a few to a window.
-What an unknown does is said along the nodes: it turns and shifts the pose, or changes what
-the sensors read, or gravity, or the instants. One mechanism makes columns of that.
+Columns need an accuracy of only some per cent, so they are computed on nodes, a few to a window.
+Along the nodes an unknown turns and shifts the pose, or changes the readings, gravity or the
+instants. One mechanism makes columns from these changes.
 """
 
 from __future__ import annotations
@@ -19,13 +19,11 @@ from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, gravity_axes
 from imucalib_cli.estimate.model.unknowns import (
-    BaseClock,
-    BaseMount,
-    BaseReading,
     Clock,
     Gravity,
     JointCurve,
     Mount,
+    OfBase,
     Origin,
     PoseScale,
     Reading,
@@ -49,14 +47,14 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.kernels import MatchedFilter
 
     Channels = defaultdict[str, list[tuple[slice, Floats]]]
-    """What unknowns do along the nodes, world axes: components, and their changes (n, 3, M) of
+    """Effects of unknowns along the nodes, world axes: components, and their changes (n, 3, M) of
 
     - "shift", the IMU's place, and "turn", the parent link;
     - "force" and "rate", the specific force and the rate as they are read, seen in the world;
-    - "base turn", what turns with the base as it is reckoned: itself, the place and the force; only
-      the turn since the middle of a window matters;
+    - "base turn", everything that turns with the reckoned base: itself, the place and the force;
+      only the turn since the middle of a window matters;
     - "gravity" (n, 3);
-    - "times" (M,), what columns are multiplied by, as it is in the middle of a window.
+    - "times" (M,), factors of the columns, by their value in the middle of a window.
     """
 
 
@@ -88,7 +86,7 @@ class NodePlan:
         return len(self.second.average) // 2
 
     def kernel(self, pair: MatchedFilter, response: Floats) -> Floats:
-        """Weights of single samples in a window's average of what nodes answer to a reading."""
+        """Weights of single samples in a window's average of the nodes' response to a reading."""
         weights = np.convolve(pair.average, response[::-1])
         spread = np.zeros((len(weights) - 1) * self.every + 1)
         spread[:: self.every] = weights
@@ -109,7 +107,7 @@ def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Everything of a stretch of nodes that effects are made of.
+    """The motion along a stretch of nodes, from which effects are computed.
 
     Nodes are the last axis: numpy's inner loops are then long.
     """
@@ -136,7 +134,7 @@ class _Nodes:
 
     @cached_property
     def joint_twists(self) -> dict[int, tuple[Floats, Floats]]:
-        """What a unit of its reported position turns and shifts, (3, M) each, by a joint's step."""
+        """Turn and shift by a unit of reported position, (3, M) each, for each joint's step."""
         found = {}
         for index, step in enumerate(self.path.steps):
             if isinstance(step, JointStep):
@@ -150,15 +148,15 @@ class _Nodes:
         return found
 
     def twist(self, joint: Joint) -> tuple[Floats, Floats]:
-        """What a unit of a joint turns and shifts: (3, M) each."""
+        """Turn and shift by a unit of a joint: (3, M) each."""
         turns, shifts = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
         return sum(turns), sum(shifts)
 
     def velocity(self) -> tuple[Floats, Floats]:
         """Rate of the parent link, rad/s, and velocity of the IMU, m/s, world axes: (3, M) each.
 
-        By the joints' twists, behind the last pose stream: that all joints are late is then the
-        same as that the IMU is early, and no rounding tells one from the other.
+        By the joints' twists, behind the last pose stream: the column of a late IMU is then exactly
+        that of all joints being early.
         """
         streams = (i for i, step in enumerate(self.path.steps) if isinstance(step, PoseStep))
         behind = max(streams, default=-1) + 1
@@ -173,7 +171,7 @@ class _Nodes:
         return turning, moving
 
     def as_mount(self, placed: Placed) -> Floats:
-        """(k, 6), what hidden components do to the mount: its translation and rotation."""
+        """(k, 6), the change of the mount's translation and rotation by hidden components."""
         turn = np.zeros((len(placed.labels), 3))
         if placed.joint is None:
             shift = placed.directions @ self.frames[placed.index][0][..., 0].T
@@ -228,7 +226,7 @@ def _block_columns(
         J[:, part] *= size[at, None, None]
     for part, change in channels["gravity"]:
         J[:, part, accel] -= change @ R_centre
-    # A later stamp means an earlier pose: one column, times what each entry says.
+    # A later stamp means an earlier pose: one column, times the basis of each entry.
     turn, shift = (-each[None] for each in nodes.velocity())
     read = cross(turn, nodes.force, -2)
     by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
@@ -239,13 +237,13 @@ def _block_columns(
         J[:, each.part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
         J[:, each.part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
     for each in model.layout.placed:
-        if each.hidden:  # exactly, for a log that is sharp enough would tell a difference
+        if each.hidden:  # exactly: a sharp log would take a difference for information
             J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
     return np.swapaxes(J, 1, 2)
 
 
 def _channels(layout: Layout, nodes: _Nodes) -> Channels:
-    """What the entries of a layout do, but for those that the mount hides."""
+    """Effects of the entries of a layout, without those that the mount hides."""
     channels: Channels = defaultdict(list)
     for placed in layout.placed:
         if not placed.hidden:
@@ -254,15 +252,13 @@ def _channels(layout: Layout, nodes: _Nodes) -> Channels:
 
 
 def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C901 a table
-    """Add what one entry of the table does along the nodes."""
+    """Add the effect of one entry of the table along the nodes."""
     part, effect = placed.part, placed.unknown.effect
     match effect:
         case Reading():
-            # Taking the error off lowers the reading.
+            # To remove the error lowers the reading.
             seen = -_in_world(effect.basis(nodes.samples), nodes.R_world_imu)
             channels["force" if effect.sensor == "accel" else "rate"].append((part, seen))
-        case BaseReading() | BaseMount() | BaseClock() if nodes.base is not None:
-            _add_of_base(placed, nodes, nodes.base, channels)
         case Gravity():
             down = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
             turned = cross(gravity_axes(nodes.gravity), nodes.gravity)
@@ -272,7 +268,7 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
         case Mount():
             axes = np.swapaxes(nodes.R, 0, 1)  # the parent's axes in the world
             channels["force"].append((part, cross(axes, nodes.force, -2)))
-            # As a joint turns the link: where the two look alike, no rounding tells them apart.
+            # As a joint turns the link: the two are then equal to rounding where they look alike.
             channels["turn"].append((part, axes))
         case Origin():
             R, _ = nodes.frames[placed.index]
@@ -286,44 +282,44 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
         case JointCurve() if placed.joint is not None:
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
-            curve = effect.basis(q, rate)[:, None]
             turn, shift = nodes.twist(placed.joint)
+            curve = effect.basis(q, rate)[:, None]
             force = cross(turn, nodes.force, -2)
             for name, along in (("turn", turn), ("shift", shift), ("force", force)):
                 channels[name].append((part, curve * along))
+        case OfBase() if nodes.base is not None:
+            _add_of_base(placed, effect, nodes, nodes.base, channels)
 
 
 def _in_world(basis: Floats, R: Floats) -> Floats:
-    """What a sensor reads (k, M, 3), in the world, to which R (3, 3, M) turns: (k, 3, M)."""
+    """(k, 3, M): a basis (k, M, 3), in a sensor's axes, turned by R (3, 3, M) to the world."""
     x, y, z = np.moveaxis(basis, -1, 0)[:, :, None]
     return np.asarray(x * R[:, 0] + y * R[:, 1] + z * R[:, 2])
 
 
-def _add_of_base(placed: Placed, nodes: _Nodes, base: BaseNodes, channels: Channels) -> None:
-    """Add what an error of the IMU does that tells how the base moves."""
-    part = placed.part
-    match placed.unknown.effect:
-        case BaseReading(reading):
-            seen = _in_world(reading.basis(base.samples), base.R)
-            if reading.sensor == "accel":  # what is taken off moves the base less
-                channels["force"].append((part, seen))
-            else:
-                channels["rate"].append((part, seen))
-                channels["base turn"].append((part, _integral(-seen, base.samples.dt)))
-            return
-        case BaseMount(what="translation"):
+def _add_of_base(
+    placed: Placed, of_base: OfBase, nodes: _Nodes, base: BaseNodes, channels: Channels
+) -> None:
+    """Add the effect of an error of the IMU that measures how the base moves."""
+    part, effect = placed.part, of_base.effect
+    if isinstance(effect, Reading):
+        seen = _in_world(effect.basis(base.samples), base.R)
+        if effect.sensor == "accel":  # the base moves less by the error that is removed
+            channels["force"].append((part, seen))
+        else:
+            channels["rate"].append((part, seen))
+            channels["base turn"].append((part, _integral(-seen, base.samples.dt)))
+        return
+    if isinstance(effect, Clock):  # a later stamp means a later pose
+        turn, shift = (each[None] for each in base.velocity)
+        channels["times"].append((part, effect.accel(base.later)))
+    else:
+        turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
+        if effect.what == "translation":
             # Farther from the link's origin, and the link begins so much farther back.
-            axes = np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
-            channels["shift"].append((part, -axes))
+            channels["shift"].append((part, turn))
             return
-        case BaseMount():
-            turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
-            shift = np.zeros_like(turn)
-        case BaseClock(basis):  # a later stamp means a later pose
-            turn, shift = (each[None] for each in base.velocity)
-            channels["times"].append((part, basis(base.later)))
-        case _:
-            return
+        shift = np.zeros_like(turn)
     channels["turn"].append((part, turn))
     channels["shift"].append((part, shift + cross(turn, base.arm, -2)))
     channels["force"].append((part, cross(turn, nodes.force, -2)))

@@ -1,4 +1,4 @@
-"""The table of unknowns laid out for one robot and one request: which components, how free."""
+"""The table of unknowns for one robot and one request: the components and their priors."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ import numpy as np
 from imucalib_cli.estimate.model.unknowns import (
     SCALES,
     TABLE,
-    BaseClock,
-    BaseMount,
-    BaseReading,
     JointCurve,
     Mount,
+    OfBase,
     Origin,
     PoseScale,
+    Reading,
     Unknown,
 )
 from imucalib_cli.estimate.solution.scales import Prior
@@ -33,10 +32,10 @@ if TYPE_CHECKING:
 E = TypeVar("E")
 
 STILL_JOINT: Final = 5e-3
-"""rad or m: a joint that moves less is a part of the link that carries it, as far as a log tells;
-encoder noise, sag and a controller's dither stay below it."""
+"""rad or m: a joint that moves less counts as part of its link; encoder noise, sag and a
+controller's dither stay below it."""
 _INSTANTS = 200
-"""At which the chain is looked at, to see what moves."""
+"""Instants at which the chain is examined for motion."""
 _CONSTANT = 1e-8
 """Variance of a direction cosine below which a direction does not turn: rounding."""
 
@@ -60,27 +59,27 @@ class Placed:
     part: slice
     labels: tuple[str, ...]
     joint: Joint | None = None
-    """Whose position it is an error of."""
+    """The joint whose position has this error."""
     index: int = -1
     """The step of an origin, or the track of a pose stream."""
     directions: Floats = field(default_factory=lambda: np.eye(3))
-    """(k, 3), of an origin: those that are no part of the mount, in the frame before it."""
+    """(k, 3), of an origin: the directions that are not part of the mount, in the frame before."""
     R_joint: Floats = field(default_factory=lambda: np.eye(3))
-    """(3, 3), of an origin: the frame behind it, which is that of its joint, in the one before."""
+    """(3, 3), of an origin: orientation of its joint's frame in the frame before."""
     hidden: bool = False
-    """Whether no log tells it from the mount: of joints that do not move behind the last that does,
-    and the zero of that one."""
+    """Whether no log distinguishes it from the mount: errors of joints that stand still behind the
+    last that moves, and the zero of that one."""
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:
-        """What it is and what of, for entries of several layouts to be told to be the same."""
+        """Name and owner: equal for the same quantity in several layouts."""
         if isinstance(self.unknown.effect, Origin):
             return self.unknown.name, (self.labels[0].rsplit(" ", 1)[0],)
         return self.unknown.name, self.labels
 
     @property
     def whole(self) -> Placed:
-        """With all its components: another chain or log may tell other directions of an origin."""
+        """With all components: another chain or log may determine other directions of an origin."""
         if not isinstance(self.unknown.effect, Origin):
             return self
         labels = tuple(f"{joint} {axis}" for joint in self.key[1] for axis in "xyz")
@@ -88,7 +87,7 @@ class Placed:
 
     @property
     def of_whole(self) -> Floats:
-        """(k, m), its components by those of the whole entry: of an origin along three axes."""
+        """(k, m), its components as combinations of those of the whole entry."""
         is_origin = isinstance(self.unknown.effect, Origin)
         return self.directions if is_origin else np.eye(len(self.labels))
 
@@ -99,7 +98,7 @@ class Placed:
 
     @property
     def unit(self) -> str:
-        """Of its components: positions of sliding joints are lengths."""
+        """Unit of its components: positions of sliding joints are lengths."""
         slides = self.joint is not None and self.joint.sliding and self.unknown.unit == "rad"
         return "m" if slides else self.unknown.unit
 
@@ -137,10 +136,16 @@ class Layout(Prior):
         return places_of([self.part("accel_scale")])
 
     def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
-        """Entries whose effect is of a kind, with it."""
+        """Entries with an effect of a kind, and the effect; not those of the base IMU."""
         for each in self.placed:
             if isinstance(each.unknown.effect, kind):
                 yield each, each.unknown.effect
+
+    def of_base(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
+        """The same of the IMU that measures how the base moves."""
+        for each, of_base in self.of(OfBase):
+            if isinstance(of_base.effect, kind):
+                yield each, of_base.effect
 
     def under(self, options: MatchedOptions) -> Layout:
         """The same components with the priors of other options."""
@@ -184,51 +189,49 @@ def with_priors(
     ``still`` are joints that do not move behind the last that does.
     """
     placed: list[Placed] = []
-    stds: list[Floats] = []
+    stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
     scales: list[str] = []
-    scale: list[int] = []
     at = 0
     for place in places:
         size, given = len(place.labels), options.prior_std(place.unknown)
         placed.append(replace(place, part=slice(at, at + size)))
+        at += size
+        index = -1
         if given is None:
             name = place.unknown.scale or place.unknown.name
             if name not in scales:
                 scales.append(name)
-            stds.append(np.full(size, np.nan))
-            scale += [scales.index(name)] * size
-        else:
-            stds.append(np.broadcast_to(given, (size,)).astype(np.float64))
-            scale += [-1] * size
-        at += size
-    std = np.concatenate(stds) if stds else np.zeros(0)
-    walks = any(isinstance(each.unknown.effect, BaseReading) for each in placed)
+            index, given = scales.index(name), np.full(1, np.nan)
+        stds.append(np.full(size, given, dtype=np.float64))
+        scale.append(np.full(size, index))
+    walks = any(
+        isinstance(of_base.effect, Reading)
+        for each in placed
+        if isinstance(of_base := each.unknown.effect, OfBase)
+    )
     limits = [
         (SCALES[name].low, min(SCALES[name].highest(walks=walks), options.largest(name)))
         for name in scales
     ]
-    bounds = np.log(np.array(limits).reshape(-1, 2))
     return Layout(
         placed=tuple(placed),
-        std=std,
-        scale=np.array(scale, dtype=np.intp),
+        std=np.concatenate(stds),
+        scale=np.concatenate(scale),
         scales=tuple(scales),
-        bounds=bounds,
+        bounds=np.log(np.array(limits).reshape(-1, 2)),
         alike=alike(scales),
         still=still,
     )
 
 
 class _Chain:
-    """What of a kinematic chain moves in a log, and what is therefore told by it."""
+    """The parts of a chain that move in a log: they decide which unknowns it has."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         path = trajectory.path
         start, end = trajectory.span
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
-        self._path = path
-        self._joints = _joints_of(path)
-        self._base = path.base_imu
+        self._path, self._joints = path, _joints_of(path)
         moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
         self._moving = set()
         for joint in self._joints:
@@ -248,6 +251,7 @@ class _Chain:
     def places(self, unknown: Unknown) -> Iterator[Placed]:
         """Where the robot has an unknown."""
         effect, nowhere = unknown.effect, slice(0, 0)
+        path, base = self._path, self._path.base_imu
         if isinstance(effect, JointCurve):
             for joint in self._joints_of(effect):
                 labels = _named(joint.name, unknown.labels)
@@ -256,36 +260,37 @@ class _Chain:
         elif isinstance(effect, Origin):
             for index, directions, R in self._origins():
                 axes = unknown.labels if len(directions) == 3 else _axis_names(directions)
-                labels = _named(self._name_after(index), axes)
-                hidden = index > self._last
+                following = path.steps[index + 1]
+                owner = following.name if isinstance(following, JointStep) else f"step {index}"
+                labels, hidden = _named(owner, axes), index > self._last
                 yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
         elif isinstance(effect, PoseScale):
-            used = (step.track for step in self._path.steps if isinstance(step, PoseStep))
-            for track in (each for each in dict.fromkeys(used) if each != self._base):
-                labels = (self._path.tracks[track].name,)
-                yield Placed(unknown, nowhere, labels, index=track)
-        elif not isinstance(effect, (BaseReading, BaseMount, BaseClock)):
+            used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
+            for track in (each for each in used if each != base):
+                yield Placed(unknown, nowhere, (path.tracks[track].name,), index=track)
+        elif not isinstance(effect, OfBase):
             yield Placed(unknown, nowhere, unknown.labels)
-        # Of two IMUs on one body the mounts are one, and no joint has other stamps.
-        elif self._base is not None and (self._moving or isinstance(effect, BaseReading)):
-            yield Placed(unknown, nowhere, unknown.labels, index=self._path.base_step + 1)
+        # Two IMUs on one body have one mount between them, and no joint has other stamps.
+        elif base is not None and (self._moving or isinstance(effect.effect, Reading)):
+            yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
 
     def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
-        """Joints that have an error of this kind, as far as a log tells it."""
+        """Joints whose error of this kind the log can determine."""
         for joint in self._joints:
-            told = (
+            seen = (
                 joint.name in self._moving
                 if curve.every
                 else any(self._inside(step) for step in joint.steps)
             )
-            if told and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
+            if seen and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
 
     def _origins(self) -> Iterator[tuple[int, Floats, Floats]]:
-        """Constant steps behind the first that moves: index, what is not the mount's, and R."""
-        # What follows the base IMU is the place of its mount.
-        base = self._path.base_step if self._base is not None else len(self._path.steps)
-        for index, step in enumerate(self._path.steps):
+        """Constant steps behind the first that moves: index, directions (k, 3) and R."""
+        steps = self._path.steps
+        # The steps after a base IMU are its place in its link.
+        base = self._path.base_step if self._path.base_imu is not None else len(steps)
+        for index, step in enumerate(steps):
             of_base = base < index <= base + 2
             if isinstance(step, FixedStep) and self._inside(index) and not of_base:
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
@@ -293,22 +298,16 @@ class _Chain:
                 if len(directions):
                     yield index, directions, step.R
 
-    def _name_after(self, index: int) -> str:
-        """Name of the joint whose origin a constant step is."""
-        following = self._path.steps[index + 1]
-        return following.name if isinstance(following, JointStep) else f"step {index}"
-
     def _turning(self, step: int) -> Floats:
-        """(k, 3), directions at a step that turn in the parent link: others are the mount's."""
-        R_parent = self._frames[-1][0]
-        seen = np.swapaxes(R_parent, 1, 2) @ self._frames[step][0]
+        """(k, 3), directions at a step that turn in the parent link; others are the mount's."""
+        seen = np.swapaxes(self._frames[-1][0], 1, 2) @ self._frames[step][0]
         seen = seen - seen.mean(axis=0)
         values, vectors = np.linalg.eigh(np.einsum("mij,mik->jk", seen, seen) / len(seen))
         kept = values > _CONSTANT
         if kept.all():
             return np.eye(3)
         directions = vectors.T[kept]
-        # Either sign is an eigenvector: the one that a person reads as the axis.
+        # Of both signs of an eigenvector: the one that a person reads as the axis.
         largest = np.argmax(np.abs(directions), axis=1, keepdims=True)
         return np.asarray(directions * np.sign(np.take_along_axis(directions, largest, axis=1)))
 

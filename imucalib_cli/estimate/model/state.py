@@ -1,4 +1,4 @@
-"""A value of every unknown, and the robot's motion with the chain's errors taken off."""
+"""A value of every unknown, and the robot's motion with the chain's errors removed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ import numpy as np
 
 from imucalib_cli.estimate.model.base_imu import ReckonedBase
 from imucalib_cli.estimate.model.unknowns import (
-    BaseClock,
-    BaseMount,
-    BaseReading,
+    Clock,
     Gravity,
     JointCurve,
     Mount,
     Origin,
     PoseScale,
+    Reading,
 )
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import cross, matrix_from_rotvec, rotvec_from_matrix
@@ -65,11 +64,11 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The parent link's motion with errors of its joints, origins and pose streams taken off."""
+    """The parent link's motion with errors of its joints, origins and pose streams removed."""
 
     trajectory: Trajectory
     path: KinematicPath
-    """With the origins as they are found."""
+    """With the origins corrected."""
     curves: tuple[tuple[Joint, JointCurve, Floats], ...] = ()
     """Errors of joint positions."""
     scales: tuple[tuple[int, float], ...] = ()
@@ -84,7 +83,7 @@ class Chain:
             step = steps[each.index]
             if isinstance(step, FixedStep) and x[each.part].any():
                 steps[each.index] = replace(step, p=step.p + x[each.part] @ each.directions)
-        for each, mount in layout.of(BaseMount):
+        for each, mount in layout.of_base(Mount):
             step, size = steps[each.index], x[each.part]
             if isinstance(step, FixedStep) and size.any():
                 steps[each.index] = _remounted(step, mount, size)
@@ -105,13 +104,13 @@ class Chain:
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:
-        """Values of every track, errors taken off."""
+        """Values of every track, errors removed."""
         if not self.curves:
             return self._corrected(self.trajectory.values(t), t)
         return self.values_and_rates(t)[0]
 
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
-        """Values of every track, errors taken off, and their rates."""
+        """Values of every track, errors removed, and their rates."""
         values, rates = self.trajectory.values_and_rates(t)
         reported = tuple(each.copy() for each in values) if self.curves else values
         for joint, curve, size in self.curves:
@@ -120,7 +119,7 @@ class Chain:
         return self._corrected(values, t), rates
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
-        """With errors of the pose streams taken off."""
+        """With errors of the pose streams removed."""
         for track, scale in self.scales:
             values[track][:, :3] *= 1.0 + scale
         if self.base is not None:
@@ -132,8 +131,8 @@ class Chain:
         return self.path.poses(self.values(t))
 
 
-def _remounted(step: FixedStep, mount: BaseMount, size: Floats) -> FixedStep:
-    """From an IMU to its link, where its pose in the link is another by so much, link's axes."""
+def _remounted(step: FixedStep, mount: Mount, size: Floats) -> FixedStep:
+    """The step from an IMU to its link after a change of its pose in the link, link's axes."""
     if mount.what == "translation":
         return replace(step, p=step.p - step.R @ size)
     R = step.R @ matrix_from_rotvec(-size)
@@ -145,19 +144,19 @@ def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> ReckonedBase
     if track is None or grid is None:
         return None
     clock = np.zeros(2)
-    for each, effect in layout.of(BaseClock):
-        clock += x[each.part] * effect.basis(np.array([0.0, 1.0]))
+    for each, effect in layout.of_base(Clock):
+        clock += x[each.part] * effect.accel(np.array([0.0, 1.0]))
     return ReckonedBase(
         track=track,
         grid=grid,
         shift=float(clock[0]),
         drift=float(clock[1] - clock[0]),
-        errors=tuple((effect.reading, x[each.part]) for each, effect in layout.of(BaseReading)),
+        errors=tuple((reading, x[each.part]) for each, reading in layout.of_base(Reading)),
     )
 
 
 def turned_about(R: Floats, R_prior: Floats, turns: Bools) -> Floats:
-    """(..., 3, 3), R with that of its rotation from R_prior which is about axes that may turn."""
+    """(..., 3, 3), R_prior turned towards R, only about the axes that may turn."""
     phi = rotvec_from_matrix(R @ R_prior.T)
     return matrix_from_rotvec(np.where(turns, phi, 0.0)) @ R_prior
 

@@ -1,30 +1,21 @@
 """The table of unknowns: every quantity that is estimated, one entry each.
 
-Each entry has a prior that physics or data sheets give. No entry is switched on or off by a test of
-its own: it is always there, and its prior decides how far it may go. Entries that share a ``scale``
-share one standard deviation that no data sheet tells (how good this robot and this sensor are); it
+Each entry has a prior from physics or data sheets. No entry is switched on or off by a test of its
+own: it is always there, and its prior decides how far it may go. Entries with the same ``scale``
+share one standard deviation that no data sheet states (how good this robot and this sensor are); it
 is learnt from the log (solution/scales.py).
 
-To add an unknown, add one entry to TABLE. What an entry does is one of a few kinds:
+To add an unknown, add one entry to TABLE. Its effect is one of a few kinds, the classes below.
 
-- ``Reading``: the sensor's reading is the ideal one plus value times basis(samples).
-- ``JointCurve``: a joint's position is the reported one plus value times basis(q, dq/dt).
-- ``Origin``: a constant translation of the chain, behind the first step that moves.
-- ``PoseScale``: positions of a pose stream, relative.
-- ``Clock``: stamps of a sensor are later by value times basis(age).
-- ``Gravity``, ``Mount``: gravity in the world, and the pose that is wanted.
-- ``BaseReading``, ``BaseMount``, ``BaseClock``: of the IMU that tells how the base moves, if one
-  does: its readings, its pose in its link, its stamps against those of the joints.
-
-Never in the table, because no log can tell them: the zero of the first joint (it turns the base),
-the zero of the last joint and all that follows it (they are part of the mount), and where the base
-stands. A URDF whose last link is wrong gives the pose that this URDF needs.
+Never in the table, because no log determines them: the zero of the first joint (it turns the base),
+the zero of the last joint and all that follows it (they are part of the mount), and the place of
+the base. A URDF whose last link is wrong gives the pose that this URDF needs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -40,12 +31,12 @@ SENSORS: Final[tuple[Sensor, Sensor]] = ("accel", "gyro")
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
 PLAY_RATE: Final = 0.01
-"""rad/s or m/s: below it play does not yet lie on one side of the teeth."""
+"""rad/s or m/s: a slower joint does not surely touch one side of its teeth."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Samples:
-    """Readings of an IMU at instants evenly apart, for the basis of a Reading."""
+    """Readings of an IMU at evenly spaced instants, for the basis of a Reading."""
 
     accel: Floats
     """(M, 3), m/s², IMU axes."""
@@ -56,6 +47,10 @@ class Samples:
     dt: float
     """s."""
 
+    def of(self, sensor: Sensor) -> Floats:
+        """(M, 3), readings of one sensor."""
+        return self.accel if sensor == "accel" else self.gyro
+
 
 @dataclass(frozen=True, eq=False)
 class Reading:
@@ -65,12 +60,12 @@ class Reading:
     basis: Callable[[Samples], Floats]
     """Gives (size, M, 3), in the IMU's axes."""
     turns: bool = False
-    """Whether it turns the sensor's axes: it is taken off to the second order."""
+    """Whether it turns the sensor's axes: it is then removed to second order."""
 
     def own_response(self, dt: float) -> Floats:
-        """(size, 3, 7), what an axis of the basis has about an instant at which it alone reads 1.
+        """(size, 3, 7), the basis along each axis about an instant at which that axis reads 1.
 
-        The reading's noise is then in the column and in the residual alike.
+        It says how the reading's noise enters both the column and the residual.
         """
         quiet, middle = np.zeros((7, 3)), 3
 
@@ -90,7 +85,7 @@ class JointCurve:
     basis: Callable[[Floats, Floats], Floats]
     """Of (M,) positions, rad or m, and (M,) rates; gives (size, M)."""
     every: bool = True
-    """For every joint that moves; else for those behind the first that does, but the last."""
+    """For every joint that moves; else for those after the first that moves, without the last."""
     sliding: bool = True
     """For sliding joints too."""
     only: str | None = None
@@ -99,7 +94,7 @@ class JointCurve:
 
 @dataclass(frozen=True)
 class Origin:
-    """Translation of a constant step of the chain, in the frame before it."""
+    """Translation of a constant step of the chain, behind the first step that moves."""
 
 
 @dataclass(frozen=True)
@@ -131,41 +126,17 @@ class Mount:
 
 
 @dataclass(frozen=True, eq=False)
-class BaseReading:
-    """Error of a reading of the IMU that tells how the base moves."""
+class OfBase:
+    """The same error of the IMU that measures how the base moves.
 
-    reading: Reading
+    Its mount is its pose in its own link, its clock that of its accelerometer; the delay of its
+    gyroscope is an error of the reading.
+    """
 
-
-@dataclass(frozen=True)
-class BaseMount:
-    """Pose of that IMU in its link: its translation or its rotation, in the link's frame."""
-
-    what: Literal["translation", "rotation"]
+    effect: Reading | Mount | Clock
 
 
-@dataclass(frozen=True, eq=False)
-class BaseClock:
-    """Stamps of that IMU: its stamp - robot stamp of the same instant = value * basis."""
-
-    basis: Callable[[Floats], Floats]
-    """Of (M,) seconds since the middle of its readings; gives (M,)."""
-
-
-Effect = (
-    Reading
-    | JointCurve
-    | Origin
-    | PoseScale
-    | Clock
-    | Gravity
-    | Mount
-    | BaseReading
-    | BaseMount
-    | BaseClock
-)
-
-_OF_ROBOT: Final = (JointCurve, Origin, PoseScale, BaseReading, BaseMount, BaseClock)
+Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount | OfBase
 
 _GROUPS: Final[dict[type, Group]] = {
     Reading: "sensor",
@@ -175,9 +146,11 @@ _GROUPS: Final[dict[type, Group]] = {
     PoseScale: "robot",
     Gravity: "gravity",
     Mount: "mount",
-    BaseReading: "sensor",
-    BaseMount: "robot",
-    BaseClock: "offset",
+}
+_GROUPS_OF_BASE: Final[dict[type, Group]] = {
+    Reading: "sensor",
+    Mount: "robot",
+    Clock: "offset",
 }
 
 
@@ -187,75 +160,60 @@ class Unknown:
 
     name: str
     labels: tuple[str, ...] = ("",)
-    """Of its components; joints and origins are named by the robot instead."""
+    """Of its components; joints and origins are named after the robot instead."""
     unit: str
     std: float = np.inf
     """Prior, 1 sigma; inf where nothing is known beforehand. With a scale: of components that the
-    user leaves open where they tell others."""
+    user leaves open while stating others."""
     scale: str | None = None
-    """Which learnt standard deviation its components share."""
+    """Name of the learnt standard deviation that its components share."""
     effect: Effect
     healthy: float = np.inf
-    """Largest value, in the unit, that a sound robot and a sound sensor have."""
+    """Largest value, in the unit, of a sound robot and a sound sensor."""
     least: float = 0.0
-    """Values smaller than it are not named: they are no fault, or interpolation looks like them."""
+    """Smaller values are not reported: they are no fault, or interpolation looks like them."""
     positive: bool = False
-    """Whether a value below zero can only be something else that looks like it."""
+    """Whether a negative value can only be something else that looks like it."""
     of_log: bool = False
-    """Whether every recording has its own; else it is the robot's or the sensor's."""
+    """Whether every recording has its own; else it belongs to the robot or the sensor."""
     words: str
     """What it is, for people."""
     among: Group | None = None
-    """Its group, where the effect does not tell."""
+    """Its group, where it is not that of its effect."""
 
     @property
     def of_robot(self) -> bool:
-        """Whether all IMUs on a robot that it concerns see the same; else it is the IMU's own."""
-        return isinstance(self.effect, _OF_ROBOT)
+        """Whether it is the same for all IMUs on a robot; else each IMU has its own."""
+        return isinstance(self.effect, (JointCurve, Origin, PoseScale, OfBase))
 
     @property
     def group(self) -> Group:
-        """What it belongs to, for options that hold all of a kind."""
-        return self.among or _GROUPS[type(self.effect)]
+        """Group, for options that hold all unknowns of a kind."""
+        if self.among is not None:
+            return self.among
+        if isinstance(self.effect, OfBase):
+            return _GROUPS_OF_BASE[type(self.effect.effect)]
+        return _GROUPS[type(self.effect)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """A standard deviation that the log teaches, between two limits."""
+    """A standard deviation that is learnt from the log, between two limits."""
 
     low: float
     high: float
     like: Mapping[str, float] = field(default_factory=dict)
-    """How large it mostly is over others that the same parts or the same measurement make."""
+    """Its usual ratio to other scales that the same parts or the same measurement determine."""
     walking: float | None = None
-    """Upper limit on robots whose base an IMU tells: those that walk, if it is another."""
+    """Upper limit on robots whose base is measured by an IMU: those that walk, if it differs."""
 
     def highest(self, *, walks: bool) -> float:
         """Upper limit on a robot."""
         return self.walking if walks and self.walking is not None else self.high
 
 
-def _axes(samples: Samples) -> Floats:
-    """One unit along each of the sensor's axes."""
-    return np.repeat(np.eye(3)[:, None], len(samples.age), axis=1)
-
-
-def _ramp(samples: Samples) -> Floats:
-    return _axes(samples) * samples.age[:, None]
-
-
-def _each_axis(values: Floats) -> Floats:
-    """Axis by axis of what is read."""
-    return np.asarray(np.eye(3)[:, None] * values)
-
-
-def _turned(values: Floats) -> Floats:
-    """What a small turn from the gyroscope's axes to the accelerometer's takes from a reading."""
-    return -cross(np.eye(3)[:, None], values[None])
-
-
 def _skewed(values: Floats) -> Floats:
-    """Each of two axes fed by the other alike: (3, M, 3), of yz, xz and xy."""
+    """(3, M, 3), of yz, xz and xy: each of two axes reads the same share of the other."""
     basis = np.zeros((3, len(values), 3))
     for left_out, (one, other) in enumerate(((1, 2), (0, 2), (0, 1))):
         basis[left_out, :, one], basis[left_out, :, other] = values[:, other], values[:, one]
@@ -263,7 +221,7 @@ def _skewed(values: Floats) -> Floats:
 
 
 def _of_the_other(values: Floats) -> Floats:
-    """Each axis of one sensor fed by each of the other: (9, M, 3), row by row."""
+    """(9, M, 3), row by row: each axis of one sensor reads a share of each axis of the other."""
     basis = np.zeros((3, 3, len(values), 3))
     for axis in range(3):
         basis[axis, :, :, axis] = values.T
@@ -271,7 +229,7 @@ def _of_the_other(values: Floats) -> Floats:
 
 
 def with_ends(inner: Floats) -> Floats:
-    """Differences, the first and the last repeated at the ends, which no window uses."""
+    """Differences with the first and the last repeated; no window uses these."""
     return np.concatenate([inner[:1], inner, inner[-1:]])
 
 
@@ -284,14 +242,13 @@ def _derivative(values: Floats, dt: float) -> Floats:
 
 
 def _swayed(samples: Samples) -> Floats:
-    """Acceleration of a sway that follows the force: gravity's own, at rest in the world, is 0."""
+    """Acceleration of a sway that follows the force; gravity, at rest in the world, adds none."""
     f, w, dt = samples.accel, samples.gyro, samples.dt
     by_turning = cross(w, 2.0 * _derivative(f, dt) + cross(w, f)) + cross(_derivative(w, dt), f)
     return -(_second_derivative(f, dt) + by_turning)
 
 
 _XYZ: Final = ("x", "y", "z")
-_SKEWS: Final = ("yz", "xz", "xy")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
@@ -310,17 +267,52 @@ SCALES: Final[dict[str, Scale]] = {
 }
 """From as good as exact to the worst that is sold, in the unit of their entries.
 
-A tenth of the best that is made cannot be told from exact, which a simulated system is. The best
-are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on the
-output. The worst are consumer sensors, hobby arms, legs whose joints are turned to a stop by hand
-to be zeroed, encoders behind a worn gear, a field bus cycle of delay. The IMU on a moving base is
-placed by measured holes or by eye. Zeros are never taken to be better than one arc minute, as
-calibrated arms have them: those of joints that stand still in a log are known by the others' alone.
+A tenth of the best that is made cannot be distinguished from exact, as a simulated system is. The
+best are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on
+the output. The worst are consumer sensors, hobby arms, legs whose joints are zeroed by turning them
+to a stop by hand, encoders behind a worn gear, a field bus cycle of delay. The IMU on a moving base
+is placed by measured holes or by eye. Zeros are never assumed better than one arc minute, as on
+calibrated arms: zeros of joints that stand still in a log are known only from those of the others.
 
-Zeros and lengths are found by one measurement, which puts its error down to either: at the end of a
-link of half a metre they count alike. A zero is set at one position of the joint, where the error
-once a turn is a part of it. That error and the play are made by the same teeth: catalogues of
-strain wave gears give one arc minute for either."""
+Zeros and lengths are found by one measurement, whose error goes into either: at the end of a link
+of half a metre they count alike. A zero is set at one position of the joint, where the error once a
+turn is a part of it. The same teeth make that error and the play: catalogues of strain wave gears
+give one arc minute for either."""
+
+
+def _each_axis(values: Floats) -> Floats:
+    """(3, M, 3) of (M, 3) or (M, 1): each axis reads its own share of the values."""
+    return np.asarray(np.eye(3)[:, None] * values)
+
+
+def _of_each_sensor(
+    name: str,
+    words: str,
+    basis: Callable[[Floats, Samples], Floats],
+    *,
+    units: tuple[str, str],
+    std: tuple[float, float] = (np.inf, np.inf),
+    healthy: tuple[float, float],
+    **others: Any,
+) -> tuple[Unknown, Unknown]:
+    """The same kind of error of the accelerometer and of the gyroscope.
+
+    The basis is a function of the sensor's readings (M, 3), and of those of both.
+    """
+
+    def entry(place: int, sensor: Sensor, noun: str) -> Unknown:
+        return Unknown(
+            name=f"{sensor}_{name}",
+            unit=units[place],
+            std=std[place],
+            healthy=healthy[place],
+            effect=Reading(sensor, lambda samples: basis(samples.of(sensor), samples)),
+            words=words.format(noun),
+            **others,
+        )
+
+    return entry(0, "accel", "accelerometer"), entry(1, "gyro", "gyroscope")
+
 
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
@@ -339,49 +331,27 @@ _OWN: Final[tuple[Unknown, ...]] = (
         effect=Mount("rotation"),
         words="rotation of the IMU in its parent link",
     ),
-    Unknown(
-        name="accel_bias",
+    *_of_each_sensor(
+        "bias",
+        "bias of the {}",
+        lambda values, _: _each_axis(np.ones_like(values)),
         among="bias",
         labels=_XYZ,
-        unit="m/s²",
-        std=10.0,
-        healthy=0.5,
-        effect=Reading("accel", _axes),
+        units=("m/s²", "rad/s"),
+        std=(10.0, 1.0),
+        healthy=(0.5, 0.2),
         of_log=True,
-        words="bias of the accelerometer",
     ),
-    Unknown(
-        name="gyro_bias",
-        among="bias",
+    *_of_each_sensor(
+        "bias_ramp",
+        "change of the {}'s bias over the log",
+        lambda _, samples: _each_axis(samples.age[:, None]),
         labels=_XYZ,
-        unit="rad/s",
-        std=1.0,
-        healthy=0.2,
-        effect=Reading("gyro", _axes),
-        of_log=True,
-        words="bias of the gyroscope",
-    ),
-    Unknown(
-        name="accel_bias_ramp",
-        labels=_XYZ,
-        unit="m/s²",
-        std=0.03,
-        healthy=0.3,
-        effect=Reading("accel", _ramp),
+        units=("m/s²", "rad/s"),
+        std=(0.03, 0.003),
+        healthy=(0.3, 0.03),
         least=np.inf,
         of_log=True,
-        words="change of the accelerometer's bias over the log",
-    ),
-    Unknown(
-        name="gyro_bias_ramp",
-        labels=_XYZ,
-        unit="rad/s",
-        std=0.003,
-        healthy=0.03,
-        effect=Reading("gyro", _ramp),
-        least=np.inf,
-        of_log=True,
-        words="change of the gyroscope's bias over the log",
     ),
     Unknown(
         name="gravity_direction",
@@ -407,7 +377,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         among="offset",
         unit="s",
         std=0.1,
-        effect=Clock(accel=np.ones_like, gyro=np.ones_like),
+        effect=Clock(np.ones_like, np.ones_like),
         of_log=True,
         words="IMU stamp less robot stamp, gyroscope",
     ),
@@ -417,7 +387,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         std=50e-6,
         healthy=500e-6,
         least=1e-5,  # less than good quartz: jitter of stamps looks like it
-        effect=Clock(accel=np.positive, gyro=np.positive),
+        effect=Clock(np.positive, np.positive),
         of_log=True,
         words="gain of the IMU's clock on the robot's",
     ),
@@ -430,41 +400,23 @@ _OWN: Final[tuple[Unknown, ...]] = (
         of_log=True,
         words="delay of the gyroscope behind the accelerometer",
     ),
-    Unknown(
-        name="accel_filter",
-        unit="s²",
+    *_of_each_sensor(
+        "filter",
+        "low-pass filter of the {} beside its delay",
+        lambda values, samples: _second_derivative(values, samples.dt),
+        units=("s²", "s²"),
         scale="driver_filter",
-        healthy=1e-3,
-        effect=Reading("accel", lambda s: _second_derivative(s.accel, s.dt)),
+        healthy=(1e-3, 1e-3),
         positive=True,
-        words="low-pass filter of the accelerometer beside its delay",
     ),
-    Unknown(
-        name="gyro_filter",
-        unit="s²",
-        scale="driver_filter",
-        healthy=1e-3,
-        effect=Reading("gyro", lambda s: _second_derivative(s.gyro, s.dt)),
-        positive=True,
-        words="low-pass filter of the gyroscope beside its delay",
-    ),
-    Unknown(
-        name="accel_scale",
+    *_of_each_sensor(
+        "scale",
+        "scale error of the {}",
+        lambda values, _: _each_axis(values),
         labels=_XYZ,
-        unit="1",
+        units=("1", "1"),
         scale="sensor_scale",
-        healthy=0.05,
-        effect=Reading("accel", lambda s: _each_axis(s.accel)),
-        words="scale error of the accelerometer",
-    ),
-    Unknown(
-        name="gyro_scale",
-        labels=_XYZ,
-        unit="1",
-        scale="sensor_scale",
-        healthy=0.05,
-        effect=Reading("gyro", lambda s: _each_axis(s.gyro)),
-        words="scale error of the gyroscope",
+        healthy=(0.05, 0.05),
     ),
     Unknown(
         name="gyro_misalignment",
@@ -472,26 +424,17 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="sensor_axes",
         healthy=0.05,
-        effect=Reading("gyro", lambda s: _turned(s.gyro), turns=True),
+        effect=Reading("gyro", lambda s: -cross(np.eye(3)[:, None], s.gyro[None]), turns=True),
         words="turn of the gyroscope's axes against the accelerometer's",
     ),
-    Unknown(
-        name="accel_skew",
-        labels=_SKEWS,
-        unit="rad",
+    *_of_each_sensor(
+        "skew",
+        "half of what axes of the {} are off square",
+        lambda values, _: _skewed(values),
+        labels=("yz", "xz", "xy"),
+        units=("rad", "rad"),
         scale="sensor_axes",
-        healthy=0.05,
-        effect=Reading("accel", lambda s: _skewed(s.accel)),
-        words="half of what axes of the accelerometer are off square",
-    ),
-    Unknown(
-        name="gyro_skew",
-        labels=_SKEWS,
-        unit="rad",
-        scale="sensor_axes",
-        healthy=0.05,
-        effect=Reading("gyro", lambda s: _skewed(s.gyro)),
-        words="half of what axes of the gyroscope are off square",
+        healthy=(0.05, 0.05),
     ),
     Unknown(
         name="gyro_g_sensitivity",
@@ -572,7 +515,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         std=3e-3,
         scale="base_place",
         healthy=0.02,
-        effect=BaseMount("translation"),
+        effect=OfBase(Mount("translation")),
         words="place of the base IMU in its link: true less URDF",
     ),
     Unknown(
@@ -582,14 +525,14 @@ _OWN: Final[tuple[Unknown, ...]] = (
         std=5e-3,
         scale="base_turn",
         healthy=0.1,
-        effect=BaseMount("rotation"),
+        effect=OfBase(Mount("rotation")),
         words="rotation of the base IMU in its link: true less URDF",
     ),
     Unknown(
         name="base_time_offset",
         unit="s",
         std=0.02,
-        effect=BaseClock(np.ones_like),
+        effect=OfBase(Clock(np.ones_like, np.ones_like)),
         of_log=True,
         words="stamp of the base IMU's accelerometer less joint stamp",
     ),
@@ -598,7 +541,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="s/s",
         std=50e-6,
         healthy=500e-6,
-        effect=BaseClock(np.positive),
+        effect=OfBase(Clock(np.positive, np.positive)),
         of_log=True,
         words="gain of the base IMU's clock on the robot's",
     ),
@@ -607,39 +550,33 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="s",
         std=2e-3,
         healthy=0.02,
-        effect=BaseReading(Reading("gyro", lambda s: -_derivative(s.gyro, s.dt)[None])),
+        effect=OfBase(Reading("gyro", lambda s: -_derivative(s.gyro, s.dt)[None])),
         of_log=True,
         words="delay of the gyroscope behind the accelerometer, base IMU",
     ),
 )
 
 
-def _of_the_base(unknown: Unknown, reading: Reading) -> Unknown:
-    """The same error of the IMU that tells how the base moves."""
-    return replace(
-        unknown,
-        name=f"base_{unknown.name}",
-        among=unknown.among,
-        effect=BaseReading(reading),
-        words=f"{unknown.words}, base IMU",
-    )
-
-
 TABLE: Final[tuple[Unknown, ...]] = (
     *_OWN,
     *(
-        _of_the_base(each, each.effect)
+        replace(
+            each,
+            name=f"base_{each.name}",
+            effect=OfBase(each.effect),
+            words=f"{each.words}, base IMU",
+        )
         for each in _OWN
         if isinstance(each.effect, Reading) and each.name != "mount_give"
     ),
 )
-"""Whatever is wrong with one IMU may be wrong with the other, by the same priors."""
+"""Whatever may be wrong with one IMU may be wrong with the other, by the same priors."""
 
 LEAN: Final = tuple(
     each
     for each in TABLE
     if each.name.removeprefix("base_")
     in {"translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset"}
-    and not isinstance(each.effect, BaseMount)
+    and each.name not in {"base_translation", "base_rotation"}
 )
-"""What is found first, before the rest of the table is linearised about it."""
+"""What is solved first; the rest of the table is then linearised about it."""

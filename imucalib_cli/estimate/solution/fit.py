@@ -15,7 +15,7 @@ from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State
-from imucalib_cli.estimate.model.unknowns import LEAN, BaseReading, Unknown
+from imucalib_cli.estimate.model.unknowns import LEAN, Reading, Unknown
 from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
@@ -438,7 +438,7 @@ def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats
     base = Chain.of(model.windowing.trajectory, layout, state.x).base
     if base is None or options.gravity_norm <= 0.0:
         return np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-    placed = ((each.part, effect.reading) for each, effect in layout.of(BaseReading))
+    placed = ((each.part, reading) for each, reading in layout.of_base(Reading))
     off, change, std = felt_gravity(base, placed, layout.size, options.gravity_norm)
     weight = 1.0 / (std**2 + options.gravity_std**2)
     return weight * np.outer(change, change), weight * off * change

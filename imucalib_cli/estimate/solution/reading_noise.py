@@ -13,7 +13,7 @@ import numpy as np
 
 from imucalib_cli.estimate.model.jacobian import plan_nodes
 from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.model.unknowns import SENSORS, BaseReading, Reading
+from imucalib_cli.estimate.model.unknowns import SENSORS, Reading
 from imucalib_cli.estimate.solution.spectrum import inverse_of, one_sided
 from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -128,7 +128,7 @@ def _of_columns(
     on_information = np.zeros((layout.size, layout.size))
     on_score = np.zeros(layout.size)
     own = list(layout.of(Reading))
-    of_base = [(each, effect.reading) for each, effect in layout.of(BaseReading)]
+    of_base = list(layout.of_base(Reading))
     tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
     for (sensor, name), (errors, white) in itertools.product(
         enumerate(SENSORS),
