@@ -1,8 +1,8 @@
 """One criterion for every gross alternative: the same lean fit, and the evidence for it.
 
-A path, a time offset or readings that are changed by one fault are fitted as those that were given
-are. The alternative with the most evidence is named if that is decisive, if it explains as a right
-model does, and with all those that the log cannot tell from it.
+Each alternative changes the path, the time offset or the readings by one fault, and is fitted like
+what was given. The one with the most evidence is named if that is decisive and if it explains as
+well as a right model, together with all those that the log cannot distinguish from it.
 """
 
 from __future__ import annotations
@@ -46,21 +46,18 @@ if TYPE_CHECKING:
 
 
 _SECONDS: Final = 60.0
-"""s: of longer logs the liveliest stretch of the IMU is enough to tell gross faults by."""
+"""s: the liveliest stretch of so long is enough to find gross faults; also the largest difference
+of stamps that is searched, since clocks set by hand differ by less, or by hours."""
+_STRETCH: Final = 5.0
+"""s: half of the range of one search for the offset: moves look alike, and the best correlation of
+all may be that of the wrong move."""
 _GOOD: Final = (0.1, 0.03)
 """Shares of acceleration and rotation that a right model, with the worst sensor and robot that are
-sold, leaves unexplained."""
-_ALIKE: Final = 0.1
-"""Share of the rotation that the right link leaves of a robot three times as bad as that."""
+sold, leaves unexplained. A right link on a robot three times as bad leaves 0.1 of the rotation."""
 _NOISES: Final = 3.0
-"""Residuals this near to the sensor's own noise are good, whatever the share."""
+"""Residuals up to so many times the sensor's own noise are good, whatever their share."""
 _FALL: Final = 2.0
 """Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
-_FAR: Final = 60.0
-"""s: how far stamps are searched apart; clocks set by hand differ by less, or by hours."""
-_STRETCH: Final = 5.0
-"""s: half of what is searched at once: moves look alike, and the best correlation of all may be
-that of the wrong move."""
 _KEPT: Final[dict[Kind | None, int]] = {
     "zero": 4,
     "offset": 5,
@@ -68,19 +65,13 @@ _KEPT: Final[dict[Kind | None, int]] = {
     "base_clock": 3,
     None: 8,
 }
-"""Hypotheses fitted of those that turn most as the IMU does: the right one turns exactly so."""
+"""How many hypotheses are fitted, of those whose rates correlate most with the IMU's."""
 _SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit", "base_sign"})
-"""Kinds whose rates may be those of the path as given, so that screening by rates is blind."""
-_GIVEN_WITHIN: Final = 1e-3
-"""s: a time offset that was given is as good as this."""
-_ENOUGH: Final = 150
-"""Windows, of those that overlap, that suffice for linear least squares."""
-_TRIMMED: Final = 0.05
-"""Share of windows, the worst, that no residual counts: contacts and shocks are no hypothesis."""
+"""Kinds that may leave the rates as given, so that their correlation says nothing."""
 
 
 def _zero(joint: str | None) -> Unknown:
-    """The zero of one joint, or of each, however far it is off."""
+    """The zero of one joint, or of each, with a wide prior."""
     entry, effect = next(
         (each, each.effect)
         for each in TABLE
@@ -110,7 +101,7 @@ class Trial:
 
     @property
     def noise(self) -> Floats:
-        """(2,), what the sensor's own white noise leaves in a window."""
+        """(2,), residual of a window by the sensor's own white noise."""
         return own_noise(self.lean.model.windowing)
 
     @property
@@ -125,28 +116,23 @@ class Trial:
 
     @property
     def good(self) -> bool:
-        """Whether it explains as a right model does."""
+        """Whether it explains as well as a right model."""
         return bool(((self.shares < _GOOD) | (self.left < _NOISES * self.noise)).all())
-
-    @property
-    def may_be_right(self) -> bool:
-        """Whether a better fit of it could be decisive."""
-        return self.good or (self.hypothesis.kind == "link" and self.turns_alike)
 
     @property
     def turns_alike(self) -> bool:
         """Whether it explains the rotation, which a wrong link does not."""
-        return bool(self.shares[1] < _ALIKE)
+        return bool(self.shares[1] < _GOOD[0])
 
     def falls_from(self, given: Trial) -> bool:
-        """Whether this is decisively better than what was given."""
+        """Whether it is decisively better than what was given."""
         falls = np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise)
         return bool(falls.max() > _FALL) and self.lean.evidence_over(given.lean) > DECISIVE
 
 
 @dataclass(frozen=True, eq=False)
 class Fitter:
-    """The liveliest stretch of an IMU, and the windows in which everything is tried."""
+    """The liveliest stretch of an IMU, and the windows in which alternatives are fitted."""
 
     options: MatchedOptions
     windowing: Windowing
@@ -163,9 +149,9 @@ class Fitter:
     def coarse(
         self, path: KinematicPath, about: float = 0.0, most: float | None = None
     ) -> tuple[float, float]:
-        """Coarse time offset, s, and how alike the rates are in it, -1 to 1, whatever the mount.
+        """Coarse time offset, s, and the correlation of the rates at it, whatever the mount.
 
-        It is searched ``most`` about ``about``, s; as far as the options say by default.
+        It is searched within ``most`` of ``about``, s; by default as far as the options say.
 
         Raises:
             InputError: A track has too few usable samples.
@@ -189,7 +175,9 @@ class Fitter:
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
             lean = lean_fit(windowing, options, offset, table=table, rough=True)
-            if Trial(hypothesis, lean).may_be_right:
+            rough = Trial(hypothesis, lean)
+            if rough.good or (hypothesis.kind == "link" and rough.turns_alike):
+                # A better fit could make it decisive.
                 lean = lean_fit(windowing, options, offset, near=lean, table=table)
         except InputError:
             return None
@@ -203,9 +191,9 @@ class Fitter:
 
 
 def trimmed_rms(values: Floats) -> float:
-    """Root mean square size of rows, the largest few left out."""
+    """Root mean square size of rows without the largest 5 %, which are contacts and shocks."""
     squares = np.sort((values**2).sum(axis=1))
-    return float(np.sqrt(np.mean(squares[: max(int(len(squares) * (1 - _TRIMMED)), 1)])))
+    return float(np.sqrt(np.mean(squares[: max(int(len(squares) * 0.95), 1)])))
 
 
 def given_trial(
@@ -219,14 +207,14 @@ def given_trial(
 
     Args:
         samples: Of the IMU.
-        path: Of the link that is said to carry it.
+        path: To the link that carries it.
         options: Of the fit.
-        reversed_accel: Whether it took the accelerometer's readings with the other sign.
+        reversed_accel: Whether to take the accelerometer's readings with the other sign.
 
     Raises:
         InputError: Too few usable samples or windows.
     """
-    # A pose known in one link is no guide in another, and what holds it would be blamed elsewhere.
+    # A pose known in one link says nothing in another, and holding it would shift the blame.
     options = replace(options, pose=None, robot="nominal", either_sign=False)
     clean = clean_imu(_liveliest(samples))
     if reversed_accel:
@@ -238,7 +226,7 @@ def given_trial(
 
 
 def _liveliest(samples: ImuSamples) -> ImuSamples:
-    """The stretch with most rotation, and most acceleration beside it."""
+    """The stretch with the most motion."""
     clean = clean_imu(samples)
     t = clean.t
     if t[-1] - t[0] <= _SECONDS:
@@ -247,7 +235,7 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
         ((values - np.median(values, axis=0)) ** 2).sum(axis=1)
         for values in (clean.gyro, clean.accel)
     )
-    # Rotation tells more: half of the acceleration is gravity that turns.
+    # Rotation says more: half of the acceleration is gravity that turns.
     life = turning / max(turning.mean(), 1e-12) + 0.2 * pushing / max(pushing.mean(), 1e-12)
     so_far = np.concatenate([[0.0], np.cumsum(life)])
     starts = np.arange(0, len(t), max(len(t) // 400, 1))
@@ -259,9 +247,9 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
 
 
 def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
-    """Alternatives that explain decisively: the best, and those that the log cannot tell from it.
+    """Alternatives that explain decisively: the best, and those the log cannot distinguish from it.
 
-    What leaves little is no two faults at once, and no link is only likely then.
+    Where what was given is good, only single faults count.
     """
     single = [*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given)]
     found = _best(given, single)
@@ -271,15 +259,15 @@ def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
     return (
         _best(given, _tried(fitter, double_faults(poor), given))
         or _most_likely([each for each in links if each.falls_from(given)], given)
-        # Against it fewer joints can be wrong, so it explains other faults too; all say the same.
+        # With another base fewer joints can be wrong, so it explains other faults too.
         or _best(given, _tried(fitter, other_bases(poor), given))[:1]
     )
 
 
 def alike(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> list[Trial]:
-    """What was given and alternatives, those that explain best: one, or what cannot be told apart.
+    """Of what was given and alternatives those that explain best: one, or several that tie.
 
-    Where none explains as a right model does, those under which the robot turns as the IMU does.
+    Where none explains as well as a right model, those under which the robot turns like the IMU.
     """
     trials = [given, *_tried(fitter, hypotheses, given)]
     good = [trial for trial in trials if trial.good]
@@ -287,11 +275,11 @@ def alike(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> lis
 
 
 def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
-    """What cannot be listed beforehand, but is found by a fit."""
+    """Faults whose size is found by a fit: a zero that is a little off, and the sensors' axes."""
     offset, _ = fitter.coarse(poor.path)
     found, centres = [_small_zero(fitter, poor, offset)], fitter.windowing.centres(offset)
     if len(centres) >= MIN_WINDOWS:
-        rows = fitter.windowing.rows(offset, centres[:: max(len(centres) // _ENOUGH, 1)])
+        rows = fitter.windowing.rows(offset, centres[:: max(len(centres) // 150, 1)])
         found.append(reoriented(rows, poor.path, given.lean.state.gravity))
     for hypothesis in found:
         if hypothesis is not None:
@@ -306,7 +294,7 @@ def _best(given: Trial, trials: Iterable[Trial]) -> list[Trial]:
 
 
 def _most_likely(trials: list[Trial], given: Trial) -> list[Trial]:
-    """The trial with most evidence, and those that the log cannot tell from it."""
+    """The trial with most evidence, and those that the log cannot distinguish from it."""
     if not trials:
         return []
     best = max(trials, key=lambda trial: trial.lean.evidence_over(given.lean))
@@ -332,7 +320,7 @@ def _tried(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> It
 def _screened(
     fitter: Fitter, hypotheses: Iterable[Hypothesis]
 ) -> Iterator[tuple[Hypothesis, float]]:
-    """Those under which the robot turns as fast as the IMU does, each with its time offset."""
+    """Hypotheses under which the robot turns as fast as the IMU, each with its time offset."""
     ranked: dict[Kind | None, list[tuple[float, Hypothesis, float]]] = {}
     for hypothesis in hypotheses:
         try:
@@ -353,7 +341,7 @@ def _screened(
 def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iterator[Trial]:
     """Trials at time offsets beyond those that were searched."""
     found = []
-    for centre in np.arange(-_FAR, _FAR + 1.0, 2.0 * _STRETCH):
+    for centre in np.arange(-_SECONDS, _SECONDS + 1.0, 2.0 * _STRETCH):
         offset, alike = fitter.coarse(hypothesis.path, float(centre), _STRETCH)
         if fitter.windowing.overlap(offset) > LEAST_OVERLAP and not _searched(given, offset):
             found.append((alike, offset))
@@ -371,12 +359,12 @@ def _searched(given: Trial, offset: float) -> bool:
     """Whether the fit as given could have found this time offset."""
     asked = given.lean.options
     if asked.time_offset is not None:
-        return abs(offset - asked.time_offset) < _GIVEN_WITHIN
+        return abs(offset - asked.time_offset) < 1e-3
     return abs(offset) <= asked.max_offset or abs(offset - given.offset) < _STRETCH / 100.0
 
 
 def _small_zero(fitter: Fitter, poor: PoorFit, offset: float) -> Hypothesis | None:
-    """The joint whose zero is farthest off if all are free: what is smaller than gross."""
+    """The joint whose zero is farthest off if all zeros are free."""
     try:
         lean = lean_fit(fitter.windowing, fitter.options, offset, table=(*LEAN, _zero(None)))
     except InputError:

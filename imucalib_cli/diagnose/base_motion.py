@@ -1,4 +1,4 @@
-"""Does the IMU move while everything the log knows of stands still?"""
+"""Whether the IMU moves while everything that the log reports stands still, or the other way."""
 
 from __future__ import annotations
 
@@ -18,25 +18,22 @@ if TYPE_CHECKING:
     from imucalib_cli.diagnose.alternatives import Trial
 
 
-_WINDOW: Final = 0.2
-"""s: short, for pauses between moves are."""
-_STILL: Final = (0.02, 0.002)
-"""m/s² and rad/s: a robot that moves less than this by its kinematics stands still."""
 _MOVES: Final = (0.1, 0.01)
-"""m/s² and rad/s: an IMU that moves more than this does not."""
+"""m/s² and rad/s: an IMU that moves more than this does not stand still; a robot whose kinematics
+say a fifth of it does."""
 _NOISES: Final = 8.0
 """Times the sensor's own noise that its motion must reach."""
 _SHARE: Final = 0.3
-"""Of the residual in motion, that at rest must reach: else the rest is not what is wrong."""
+"""Share of the residual in motion that the one at rest must reach, else the rest is sound."""
 _LEAST: Final = 15
 """Windows at rest, half of one apart: a second and a half."""
 
 
 def find_motion_at_rest(given: Trial) -> Finding | None:
-    """Name a base that moves though the log says nothing of it."""
+    """Name a base that moves although the log does not say so."""
     state, full = given.lean.state, given.lean.model.windowing
     dt, degree = full.grid.dt, full.plan.degree
-    length = max(odd_length(_WINDOW / dt), shortest_length(degree))
+    length = max(odd_length(0.2 / dt), shortest_length(degree))
     windowing = replace(full, plan=plan_windows(length, degree, dt, hop=max(length // 2, 1)))
     model = replace(given.lean.model, windowing=windowing)
     centres = model.centres(state)
@@ -44,7 +41,7 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
         return None
     (found,) = model.residuals(state, centres)
     speed, push = (np.linalg.norm(each, axis=1) for each in (found.rate, found.acceleration))
-    still = (speed < _STILL[1]) & (push < _STILL[0])
+    still = (speed < _MOVES[1] / 5.0) & (push < _MOVES[0] / 5.0)
     # Windows on either side must stand still too.
     calm = still.copy()
     calm[1:] &= still[:-1]
@@ -54,10 +51,10 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
     accel, gyro = found.values[:, :3], found.values[:, 3:]
     turning = min(
         trimmed_rms(gyro[calm] - np.median(gyro[calm], axis=0)),
-        # A bias that changes once, or a sensor that is reset, is no motion.
+        # A bias that changes once is no motion.
         trimmed_rms(_less_a_step(gyro[calm] @ state.R)),
     )
-    # What is constant in a pause is bias, tilt or scale: gravity lies differently in the next.
+    # A constant in a pause is bias, tilt or scale: gravity lies differently in the next.
     pushing = trimmed_rms(_within_pauses(accel[calm], np.flatnonzero(calm)))
     pushed, turns = (
         size > max(least, _NOISES * noise)
@@ -89,7 +86,7 @@ def find_still_imu(given: Trial) -> Finding | None:
 
 
 def _less_a_step(values: Floats) -> Floats:
-    """Values less their means before and after the instant that leaves least, (N, 3)."""
+    """(N, 3), values less their means before and after the instant of the best split."""
     count = np.arange(1, len(values))[:, None]
     sums, squares = np.cumsum(values, axis=0)[:-1], float(np.sum(values**2))
     total = np.sum(values, axis=0)

@@ -1,4 +1,4 @@
-"""Which link carries an IMU, where nothing says so: the one that moves as the IMU does."""
+"""Which link carries an IMU, where nothing says so: the link that moves as the IMU does."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.diagnose.alternatives import alike, given_trial
 from imucalib_cli.diagnose.base_motion import find_still_imu
-from imucalib_cli.diagnose.edits import driven_key
+from imucalib_cli.diagnose.edits import Carrier, driven_key, rigid_groups
 from imucalib_cli.diagnose.hypotheses import Hypothesis
-from imucalib_cli.diagnose.rigid import Carrier, rigid_groups
 from imucalib_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ class Carriers:
     """Which links may carry an IMU."""
 
     links: tuple[Carrier, ...] = ()
-    """Best first; several where the log cannot tell them apart, none where no link explains it."""
+    """Best first; several where the log cannot distinguish them, none where no link explains it."""
     still: bool = False
     """Whether the IMU stands still while the robot moves."""
 

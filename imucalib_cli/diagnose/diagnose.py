@@ -1,4 +1,4 @@
-"""Find out why a fit is poor, and put it before everything else that is said of the result."""
+"""Find the cause of a poor fit, and put it before all other findings."""
 
 from __future__ import annotations
 
@@ -35,8 +35,7 @@ GENERIC: Final = frozenset(
         "change.accel_bias",
     }
 )
-"""Findings that say that something is wrong and not what: they ask for a cause, and step back once
-it is known."""
+"""Findings that say that something is wrong but not what: a known cause replaces them."""
 _FOLLOWING: Final = GENERIC | {
     "windows.left_out",
     "offset.undetermined",
@@ -45,16 +44,12 @@ _FOLLOWING: Final = GENERIC | {
     "prior.contradicted",
     "imu.accel_reversed",
 }
-"""What else a wrong model makes a fit say."""
-_SHOWN: Final = 1.5
-"""Least fall of a residual that is reported as a share."""
-_MOST_TIES: Final = 3
-"""Told beside the first: a sentence with more is not read."""
+"""Findings that a wrong model causes too."""
 _AFTER: Final = "not to be judged before the cause of the misfit is mended"
 
 
 def needs_diagnosis(estimate: Estimate) -> bool:
-    """Whether a result is poor for reasons that a cause may lie behind."""
+    """Whether a result is poor in a way that may have a cause."""
     return estimate.method == "matched" and any(
         each.severity is Severity.UNTRUSTED or each.code == "residual.beyond_noise"
         for each in estimate.findings
@@ -96,7 +91,7 @@ def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
 def _cause(ties: list[Trial], given: Trial) -> Finding:
     """The best alternative, and those that explain as well."""
     best, first = ties[0], ties[0].hypothesis
-    tied = [trial.hypothesis for trial in ties[: _MOST_TIES + 1]]
+    tied = [trial.hypothesis for trial in ties[:4]]  # nobody reads a longer sentence
     alike = len({each.kind for each in tied}) == 1
     accel, gyro = (_shares(given, best, sensor) for sensor in (0, 1))
     return untrusted(
@@ -114,13 +109,13 @@ def _cause(ties: list[Trial], given: Trial) -> Finding:
 def _shares(given: Trial, best: Trial, sensor: int) -> tuple[float, float] | None:
     """Share left unexplained before and after; None where it hardly falls."""
     before, after = (np.hypot(trial.left[sensor], trial.noise[sensor]) for trial in (given, best))
-    if before <= _SHOWN * after:
+    if before <= 1.5 * after:
         return None
     return float(min(given.shares[sensor], 1.0)), float(min(best.shares[sensor], 1.0))
 
 
 def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
-    """The estimate with its causes said first, and what they explain no longer said."""
+    """The estimate with its causes first, and without the findings that they explain."""
     if not causes:
         return _without_advice(estimate) if needs_diagnosis(estimate) else estimate
     said = _FOLLOWING | {each.code for each in causes}
@@ -129,7 +124,7 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
 
 
 def _without_advice(estimate: Estimate) -> Estimate:
-    """Livelier motion determines nothing while the model is wrong."""
+    """Without advice on the motion: it determines nothing while the model is wrong."""
     return replace(
         estimate,
         unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable),

@@ -1,20 +1,27 @@
-"""What of a kinematic path moves and how it is called, and the path with another zero."""
+"""Kinematic paths: which joints move them, which links move alike, and edited copies."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
+from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.model.layout import STILL_JOINT
-from imucalib_cli.robot.path import JointStep, PoseStep
+from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
     from imucalib_cli.robot.path import KinematicPath
 
-_TAILS = (1.0, 99.0)
+S = TypeVar("S", FixedStep, JointStep, PoseStep)
+
+_TAILS: Final = (1.0, 99.0)
 """Percentiles between which a joint's travel is measured."""
+_LISTED: Final = 4
+"""Names in one list of a sentence."""
 
 
 def joints_of(path: KinematicPath) -> tuple[JointStep, ...]:
@@ -31,10 +38,26 @@ def turning_joints(path: KinematicPath) -> dict[tuple[int, int], str]:
     }
 
 
+def edited(path: KinematicPath, kind: type[S], change: Callable[[S], S]) -> KinematicPath:
+    """The same path with its steps of a kind changed."""
+    steps = (change(step) if isinstance(step, kind) else step for step in path.steps)
+    return replace(path, steps=tuple(steps))
+
+
+def with_zero(path: KinematicPath, reported: tuple[int, int], zero: float) -> KinematicPath:
+    """The same path with a constant, rad, added to a reported position, by (track, column)."""
+
+    def change(step: JointStep) -> JointStep:
+        its = (step.track, step.column) == reported
+        return replace(step, offset=step.offset + step.multiplier * zero) if its else step
+
+    return edited(path, JointStep, change)
+
+
 def driven_key(path: KinematicPath, *, in_log: bool = False) -> tuple[object, ...]:
     """What drives a path: equal for links that are rigidly joined.
 
-    With ``in_log`` only what moves in the log counts: equal for links that keep still in it.
+    With ``in_log`` only joints that move in the log count: equal for links at rest to each other.
     """
     keys: list[tuple[object, ...]] = []
     for step in path.steps:
@@ -46,21 +69,10 @@ def driven_key(path: KinematicPath, *, in_log: bool = False) -> tuple[object, ..
 
 
 def travels(path: KinematicPath, step: JointStep) -> bool:
-    """Whether a joint moves farther than noise and sag do; single glitches are no motion."""
+    """Whether a joint moves farther than noise and sag do; single glitches do not count."""
     positions = path.tracks[step.track].values[:, step.column]
     finite = positions[np.isfinite(positions)]
     return bool(len(finite)) and float(np.ptp(np.percentile(finite, _TAILS))) > STILL_JOINT
-
-
-def with_zero(path: KinematicPath, reported: tuple[int, int], zero: float) -> KinematicPath:
-    """The same path with a constant, rad, added to a reported position, by (track, column)."""
-    steps = (
-        replace(step, offset=step.offset + step.multiplier * zero)
-        if isinstance(step, JointStep) and (step.track, step.column) == reported
-        else step
-        for step in path.steps
-    )
-    return replace(path, steps=tuple(steps))
 
 
 def topic_of(name: str) -> str:
@@ -71,3 +83,58 @@ def topic_of(name: str) -> str:
 def label_of(name: str) -> str:
     """A track's name, without frames where the message has none."""
     return topic_of(name) if name.endswith("-> ?)") else name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Carrier:
+    """A link, and those that do not move relative to it."""
+
+    frame: str
+    """The first below the joint that moves it."""
+    joined: tuple[str, ...]
+    """Links that are rigidly joined to it."""
+    resting: tuple[str, ...] = ()
+    """Links behind joints that stand still in the log, so that it cannot distinguish them."""
+    path: KinematicPath
+
+    def __str__(self) -> str:
+        """Such as ``wrist_3_link (rigidly joined: flange, tool0)``."""
+        groups = (("rigidly joined", self.joined), ("at rest to it in this log", self.resting))
+        words = "; ".join(f"{what}: {_listed(names)}" for what, names in groups if names)
+        return f"{self.frame} ({words})" if words else self.frame
+
+
+def rigid_groups(
+    frames: Iterable[str], path_to: Callable[[str], KinematicPath]
+) -> tuple[Carrier, ...]:
+    """Frames of a robot or a log that move, in groups that move alike in the log.
+
+    ``path_to`` raises ImucalibError where the log does not have the kinematics of a frame.
+    """
+    groups: dict[tuple[object, ...], list[KinematicPath]] = {}
+    for frame in frames:
+        try:
+            path = path_to(frame)
+        except ImucalibError:
+            continue
+        groups.setdefault(driven_key(path, in_log=True), []).append(path)
+    groups.pop((), None)
+    found = []
+    for paths in groups.values():
+        first = min(paths, key=lambda p: (len(driven_key(p)), isinstance(p.steps[-1], FixedStep)))
+        rigid = driven_key(first)
+        others = [path for path in paths if path is not first]
+        found.append(
+            Carrier(
+                frame=first.parent,
+                joined=tuple(path.parent for path in others if driven_key(path) == rigid),
+                resting=tuple(path.parent for path in others if driven_key(path) != rigid),
+                path=first,
+            )
+        )
+    return tuple(found)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    left = len(names) - _LISTED
+    return ", ".join(names[:_LISTED]) + (f" and {left} more" if left > 0 else "")

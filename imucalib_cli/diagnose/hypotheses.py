@@ -1,16 +1,16 @@
-"""Which gross faults may be behind a poor fit, each as the path that would be right."""
+"""Gross faults that may be behind a poor fit, each as the path that would then be right."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from imucalib_cli.diagnose import edits
-from imucalib_cli.diagnose.rigid import rigid_groups
 from imucalib_cli.estimate.solution.solve import cube_rotations
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 from imucalib_cli.robot.rotations import rotation_angle
@@ -41,24 +41,24 @@ Kind = Literal[
     "base_frame",
     "base_imu",
 ]
-"""Faults that another path, another time offset or other readings would explain; the commoner
-first: those that explain equally are named in this order."""
+"""Faults that another path, another time offset or other readings would explain. The commoner
+first: faults that explain equally are named in this order."""
 
 _GROSS_ZEROS: Final = tuple(math.radians(deg) for deg in (45, -45, 90, -90, 135, -135, 180))
-"""rad: no angle is farther than 22.5 deg from one of these, from where a fit finds it."""
+"""rad: every angle is within 22.5 deg of one of these, from where a fit finds it."""
 _MOST_PAIRED, _MOST_TRIPLED = 12, 7
 """Joints of a chain up to which two and three at once are tried: fewer than a hundred pairs."""
 _FARTHEST_STAMPS, _STAMP_STEP = 1.0, 0.05
-"""s: how far stamps of the base IMU and of the joints may be apart, and the steps in which it is
-tried: from half of one the fit finds the rest."""
+"""s: largest difference of stamps of the base IMU and of the joints, and the steps in which it is
+tried; the fit finds the rest from half a step."""
 _MILLI: Final = 1e-3
 _LONGEST_ORIGIN: Final = 10.0
-"""m, between two joints, from which millimetres are thought of: no arm has such links."""
+"""m, between two joints: no arm has longer links, so they are taken for millimetres."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoorFit:
-    """A fit that is poor, and what else the log and the URDF would allow."""
+    """A poor fit, and what else the log and the URDF allow."""
 
     samples: ImuSamples
     path: KinematicPath
@@ -67,7 +67,7 @@ class PoorFit:
     frames: tuple[str, ...] = ()
     """Other links or frames that could carry the IMU."""
     path_to: Callable[[str], KinematicPath] | None = None
-    """Kinematics of such a frame; raises ImucalibError where the log does not tell them."""
+    """Kinematics of such a frame; raises ImucalibError where the log does not have them."""
     joints: tuple[str, ...] = ()
     """Names of the robot's joints in the URDF's order."""
     against: Callable[[], Iterable[KinematicPath]] = tuple
@@ -84,10 +84,10 @@ class Hypothesis:
     sizes: tuple[float, ...] = ()
     """rad or s."""
     detail: tuple[str | float | None, ...] = ()
-    """What else the words need."""
+    """Other values for the message."""
     path: KinematicPath
     joint: tuple[int, int] | None = None
-    """Track and column whose zero is to be refined."""
+    """Track and column of the joint whose zero the fit refines."""
     accel: Floats | None = None
     """(3, 3), to multiply the accelerometer's readings by."""
     gyro: Floats | None = None
@@ -95,7 +95,7 @@ class Hypothesis:
 
 
 def single_faults(poor: PoorFit) -> Iterator[Hypothesis]:
-    """Everything that one mistake may have made of the path."""
+    """Every path that may be right if there is one mistake."""
     path = poor.path
     yield Hypothesis(kind="offset", path=path)
     yield from _links(poor)
@@ -115,26 +115,27 @@ def double_faults(poor: PoorFit) -> Iterator[Hypothesis]:
 
 
 def _links(poor: PoorFit) -> Iterator[Hypothesis]:
-    """Links that move otherwise, one of those that are rigidly joined."""
+    """Links that move otherwise, one of each group that is rigidly joined."""
     if poor.path_to is None:
         return
     given = edits.driven_key(poor.path, in_log=True)
-    for link in rigid_groups(poor.frames, poor.path_to):
+    for link in edits.rigid_groups(poor.frames, poor.path_to):
         if edits.driven_key(link.path, in_log=True) != given:
             detail = (poor.path.parent, ", ".join(link.joined))
             yield Hypothesis(kind="link", names=(link.frame,), detail=detail, path=link.path)
 
 
 def _signs(path: KinematicPath, count: int) -> Iterator[Hypothesis]:
+    """Some joints that turn the other way."""
     names = tuple(dict.fromkeys(step.name for step in edits.joints_of(path)))
     for some in itertools.combinations(names, count):
-        steps = (
-            replace(step, multiplier=-step.multiplier, offset=-step.offset)
-            if isinstance(step, JointStep) and step.name in some
-            else step
-            for step in path.steps
-        )
-        yield Hypothesis(kind="sign", names=some, path=replace(path, steps=tuple(steps)))
+
+        def reverse(step: JointStep, some: tuple[str, ...] = some) -> JointStep:
+            if step.name not in some:
+                return step
+            return replace(step, multiplier=-step.multiplier, offset=-step.offset)
+
+        yield Hypothesis(kind="sign", names=some, path=edits.edited(path, JointStep, reverse))
 
 
 def _orders(path: KinematicPath, joints: Sequence[str]) -> Iterator[Hypothesis]:
@@ -144,67 +145,65 @@ def _orders(path: KinematicPath, joints: Sequence[str]) -> Iterator[Hypothesis]:
         if len(used) < 2:
             continue
         # The chain's own order; joints that are off the path keep their place after them.
-        chain = [track.names[column] for column in used]
-        rest = [name for name in track.names if name not in chain]
+        names = list(track.names)
+        chain = [names[column] for column in used]
         listings: list[tuple[str, list[str]]] = [
-            ("chain", [*chain, *rest]),
-            ("chain", sorted(track.names, key=[*joints, *track.names].index)),
-            ("alphabet", sorted(track.names)),
-            ("reverse", list(reversed(track.names))),
-            ("late", [track.names[-1], *track.names[:-1]]),
-            ("early", [*track.names[1:], track.names[0]]),
+            ("chain", [*chain, *(name for name in names if name not in chain)]),
+            ("chain", sorted(names, key=[*joints, *names].index)),
+            ("alphabet", sorted(names)),
+            ("reverse", names[::-1]),
+            ("late", [names[-1], *names[:-1]]),
+            ("early", [*names[1:], names[0]]),
         ]
-        for a, b in itertools.product(used, range(len(track.names))):
-            listing = list(track.names)
+        for a, b in itertools.product(used, range(len(names))):
+            listing = list(names)
             listing[a], listing[b] = listing[b], listing[a]
             listings.append(("", listing))
         seen = {tuple(used)}
         for how, listing in listings:
-            columns = {column: listing.index(track.names[column]) for column in used}
+            columns = {column: listing.index(names[column]) for column in used}
             key = tuple(columns.values())
-            if key in seen or len(set(listing)) < len(track.names):
+            if key in seen or len(set(listing)) < len(names):
                 continue
             seen.add(key)
-            pairs = ((track.names[a], track.names[b]) for a, b in columns.items() if a != b)
-            steps = (
-                replace(step, column=columns[step.column])
-                if isinstance(step, JointStep) and step.track == index
-                else step
-                for step in path.steps
-            )
+            pairs = ((names[a], names[b]) for a, b in columns.items() if a != b)
+
+            def reorder(
+                step: JointStep, track: int = index, columns: dict[int, int] = columns
+            ) -> JointStep:
+                return replace(step, column=columns[step.column]) if step.track == track else step
+
             yield Hypothesis(
                 kind="order",
                 names=tuple(dict.fromkeys(name for pair in pairs for name in pair)),
                 detail=(edits.topic_of(track.name), how),
-                path=replace(path, steps=tuple(steps)),
+                path=edits.edited(path, JointStep, reorder),
             )
 
 
 def _units(path: KinematicPath) -> Iterator[Hypothesis]:
+    """Degrees and millimetres."""
     topics = _topics_of(path)
+
+    def fault(unit: str, what: str, where: str, changed: KinematicPath) -> Hypothesis:
+        return Hypothesis(kind="unit", names=(unit,), detail=(what, where), path=changed)
+
     for kind, unit, what, by in (
         ("revolute", "deg", "joints", math.pi / 180.0),
         ("prismatic", "mm", "sliding", _MILLI),
     ):
         if any(step.kind == kind for step in edits.joints_of(path)):
-            steps = tuple(
-                replace(step, multiplier=by * step.multiplier)
-                if isinstance(step, JointStep) and step.kind == kind
-                else step
-                for step in path.steps
-            )
-            changed = replace(path, steps=steps)
-            yield Hypothesis(kind="unit", names=(unit,), detail=(what, topics), path=changed)
+
+            def scale(step: JointStep, kind: str = kind, by: float = by) -> JointStep:
+                return replace(step, multiplier=by * step.multiplier) if step.kind == kind else step
+
+            yield fault(unit, what, topics, edits.edited(path, JointStep, scale))
     if _longest_origin(path) > _LONGEST_ORIGIN:
-        steps = tuple(
-            replace(step, p=_MILLI * step.p) if isinstance(step, FixedStep) else step
-            for step in path.steps
-        )
-        changed = replace(path, steps=steps)
-        yield Hypothesis(kind="unit", names=("mm",), detail=("origins", ""), path=changed)
+        shrunk = edits.edited(path, FixedStep, lambda step: replace(step, p=_MILLI * step.p))
+        yield fault("mm", "origins", "", shrunk)
     if _pose_tracks(path):
         changed = _with_values(path, "pose", lambda poses: poses * ([_MILLI] * 3 + [1.0] * 4))
-        yield Hypothesis(kind="unit", names=("mm",), detail=("poses", topics), path=changed)
+        yield fault("mm", "poses", topics, changed)
 
 
 def _longest_origin(path: KinematicPath) -> float:
@@ -222,20 +221,18 @@ def _poses(path: KinematicPath) -> Iterator[Hypothesis]:
     tracks = _pose_tracks(path)
     if not tracks:
         return
-    for subset in dict.fromkeys((*((index,) for index in tracks), tuple(sorted(tracks)))):
-        steps = (
-            replace(step, inverse=not step.inverse)
-            if isinstance(step, PoseStep) and step.track in subset
-            else step
-            for step in path.steps
-        )
-        name = ", ".join(edits.label_of(path.tracks[index].name) for index in subset)
-        yield Hypothesis(kind="inverse", names=(name,), path=replace(path, steps=tuple(steps)))
+    for some in dict.fromkeys((*((index,) for index in tracks), tuple(sorted(tracks)))):
+
+        def invert(step: PoseStep, some: tuple[int, ...] = some) -> PoseStep:
+            return replace(step, inverse=not step.inverse) if step.track in some else step
+
+        name = ", ".join(edits.label_of(path.tracks[index].name) for index in some)
+        inverse = edits.edited(path, PoseStep, invert)
+        yield Hypothesis(kind="inverse", names=(name,), path=inverse)
     names = (_topics_of(path),)
-    w_first = _with_values(path, "pose", lambda poses: poses[:, [0, 1, 2, 4, 5, 6, 3]])
-    yield Hypothesis(kind="quaternion", names=names, detail=("w x y z",), path=w_first)
-    x_last = _with_values(path, "pose", lambda poses: poses[:, [0, 1, 2, 6, 3, 4, 5]])
-    yield Hypothesis(kind="quaternion", names=names, detail=("y z w x",), path=x_last)
+    for order, columns in (("w x y z", [4, 5, 6, 3]), ("y z w x", [6, 3, 4, 5])):
+        reordered = _with_values(path, "pose", itemgetter((slice(None), [0, 1, 2, *columns])))
+        yield Hypothesis(kind="quaternion", names=names, detail=(order,), path=reordered)
     conjugate = _with_values(path, "pose", lambda poses: poses * [1, 1, 1, -1, -1, -1, 1])
     yield Hypothesis(kind="conjugate", names=names, path=conjugate)
 
@@ -262,7 +259,7 @@ def _topics_of(path: KinematicPath) -> str:
 
 
 def _base(path: KinematicPath) -> Iterator[Hypothesis]:
-    """What may be wrong with the IMU that tells how the base moves."""
+    """What may be wrong with the IMU that measures how the base moves."""
     if path.base_imu is None:
         return
     names = (path.tracks[path.base_imu].name,)
@@ -287,7 +284,7 @@ def _base(path: KinematicPath) -> Iterator[Hypothesis]:
 
 
 def other_bases(poor: PoorFit) -> Iterator[Hypothesis]:
-    """Another IMU of the log tells how its link moves, and nothing else does so rightly."""
+    """Paths from another IMU of the log, which then measures how its link moves."""
     for path in poor.against():
         topic = next(track.name for track in path.tracks if track.kind == "imu")
         detail = (path.world, poor.path.world)

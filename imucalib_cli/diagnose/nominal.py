@@ -1,4 +1,4 @@
-"""Is the pose that was given beforehand the one found, the wrong way round?"""
+"""A pose given beforehand that is the inverse of the one found."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 
 _NEAR = (0.01, math.radians(3.0))
-"""m and rad: as well as a drawing knows a mount."""
-_FAR = 4.0
-"""Times further off than that, and than its inverse, a nominal must be."""
+"""m and rad: accuracy of a drawing. A nominal must be four times as far off."""
 
 
 def inverted_nominal(
@@ -36,7 +34,7 @@ def inverted_nominal(
     if not all(d < limit for d, limit in zip(inverse, near, strict=True)):
         return None
     if not any(
-        d > _FAR * max(limit, other) for d, limit, other in zip(away, near, inverse, strict=True)
+        d > 4.0 * max(limit, other) for d, limit, other in zip(away, near, inverse, strict=True)
     ):
         return None
     return warning(

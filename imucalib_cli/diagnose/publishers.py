@@ -1,7 +1,7 @@
-"""Do two publishers tell the same thing, and contradict each other?
+"""Two publishers that contradict each other on one topic.
 
-Their messages interleave on one topic: the values jump to and fro between two curves a constant
-apart, which noise does not.
+Their messages interleave: the values jump between two curves a constant apart, which noise does
+not do.
 """
 
 from __future__ import annotations
@@ -17,35 +17,31 @@ from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.robot.path import KinematicPath
 
 
-_JUMPS = 0.15
-"""Share of messages that jump away, or back."""
 _ALIKE = 0.25
 """Spread of the jumps' sizes over their size: noise has 0.5 and more."""
 _OVER_STEPS = 4.0
-"""Size of the jumps over that of the steps between."""
-_LEAST = 1e-4
-"""rad or m: smaller jumps do no harm."""
+"""Least size of the jumps over that of the steps between."""
 
 
 def find_rival_publishers(path: KinematicPath) -> Finding | None:
     """Name a track that jumps between two curves."""
     for index, track in enumerate(path.tracks):
-        used = _used(path, index)
         order = np.argsort(track.t, kind="stable")
-        for column in used:
+        for column in _used(path, index):
             size = _jump(track.values[order, column])
             if size is None:
                 continue
-            what = track.names[column] if track.kind == "joints" else label_of(track.name)
+            of_joints = track.kind == "joints"
+            pose = "position" if column < 3 else "rotation"
             return untrusted(
                 "cause.publishers",
                 names=(topic_of(track.name),),
                 sizes=(size,),
-                what=what,
-                kind=_kind(track, column),
+                what=track.names[column] if of_joints else label_of(track.name),
+                kind="joint" if of_joints else pose,
             )
     return None
 
@@ -69,7 +65,7 @@ def _jump(values: Floats) -> float | None:
     size = np.abs(steps)
     # A jump away and the next one back: large, and of opposite sign in their order.
     large = size > 0.5 * np.percentile(size, 98)
-    if large.mean() < _JUMPS or not large.any():
+    if large.mean() < 0.15 or not large.any():
         return None
     signs = np.sign(steps[large])
     back = float(np.mean(signs[1:] != signs[:-1]))
@@ -83,16 +79,9 @@ def _jump(values: Floats) -> float | None:
     along = float(np.median(apart)) / 2.0 if large.all() else rest
     if (
         back > 0.9
-        and typical > _LEAST
+        and typical > 1e-4  # rad or m: smaller jumps do no harm
         and spread < _ALIKE * typical
         and typical > _OVER_STEPS * max(along, count)
     ):
         return typical
     return None
-
-
-def _kind(track: Track, column: int) -> str:
-    """Of what a column holds."""
-    if track.kind == "joints":
-        return "joint"
-    return "position" if column < 3 else "rotation"

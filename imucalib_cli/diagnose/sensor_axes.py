@@ -1,8 +1,8 @@
-"""Sensors whose axes cannot be turned into the parent link: mirrored, swapped, reversed.
+"""Sensors whose axes no rotation turns into the parent link: mirrored, swapped, reversed.
 
-Without the demand that R_parent_imu be a rotation, and be the same for both sensors, each sensor's
-3x3 matrix is a linear unknown of its own. What the two then come out as says how the axes would
-have to be changed; whether that is true is judged as every other hypothesis is.
+If R_parent_imu need not be a rotation, nor the same for both sensors, each sensor's 3x3 matrix is a
+linear unknown of its own. The two matrices say how the axes would have to be changed; that is then
+one more hypothesis.
 """
 
 from __future__ import annotations
@@ -21,14 +21,11 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
 
 
-_UNEXCITED: Final = 1e-7
-"""Eigenvalue of a sensor's scaled normal matrix below which the motion says too little."""
 _STRETCHED: Final = 1.3
-"""Ratio of a matrix's singular values from which it is no frame, mirrored or not: six times the
-scale error of the worst sensor that is sold."""
+"""Ratio of singular values from which a matrix is no frame, mirrored or not: six times the scale
+error of the worst sensor that is sold."""
 _SAME: Final = np.radians(10.0)
-"""rad: frames closer than this are one, given the precision of a free matrix."""
-_MIRROR: Final = np.diag([1.0, 1.0, -1.0])
+"""rad: frames closer than this are the same, by the precision of a free matrix."""
 
 
 def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypothesis | None:
@@ -39,7 +36,7 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
     Args:
         rows: Of windows, at about the right time offset.
         path: As given.
-        gravity: (3,), gravity_world as it was found, m/s²; zero where there is none.
+        gravity: (3,), gravity_world of the fit, m/s²; zero where there is none.
     """
     accel = _free_matrix(rows.accel, [columns.T, columns.R, columns.BA, columns.G])
     gyro = _free_matrix(rows.gyro, [columns.R, columns.BG])
@@ -49,7 +46,7 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
     mirrored = ""
     if left_accel != left_gyro:
         mirrored = "accelerometer" if left_accel else "gyroscope"
-    mirror = _MIRROR if left_accel and left_gyro else np.eye(3)
+    mirror = np.diag([1.0, 1.0, -1.0]) if left_accel and left_gyro else np.eye(3)
 
     def changed(
         form: str, turn: Floats, which: str = "", sizes: tuple[float, ...] = (), order: str = ""
@@ -91,7 +88,7 @@ def _free_matrix(rows: Floats, parts: list[slice]) -> Floats | None:
     normal = flat[:, which].T @ flat[:, which]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
-    if values[0] < _UNEXCITED * values[-1]:
+    if values[0] < 1e-7 * values[-1]:
         return None
     score = (flat[:, which].T @ flat[:, columns.ONE]) * scale
     x = -scale * (vectors @ ((vectors.T @ score) / values))

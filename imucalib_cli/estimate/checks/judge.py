@@ -1,4 +1,4 @@
-"""What is to be told of a fit: every check, each giving findings with codes and numbers."""
+"""Every check of a fit; each gives findings with codes and numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
-from imucalib_cli.estimate.checks.strikes import strikes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import (
@@ -21,11 +20,13 @@ from imucalib_cli.estimate.model.unknowns import (
     Origin,
     PoseScale,
 )
-from imucalib_cli.estimate.solution.fit import COMMON_IMU
+from imucalib_cli.estimate.solution.robust import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
 from imucalib_cli.estimate.window_choice import kinematic_variance
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.stretches import all_hold, stretches_of
 from imucalib_cli.signals.timing.stamps import sample_interval
 
 if TYPE_CHECKING:
@@ -45,53 +46,32 @@ Sign = Literal["as read", "reversed", "in doubt"]
 WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
 DISTRUST_SIGMAS: Final = 5.0
-"""One sound log in two million; from here on an error stands clear of its own sigma."""
+"""One sound log in two million: such an error stands clear of its own sigma."""
 UNEXPLAINED_GYRO: Final = 0.3
 """Share of the measured rotation left in the residuals from which model and log do not match."""
 UNEXPLAINED_ACCEL: Final = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
 STANDSTILL_GYRO: Final = 0.02
-"""rad/s: a log that turns less than this tells nothing about mismatch."""
-_CLEAR_LAG: Final = 0.8
-"""Correlation of the two rates at the right time offset: even a bad model keeps it."""
+"""rad/s: a log that turns less does not show a mismatch, and a residual that is larger does."""
 LOUD: Final = 5.0
-"""Residuals over the noise that is known, from which it is said."""
-_GROSS: Final = 50.0
-"""Likewise, from which the equations, not their parameters, are wrong."""
-_DROPPED_MOTION: Final = 0.2
-"""Share of the motion in windows left out from which the rest no longer speaks for the log."""
-_DROPPED: Final = 0.05
-"""Share of windows left out from which it is said."""
-_SPIKED: Final = 0.005
-"""Share of samples that stand alone from which it is said: at 1 kHz every other window of 0.1 s has
-one then."""
-_QUICK: Final = 0.25
-"""Share of a signal by which its samples are off their neighbours' cubic if it is white up to a
-quarter of the rate and nothing above: what an IMU's own low-pass should leave at most."""
+"""Ratio of residuals to the known noise that is reported; from ten times as much on the equations,
+not their parameters, are wrong."""
+_FEW: Final = 0.05
+"""Share of the windows, left out or struck, from which it is reported: a strike now and then is an
+outlier, strikes with every step are part of the motion."""
 _ENOUGH_HERTZ: Final = 400.0
 """Hz: rate at which a strike of 10 ms, as of hard feet on hard ground, takes four samples."""
-_MOST_OF_LOG: Final = 0.5
-"""Share of the time of both streams that lies in windows, below which more is lost than used."""
-_PLAIN: Final = (0.1, 0.02)
-"""m/s² and rad/s: residuals of a window that no filter, only a wrong model leaves."""
-_TILTED: Final = np.radians(20.0)
-"""rad: a base stands level, or it is mounted otherwise on purpose."""
-_OFFSET_LIMIT: Final = 0.02
-"""s: a time offset known no better than this is not known."""
-_UNTOUCHED: Final = 0.9
-"""Share of a prior's deviation that is left where the data add nothing to it."""
+_FORCE: Final = 5.0
+"""Least specific force of a strike, relative to the log's median and to gravity: arms, drones and
+whole vehicles stay below 5 g, but for a crash or a hole in the road."""
 SLIP: Final = (2e-3, 5e-3)
-"""m and rad: a mount that slips moves by the clearance of its bolts; what gives moves less."""
+"""m and rad: a mount that slips moves by the clearance of its bolts; one that gives moves less."""
 _NO_SENSOR: Final = 5.0
-"""Times the usual, from which no sensor that is sold has such a bias: 2.5 m/s² and 1 rad/s, where
-the worst of consumer parts are specified to 2 m/s² and 0.7 rad/s."""
-_WITHIN: Final = 2.0
-"""Sigmas of a told prior within which a bias is what was told."""
-_ALIKE: Final = 0.9
-"""Correlation of two unknowns from which a log tells little more than their sum: what it tells of
-the one alone is less than half of sigma."""
-_JUDGED_ELSEWHERE: Final = frozenset({"time_offset", "gravity_direction"})
-"""Entries of the table that have findings of their own."""
+"""Times the usual bias that no sensor that is sold has: 2.5 m/s² and 1 rad/s, where the worst of
+consumer parts are specified to 2 m/s² and 0.7 rad/s."""
+_OFFSET_LIMIT: Final = 0.02
+"""s: a time offset with a larger sigma counts as unknown."""
+_SENSOR_PARTS: Final = (slice(0, 3), slice(3, 6))
 OF_ANSWER: Final = frozenset(
     {
         "prior.contradicted",
@@ -104,7 +84,7 @@ OF_ANSWER: Final = frozenset(
         "gravity.tilted",
     }
 )
-"""Codes of findings that rest on the unknowns and their priors, not on the windows."""
+"""Codes of findings that depend on the unknowns and their priors, not on the windows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,23 +98,24 @@ class Evidence:
     dependence: tuple[Dependence, ...]
     change: Change | None
     over_noise: Floats
-    """(2,), residual scale over the noise that is known, accelerometer and gyroscope."""
+    """(2,), residual scale over the known noise, accelerometer and gyroscope."""
     sign: Sign
-    """Of the accelerometer: as read, reversed for that fits decisively better, or in doubt."""
+    """Of the accelerometer: as read, reversed because that fits decisively better, or in doubt."""
 
     @property
     def hangs_most(self) -> Dependence | None:
-        """The window on which the answer hangs most."""
-        return max(self.dependence, key=lambda each: each.sigmas, default=None)
+        """The other window at which the answer differs most, if it differs by more than noise."""
+        worst = max(self.dependence, key=lambda each: each.sigmas, default=None)
+        return worst if worst is not None and worst.sigmas > WARN_SIGMAS else None
 
 
 def own_noise(windowing: Windowing) -> Floats:
-    """(2,), what the sensor's own white noise leaves in a window; at least any IMU's."""
+    """(2,), residual of a window by the sensor's own white noise; at least that of a good IMU."""
     return np.asarray(np.maximum(windowing.noise * windowing.white_gains, COMMON_IMU))
 
 
 def over_known_noise(fit: Fit) -> Floats:
-    """(2,), residual scale over the noise that is known: the sensor's own and the kinematics'."""
+    """(2,), residual scale over the known noise: the sensor's own and that of the kinematics."""
     windowing = fit.model.windowing
     seconds = windowing.plan.length * windowing.grid.dt
     kinematic = kinematic_variance(seconds, windowing.trajectory)
@@ -143,70 +124,60 @@ def over_known_noise(fit: Fit) -> Floats:
 
 
 def of_findings(evidence: Evidence) -> Floats:
-    """(6, 6), what a dependence on the window, a small change or skewed axes add to sigma."""
+    """(6, 6), added to the covariance for dependence on the window, a change, or skewed axes."""
     added = np.diag([0.0, 0.0, 0.0, *[_off_square(evidence.fit)] * 3])
-    worst = evidence.hangs_most
-    if worst is not None and worst.sigmas > WARN_SIGMAS:
-        added += np.outer(worst.difference, worst.difference)
+    if evidence.hangs_most is not None:
+        differences = [evidence.hangs_most.difference]
     else:
-        for *_, other in _too_large(evidence.fit, evidence.dependence):
-            if other is not None:
-                difference = other.changes[evidence.fit.layout.pose]
-                added += np.outer(difference, difference)
+        pose, too_large = evidence.fit.layout.pose, _too_large(evidence.fit, evidence.dependence)
+        differences = [other.changes[pose] for *_, other in too_large if other is not None]
     change = evidence.change
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
-        added += np.outer(change.moves_pose, change.moves_pose)
+        differences.append(change.moves_pose)
         if change.kind == "mount":
             added += np.diag(change.std**2)
-    return added
+    return added + sum((np.outer(each, each) for each in differences), np.zeros((6, 6)))
 
 
 def _off_square(answer: Answer) -> float:
     """rad², the largest skew, if any is clear: other conventions turn the axes by so much.
 
-    Two IMUs on one body tell how their skews differ, and neither by itself.
+    Two IMUs on one body determine how their skews differ, and neither by itself.
     """
     layout = answer.layout
     skew = places_of(layout.part(name) for name in ("accel_skew", "base_accel_skew"))
     value, C = answer.state.x[skew], answer.covariance[np.ix_(skew, skew)]
     variances, axes = np.linalg.eigh(C)
-    told = variances > 0.0
-    if not (np.abs(value @ axes)[told] > DISTRUST_SIGMAS * np.sqrt(variances[told])).any():
+    seen = variances > 0.0
+    if not (np.abs(value @ axes)[seen] > DISTRUST_SIGMAS * np.sqrt(variances[seen])).any():
         return 0.0
     return float(np.max(value**2 + np.diag(C)))
 
 
 def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
-    """Every finding of a fit, the grave ones first; ``log`` is what its log tells."""
+    """Every finding of a fit, the grave ones first; ``log`` are its statistics."""
     wrong = contradicted_by_log(evidence.fit)
-    found = [
-        *([] if wrong is None else [wrong]),
-        # What is held where it is not is taken up by whatever looks like it.
-        *(() if wrong else _changed(evidence)),
-        *_unexplained(evidence),
-        *of_answer(evidence.fit, log, contradicted=wrong is not None),
-        *_window(evidence),
-        # Directions that no motion determines leave these undecided too.
-        *(() if unobservable(evidence.fit) else _undecided(evidence)),
-        *_residuals(evidence),
-        *_left_out(evidence),
-        *strikes(evidence.topic, evidence.fit),
-        *_sampled(evidence),
-        *_gaps(evidence),
-        *_stamps(evidence),
-    ]
+    found = [] if wrong is None else [wrong]
+    if wrong is None:  # else something that looks like the wrong value has taken it up
+        found += _changed(evidence)
+    found += [*_unexplained(evidence), *of_answer(evidence.fit, log, contradicted=bool(wrong))]
+    found += _window(evidence)
+    if not unobservable(evidence.fit):  # directions without motion leave these undecided too
+        found += _undecided(evidence)
+    for check in (_residuals, _left_out, _strikes, _sampled, _gaps, _stamps):
+        found += check(evidence)
     return tuple(sorted(found, key=lambda each: each.severity is not Severity.UNTRUSTED))
 
 
 def of_answer(
     answer: Answer, log: LogStatistics | None = None, *, contradicted: bool = False
 ) -> Iterator[Finding]:
-    """Findings that rest on the unknowns and their priors alone.
+    """Findings that depend on the unknowns and their priors alone.
 
     Args:
         answer: Every unknown.
-        log: The one log that it is of; None for an answer of several.
+        log: The one log that it comes from; None for an answer of several.
         contradicted: Whether something that was stated is wrong.
     """
     if not contradicted:
@@ -218,7 +189,7 @@ def of_answer(
     gravity = answer.state.gravity
     if gravity.any() and not unobservable(answer):
         tilt = float(np.linalg.norm(tilt_from_down(gravity)))
-        if tilt > _TILTED:
+        if tilt > np.radians(20.0):  # a base stands level, or is mounted otherwise on purpose
             yield warning("gravity.tilted", tilt=tilt)
 
 
@@ -229,7 +200,8 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
     if turning > STANDSTILL_GYRO and left > UNEXPLAINED_GYRO * turning:
-        far = lag is not None and lag.correlation < _CLEAR_LAG
+        # At the right time offset even a bad model has a high correlation of the rates.
+        far = lag is not None and lag.correlation < 0.8
         yield untrusted(
             "fit.rotation_unexplained",
             share=left / turning,
@@ -254,23 +226,23 @@ def _residuals(evidence: Evidence) -> Iterator[Finding]:
     worst = int(evidence.over_noise.argmax())
     ratio = float(evidence.over_noise[worst])
     if ratio > LOUD:
-        make = untrusted if ratio > _GROSS else warning
+        make = untrusted if ratio > 10.0 * LOUD else warning
         yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio)
 
 
 def _left_out(evidence: Evidence) -> Iterator[Finding]:
+    """Windows that lost their weight, by how much of the motion and of the log they are."""
     fit = evidence.fit
     lost = fit.weights <= 0.0
+    accel, gyro = (np.linalg.norm(fit.residuals.values[:, part], axis=1) for part in _SENSOR_PARTS)
     # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
-    plain = (np.linalg.norm(fit.residuals.values[:, :3], axis=1) > _PLAIN[0]) | (
-        np.linalg.norm(fit.residuals.values[:, 3:], axis=1) > _PLAIN[1]
-    )
+    plain = (accel > 0.1) | (gyro > STANDSTILL_GYRO)
     turning = (fit.residuals.rate**2).sum(axis=1)
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
-    if share > _DROPPED_MOTION:
+    if share > 0.2:
         yield untrusted("windows.motion_left_out", share=share)
-    if count > _DROPPED * len(lost):
+    if count > _FEW * len(lost):
         when = fit.model.windowing.grid.t[fit.centres]
         first, last = np.percentile(when[lost], (4, 96))
         dense = lost[(when >= first) & (when <= last)].mean() > 0.5
@@ -280,6 +252,31 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
             total=len(lost),
             start=float(first) if dense else None,
             end=float(last) if dense else None,
+        )
+
+
+def _strikes(evidence: Evidence) -> Iterator[Finding]:
+    """Short bursts of large force, as the feet of a walker make, whether they fit or not."""
+    fit, windowing = evidence.fit, evidence.fit.model.windowing
+    grid, length = windowing.grid, windowing.plan.length
+    force = np.linalg.norm(grid.accel, axis=1)
+    least = _FORCE * max(float(np.median(force[grid.usable])), STANDARD_GRAVITY)
+    quiet = stretches_of((force <= least) | ~grid.usable)
+    # Bursts with less than 0.05 s between them are one strike; 0.1 s of force is driven.
+    ringing = quiet.where((quiet.lengths * grid.dt < 0.05) & (quiet.first > 0))
+    bursts = stretches_of(((force > least) & grid.usable) | ringing.mask(len(force)))
+    bursts = bursts.where(bursts.lengths * grid.dt < 0.1)
+    in_burst = bursts.mask(len(force))
+    struck = ~all_hold(~in_burst, fit.centres - length // 2, length)
+    if struck.mean() > _FEW:
+        yield note(
+            "imu.strikes",
+            topic=evidence.topic,
+            count=len(bursts),
+            largest=float(force[in_burst].max()),
+            windows=int(struck.sum()),
+            total=len(struck),
+            left_out=int((struck & (fit.weights <= 0.0)).sum()),
         )
 
 
@@ -294,16 +291,18 @@ def _sampled(evidence: Evidence) -> Iterator[Finding]:
     ]
     for topic, accel, interval, spikes in imus:
         off = float(np.sqrt(np.mean(deviation_from_neighbours(accel) ** 2)))
-        # A strike that is over before the next sample looks like a spike.
-        quick = off > _QUICK * float(np.sqrt(accel.var(axis=0).mean()))
+        # A signal that is white up to a quarter of the rate, and nothing above, as an IMU's own
+        # low-pass should leave it, is off the cubic through its neighbours by a quarter.
+        quick = off > 0.25 * float(np.sqrt(accel.var(axis=0).mean()))
         if quick and off > UNEXPLAINED_ACCEL and interval > 1.0 / _ENOUGH_HERTZ:
             yield warning("imu.slow", topic=topic, rate=1.0 / interval, enough=_ENOUGH_HERTZ)
-        elif not quick and spikes > _SPIKED * len(accel):
+        # At 1 kHz every other window of 0.1 s has a spike then. A quick strike looks like one.
+        elif not quick and spikes > 0.005 * len(accel):
             yield warning("imu.spikes", topic=topic, count=spikes, total=len(accel))
 
 
 def _gaps(evidence: Evidence) -> Iterator[Finding]:
-    """Streams so full of holes that most of the log is lost: its motion is not what is missing."""
+    """Streams with so many holes that most of the log is lost."""
     model = evidence.fit.model
     windowing, grid = model.windowing, model.windowing.grid
     gaps, length = (grid.gaps, windowing.trajectory.gaps), windowing.plan.length
@@ -311,14 +310,14 @@ def _gaps(evidence: Evidence) -> Iterator[Finding]:
     shared = float(np.ptp(np.clip(span, grid.t0, grid.t[-1])))
     inside = np.minimum(np.diff(evidence.fit.centres), length).sum() + length
     share = float(inside) * grid.dt / max(shared, grid.dt)
-    if share < _MOST_OF_LOG and any(gaps):
+    if share < 0.5 and any(gaps):
         yield warning("windows.between_gaps", share=share, imu=gaps[0], robot=gaps[1])
 
 
 def _window(evidence: Evidence) -> Iterator[Finding]:
-    """An answer that hangs on the window: something that no unknown explains."""
+    """An answer that depends on the window: something that no unknown explains."""
     worst = evidence.hangs_most
-    if worst is not None and worst.sigmas > WARN_SIGMAS:
+    if worst is not None:
         sigma = np.sqrt(np.diag(evidence.fit.pose_covariance))
         matters = bool((np.abs(worst.difference) > sigma).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
@@ -332,7 +331,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _changed(evidence: Evidence) -> Iterator[Finding]:
-    """An instant from which the log tells something else."""
+    """An instant at which mount, clock or bias changed."""
     change = evidence.change
     if change is None:
         return
@@ -343,7 +342,7 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
             values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
     else:
         values = {"size": float(size[0] if len(size) == 1 else np.linalg.norm(size))}
-    # The give of a mount is in sigma already.
+    # A mount that gives is in sigma already.
     slipped = (np.array(list(lengths.values())) > SLIP).any()
     yield (untrusted if slipped else warning)(
         f"change.{change.kind}", seconds=change.seconds, uncertainty=change.uncertainty, **values
@@ -359,7 +358,7 @@ def _lengths(pose: Floats) -> dict[str, float]:
 
 
 def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
-    """Errors that no sound robot and no sound sensor has, and those that would move the pose."""
+    """Errors that no sound robot and no sound sensor has, and those that move the pose."""
     windows = () if log is None else log.windows
     pose, stated = answer.layout.pose, np.sqrt(np.diag(answer.pose_covariance))
     too_large = {
@@ -367,7 +366,10 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
     }
     for each in answer.layout.placed:
         unknown, part, value = each.unknown, each.part, answer.value(each)
-        if isinstance(unknown.effect, Mount) or unknown.name in _JUDGED_ELSEWHERE:
+        if isinstance(unknown.effect, Mount) or unknown.name in {
+            "time_offset",
+            "gravity_direction",
+        }:  # they have findings of their own
             continue
         if log is not None and log.clock_stepped and isinstance(unknown.effect, Clock):
             continue
@@ -385,8 +387,8 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
         what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
-            if size > max(limit, _WITHIN * answer.options.stated_std(unknown.name)):
-                # surely so: a log that hardly tells a bias proves nothing by it
+            if size > max(limit, 2.0 * answer.options.stated_std(unknown.name)):
+                # surely so: a bias that a log hardly determines proves nothing
                 sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
                 make = untrusted if sure else warning
                 yield make("bias.unusual", name=unknown.name, size=size)
@@ -421,9 +423,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
 def _too_large(
     answer: Answer, windows: Sequence[OtherWindow]
 ) -> Iterator[tuple[Placed, int, OtherWindow | None]]:
-    """Entries that are surely larger than they can be: the component that is so most.
+    """Entries that are surely too large: the component, and a window by which it is not too large.
 
-    And a window by which it is not, if there is one: then something else looks like it.
+    With such a window something else looks like the entry.
     """
     for each in answer.layout.placed:
         value, limit = answer.value(each), each.unknown.healthy
@@ -437,7 +439,7 @@ def _too_large(
 
 
 def _like(answer: Answer, place: int) -> str:
-    """Another unknown than the pose that the log hardly tells from a component; empty if none."""
+    """Another unknown that the log hardly distinguishes from a component; empty if none."""
     std = np.sqrt(np.diag(answer.covariance))
     shared = np.abs(answer.covariance[place]) / np.maximum(std * std[place], 1e-300)
     for each in answer.layout.placed:
@@ -445,24 +447,21 @@ def _like(answer: Answer, place: int) -> str:
         if inside or isinstance(each.unknown.effect, Mount) or not shared[each.part].size:
             continue
         worst = int(np.argmax(shared[each.part]))
-        if shared[each.part][worst] > _ALIKE:
+        if shared[each.part][worst] > 0.9:  # alone it is known to less than half of its sigma
             what = each.unknown.words.split(":")[0]
             return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
     return ""
 
 
 def _resting_on_priors(answer: Answer) -> Iterator[Finding]:
-    """Components that come from what was told and not from the log."""
+    """Components that come from what was stated and not from the log."""
     if answer.options.known_pose is None:
         return
     std, variance = answer.options.known_pose[2], np.diag(answer.pose_covariance)
-    told = (std < np.inf) & np.where(
-        std > 0.0, variance > (_UNTOUCHED * std) ** 2, undetermined(answer)
-    )
-    if told.any():
-        yield warning(
-            "prior.untested", components=tuple(POSE_NAMES[i] for i in np.flatnonzero(told))
-        )
+    stated = (std < np.inf) & np.where(std > 0.0, variance > (0.9 * std) ** 2, undetermined(answer))
+    if stated.any():
+        names = tuple(POSE_NAMES[i] for i in np.flatnonzero(stated))
+        yield warning("prior.untested", components=names)
 
 
 def _stamps(evidence: Evidence) -> Iterator[Finding]:
@@ -481,7 +480,7 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _still(answer: Answer) -> Iterator[Finding]:
-    """Joints that do not move, where what they hide is most of sigma."""
+    """Joints that stand still, where errors hidden by them are most of sigma."""
     layout = answer.layout
     hidden = places_of(each.part for each in layout.placed if each.hidden)
     if not len(hidden):

@@ -25,7 +25,12 @@ from imucalib_cli.estimate.solution.normal_equations import (
     prior_offset,
 )
 from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum, calibration
-from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
+from imucalib_cli.estimate.solution.robust import (
+    COMMON_IMU,
+    SCALE_FLOOR,
+    residual_scales,
+    window_weights,
+)
 from imucalib_cli.estimate.solution.scales import Problem, most_likely
 from imucalib_cli.estimate.solution.solve import (
     SAME_ROTATION,
@@ -56,32 +61,22 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
 
 
-COMMON_IMU: Final = (1e-3, 5e-5)
-"""m/s² and rad/s: residuals of a window that a good IMU leaves; less is as good as none."""
 _FIRST_SCALES: Final = (0.05, 0.005)
-"""m/s² and rad/s: how the sensors are weighted before residuals tell."""
-_REWEIGHTS: Final = 3
+"""m/s² and rad/s: weights of the sensors before there are residuals."""
 _FEW: Final = 480
 """Windows that are enough for a first solution."""
 _MORE: Final = 8
-"""Times as many with each solution that follows, until they are all."""
+"""Factor by which windows grow from one solution to the next, until all are used."""
 _PASSES: Final = 8
-_UNSURE: Final = 2
-"""Passes from a first solution, in which an outlier may be what it is off by."""
-_LEVEL_PASSES: Final = 2
-"""Solves of a pass in which noise level and scales are found in turn."""
-_FALLS: Final = 0.9
-"""Share of a residual, at most, that a step leaves which gets on: those of a right model leave far
-less."""
 _SETTLED: Final = 0.1
-"""Sigmas: what a last step may leave."""
+"""Sigmas: largest error after the last step."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Windows about a point of linearisation, whitened: what normal matrices are summed from."""
+    """Whitened windows about a point of linearisation, from which normal matrices are summed."""
 
     model: Model
     state: State
@@ -93,23 +88,23 @@ class Linearised:
     weights: Floats
     """(W,), robust."""
     scales: Floats
-    """(2,), of the residuals, that they are whitened by, accelerometer m/s², gyroscope rad/s."""
+    """(2,), of the residuals, for whitening: accelerometer m/s², gyroscope rad/s."""
     noise: NoiseSpectrum
-    """Of the residuals, of whatever windows."""
+    """Of the residuals."""
 
     @property
     def windows(self) -> float:
-        """How many, as their weights count."""
+        """Number of windows by their weights."""
         return float(self.weights.sum()) / max(float(self.weights.max()), 1e-300)
 
     def rows(self) -> Iterator[tuple[slice, Floats]]:
-        """[e J] of windows, (w, 6, n + 1): overlapping windows then count every sample once."""
+        """[e J] of windows, (w, 6, n + 1), so weighted that every sample counts once."""
         gains = self.model.windowing.plan.noise_gains / self.scales
         root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
         unit = self.model.layout.unit
         for part, J in columns(self.model, self.state, self.centres):
-            # Residuals count in the unit of the readings. If all lengths and forces were smaller,
-            # the residuals would be so too, and a small unit of length would seem to fit better.
+            # Residuals count in the unit of the readings: with smaller lengths and forces they
+            # would be smaller, and a small unit of length would seem to fit better.
             J[:, :3, unit] += self.residuals[part, :3, None] / 3.0
             rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
             yield part, rows * root[part, :, None]
@@ -128,7 +123,7 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class Fit(Answer):
-    """The posterior and the windows it rests on."""
+    """The posterior and the windows it comes from."""
 
     model: Model
     equations: NormalEquations
@@ -137,7 +132,6 @@ class Fit(Answer):
     levels: Floats
     """(2, bands), of the noise."""
     noise: NoiseSpectrum
-    """Of the same."""
     centres: Indices
     residuals: Residuals
     weights: Floats
@@ -145,9 +139,9 @@ class Fit(Answer):
     residual_scales: Floats
     """(2,)."""
     runner_up_rise: float
-    """How much worse the best other rotation fits, in chi-squared; inf where there is none."""
+    """Rise of chi-squared at the best other rotation; inf where there is none."""
     beside: tuple[Floats, Floats]
-    """Information (n, n) and score (n,) of what is known beside the windows."""
+    """Information (n, n) and score (n,) from other sources than the windows."""
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
         """From [e J] (n + 1, n + 1) and the noise (n,) in J'e, in units of the noise."""
@@ -163,23 +157,25 @@ class Fit(Answer):
     def parts(self) -> Floats:
         """Normal matrices (PARTS, n + 1, n + 1) of [e J] of parts of the log.
 
-        A part most of which was left out is not full of shocks: it tells something else, and is
-        heard, its outliers held back.
+        A part that lost most of its windows is not full of shocks but differs from the rest: its
+        windows count again here, outliers held back.
         """
         weights = self.weights.copy()
         number = part_numbers(self.centres)
-        lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
-        if not lost.any():
+        differs = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(
+            number, None, PARTS
+        )
+        if not differs.any():
             return self.statistics.parts
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
-        weights[lost[number]] = heard[lost[number]]
+        weights[differs[number]] = heard[differs[number]]
         rows = replace(self.linearised, weights=weights).rows()
         T = self.statistics.calibration
         return np.asarray(T @ part_matrices(self.centres, rows, self.layout.size + 1) @ T.T)
 
     @property
     def linearised(self) -> Linearised:
-        """Its windows about the point of linearisation of its equations."""
+        """Its windows about the point of its equations."""
         return Linearised(
             self.model,
             self.equations.at,
@@ -231,15 +227,15 @@ def lean_fit(
 ) -> Fit:
     """Find pose, biases, gravity's direction and time offset, on some of the windows.
 
-    It is where the whole table begins, and what alternatives are held against each other by.
+    The fit of the whole table starts from it, and alternatives are compared by it.
 
     Args:
         windowing: The two streams and their windows.
         options: What is known beforehand.
         time_offset: IMU stamp - robot stamp to begin with, s.
-        near: A solution nearby, from which to go on; None searches all rotations.
+        near: A nearby solution to start from; None searches all rotations.
         table: Of unknowns.
-        rough: Whether to end where steps hardly lessen what is left: wrong models never settle.
+        rough: Whether to stop when steps hardly reduce the residuals: wrong models never settle.
 
     Raises:
         InputError: The streams overlap for too few windows.
@@ -275,7 +271,7 @@ def _globally(
     normal = rows.normal_matrix(scales / gains, np.ones(len(rows.centres)))
     found = solve_globally(normal, known)
     lean, runner_up = found, found.runner_up
-    for turn in range(_REWEIGHTS):
+    for turn in range(3):
         residuals = np.concatenate(rows.residuals(lean.x), axis=1)
         scales = residual_scales(residuals)
         motion = (rows.accel[:, :, lean_columns.T] ** 2).sum(axis=(1, 2))
@@ -284,7 +280,7 @@ def _globally(
         lean = _refined(normal, known, lean.x)
     rise = np.inf
     if runner_up is not None:
-        # The windows stand for those left out too.
+        # The windows represent those left out too.
         share = len(centres) / len(rows.centres)
         other = _refined(normal, known, runner_up)
         if rotation_angle(other.R.T @ lean.R) > SAME_ROTATION:
@@ -293,7 +289,7 @@ def _globally(
 
 
 def _refined(normal: Floats, known: Known, x: Floats) -> Solution:
-    """The minimum nearby with gravity of its magnitude."""
+    """The nearby minimum with gravity of the right magnitude."""
     return refine(normal, known.pointing(x[lean_columns.G]), x)
 
 
@@ -313,9 +309,9 @@ def _state_of(lean: Solution, layout: Layout, time_offset: float) -> State:
 def transferred(
     fit: Fit, layout: Layout, options: MatchedOptions, state: State | None = None
 ) -> State:
-    """The values of a fit in another layout; a time offset that is told is as it is told.
+    """The values of a fit, or of another state of its layout, in another layout.
 
-    ``state`` is another than the fit's, in its layout.
+    A time offset that is given is as given.
     """
     state, old = state or fit.state, fit.layout
     x = np.zeros(layout.size)
@@ -369,19 +365,18 @@ def _fitted(
         # A log without noise is no reason to doubt the priors.
         own, before = residual_scales(residuals.values), scales
         scales = np.maximum(own, SCALE_FLOOR)
-        # Below it the noise is less than any IMU's.
         least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
-        falls = (scales / before).min() < _FALLS
-        # While a first solution may still be far off, no window is left out.
-        sure = more > 1 or turn >= _UNSURE
+        falls = (scales / before).min() < 0.9  # a right model far less
+        # An outlier of a first solution may show its error: no window is left out.
+        sure = more > 1 or turn >= 2
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
         frequency = band_frequencies(windowing.plan, centres, windowing.grid.dt)
         at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
-        u = layout.bounds[:, 1]  # anew: a size once taken for another's would stay so
+        u = layout.bounds[:, 1]  # anew: a wrong split between scales would stay
         beside = _beside(model, state, options)
-        for _ in range(_LEVEL_PASSES):
+        for _ in range(2):  # noise level and scales in turn
             at = replace(at, noise=noise)
             stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
             A, b = stats.information / level + beside[0], stats.score / level + beside[1]
@@ -396,7 +391,7 @@ def _fitted(
             noise = NoiseSpectrum.of(model, x, frequency, left, stats.heard)
             level = max(_level(stats, layout, levels, inverse), least_level)
         sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
-        # What a step leaves is of second order: as small beside it as it is beside its curvature.
+        # The error after a step is of second order: its ratio to the step is bent.
         bent = float((np.abs(step) / curvature[layout.free]).max(initial=0.0))
         settled = sigmas.max(initial=0.0) * bent < _SETTLED
         all_heard = more == 1 or len(centres) == len(every)
@@ -433,7 +428,7 @@ def _fitted(
 
 
 def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
-    """Information (n, n) and score (n,) of gravity as the base IMU feels it."""
+    """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
     layout = model.layout
     base = Chain.of(model.windowing.trajectory, layout, state.x).base
     if base is None or options.gravity_norm <= 0.0:
@@ -445,15 +440,15 @@ def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats
 
 
 def _symmetric(matrix: Floats) -> Floats:
-    """Without what rounding makes of its halves, so that one half says all."""
+    """Its halves made equal, which rounding makes differ: only one is stored."""
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     """Information (n, n) for residuals of a common IMU, or their own if larger.
 
-    Noise in a regressor looks like motion: the measurements' in the rotation's, the encoders' in
-    the lever arm's. Twice what is expected of it is taken off.
+    Noise in a regressor looks like motion: that of the measurements for the rotation, that of the
+    encoders for the lever arm. Twice its expected share is subtracted.
     """
     layout, windowing = model.layout, model.windowing
     plan, taken = windowing.plan, np.maximum(scales, COMMON_IMU)
@@ -470,8 +465,7 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
 
 
 def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
-    """Level of the noise as the unknowns meet it: one number for its colour."""
+    """Level of the noise in the frequencies that inform the unknowns: one number for its colour."""
     free = np.ix_(layout.free, layout.free)
     B, A = stats.score_covariance(levels)[free], stats.information[free]
-    # Where all is held there is nothing that meets the noise.
     return float(np.sum(inverse * B) / np.sum(inverse * A)) if layout.free.any() else 1.0

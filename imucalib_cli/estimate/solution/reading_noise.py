@@ -1,13 +1,13 @@
-"""Noise of the readings, and what it does in columns that are made of a reading.
+"""Noise of the readings, and its effect on columns that are made of a reading.
 
-It is in such a column and in the residual alike: as if the readings told more than they do.
+It is in such a column and in the residual alike, as if the readings had more information.
 """
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,17 +23,10 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.windows import Windowing
 
-_HELD: Final = 1e-12
-"""Of any unit: smaller than what holds a component."""
-_HARDLY: Final = 1e-8
-"""Of a prior's precision: it weighs nothing, and keeps what is rounding finite."""
-_LEAST_LEFT: Final = 0.1
-"""Share of the noise, in power: where less of it is left, that tells nothing of what there is."""
-
 
 @dataclass(frozen=True, eq=False)
 class NoiseSpectrum:
-    """Noise of each sensor's residuals, as the variance of a grid sample of noise as loud."""
+    """Noise of each sensor's residuals, as the variance of white grid samples of that level."""
 
     frequency: tuple[Floats, Floats]
     """Hz, middle of each band that the windows let through, ascending: accelerometer, gyroscope."""
@@ -49,16 +42,12 @@ class NoiseSpectrum:
     def of(
         cls, model: Model, x: Floats, frequency: Floats, left: Floats, heard: Bools
     ) -> NoiseSpectrum:
-        """Of the windows of a fit.
+        """The noise of a fit's windows, with errors x (n,) removed.
 
-        Args:
-            model: Of them.
-            x: (n,), the errors that are taken off.
-            frequency: (bands,), Hz.
-            left: (2, bands), power of what is left.
-            heard: (2, bands), whether the windows let a band through.
+        ``left`` (2, bands) is the power of the residuals at ``frequency`` (bands,), Hz; ``heard``
+        (2, bands) says which bands the windows let through.
         """
-        # Without noise a power may be below zero by rounding.
+        # Without noise a power may be negative by rounding.
         power = np.maximum(left / _share_left(model, x, frequency), 0.0)
         accel, gyro = heard
         return cls((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
@@ -79,19 +68,19 @@ class NoiseSpectrum:
 def calibration(
     model: Model, x: Floats, noise: NoiseSpectrum, weights: Floats, total: Floats
 ) -> tuple[Floats, Floats]:
-    """What noisy columns are multiplied by to be the mean of what the true ones may be.
+    """The factor that turns noisy columns into the mean of what the true ones may be.
 
-    Where a column is all noise nothing is left of it, and what it seems to tell weighs nothing.
+    A column that is all noise becomes zero and weighs nothing.
 
     Args:
         model: Of the windows.
-        x: (n,), the errors that are taken off.
+        x: (n,), the errors that are removed.
         noise: Of the residuals.
-        weights: (2,), windows over the square of what their residuals are whitened by.
+        weights: (2,), windows over the square of the scale of their residuals.
         total: (n + 1, n + 1), sum of [e J]' [e J].
 
     Returns:
-        (n + 1, n + 1), T of [e J] T', and (n,), what noise adds to their score.
+        (n + 1, n + 1), T of [e J] T', and (n,), the noise's part of their score.
 
     Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006,
         4.
@@ -100,9 +89,9 @@ def calibration(
     T = np.eye(len(total))
     noisy = np.flatnonzero(np.diag(added))
     if len(noisy):
-        # What no window tells is held by the weakest priors, far from telling anything.
-        weakest = np.maximum(model.layout.std_at(model.layout.bounds[:, 1]), _HELD)
-        inverse = inverse_of(total[1:, 1:] + np.diag(_HARDLY / weakest**2))
+        # A hundred-millionth of the weakest prior weighs nothing, and keeps rounding finite.
+        weakest = np.maximum(model.layout.std_at(model.layout.bounds[:, 1]), 1e-12)
+        inverse = inverse_of(total[1:, 1:] + np.diag(1e-8 / weakest**2))
         unit = np.sqrt(np.diag(added)[noisy])
         powers, axes = np.linalg.eigh(added[np.ix_(noisy, noisy)] / np.outer(unit, unit))
         root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
@@ -116,11 +105,11 @@ def calibration(
 def _of_columns(
     model: Model, x: Floats, noise: NoiseSpectrum, weights: Floats
 ) -> tuple[Floats, Floats]:
-    """What noise adds to information (n, n) and score (n,) in columns made of a reading.
+    """The noise's part of information (n, n) and score (n,) in columns made of a reading.
 
-    It has the residuals' spectrum, less the noise of joints: what a robot does that these do not
-    report, vibration say, is in the reading too. Where poses are tracked, it is the tracker that is
-    noisy: the reading then has the white noise of the sensor.
+    It has the residuals' spectrum, less the noise of joints: motion that these do not report,
+    vibration say, is in the reading too. Where poses are tracked the tracker is noisy, and the
+    reading has the white noise of the sensor.
     """
     windowing, layout = model.windowing, model.layout
     plan, dt = windowing.plan, windowing.grid.dt
@@ -149,7 +138,7 @@ def _of_columns(
         share = white[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
         least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
         power = least
-        if not tracked:  # twice what is expected of the joints is taken off
+        if not tracked:  # twice the expected noise of the joints is subtracted
             of_joints = _of_joints(windowing, frequency)[sensor]
             power = np.maximum(share**2 * (seen - 2.0 * of_joints), least)
         root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
@@ -159,7 +148,7 @@ def _of_columns(
         in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
         places = places_of(each.part for each, _ in found)
         left = in_residual - np.tensordot(x[places], in_columns, axes=1)
-        # As the rows have it: the residual, whose noise has the other sign, is in these columns.
+        # As in the rows: these columns contain the residual, whose noise has the other sign.
         in_columns[np.isin(places, layout.unit)] -= left / 3.0
         flat = in_columns.reshape(len(kernels), -1).view(np.float64)
         on_information[np.ix_(places, places)] = flat @ flat.T
@@ -168,9 +157,9 @@ def _of_columns(
 
 
 def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
-    """(2, F), share of the readings' noise, in power, that is left when errors (n,) are taken off.
+    """(2, F), share of the readings' noise, in power, after errors (n,) are removed.
 
-    A mount that gives takes noise off as well: what is left then tells less than there is.
+    A mount that gives removes noise too. A share below a tenth says nothing about the noise.
     """
     dt = model.windowing.grid.dt
     turn = np.exp(-2j * np.pi * dt * np.outer(np.arange(7) - 3, frequency))
@@ -178,11 +167,11 @@ def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
     for each, effect in model.layout.of(Reading):
         taken = np.tensordot(x[each.part], effect.own_response(dt), axes=1) @ turn
         left[SENSORS.index(effect.sensor)] -= taken
-    return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), _LEAST_LEFT))
+    return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), 0.1))
 
 
 def _of_joints(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
-    """What joints add to the residuals, as :class:`NoiseSpectrum` has it, (F,) each."""
+    """Noise of the joints in the residuals, as in :class:`NoiseSpectrum`, (F,) each."""
     rotation, position = kinematic_noise(windowing.trajectory)
     dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
     turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum

@@ -11,41 +11,40 @@ from imucalib_cli.signals.noise import MAD_TO_STD
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
-SCALE_FLOOR = (2e-4, 1e-5)
-"""m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt."""
-_LEAST = (2e-7, 1e-8)
-"""m/s² and rad/s: weighted by less, a sensor without noise costs the other one its digits."""
+COMMON_IMU = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window with a good IMU; smaller ones count as none."""
+SCALE_FLOOR = (COMMON_IMU[0] / 5.0, COMMON_IMU[1] / 5.0)
+"""m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt. A thousandth
+is the least that windows are weighted by: less, and a sensor without noise costs the other digits.
+"""
 _CHI2_6_MEDIAN = 5.348
 _FULL = 25.0
-"""Squared distance, 6 degrees of freedom, up to which a window counts in full (3e-4 beyond)."""
-_NONE = 100.0
-"""Squared distance from which it does not count."""
-_BINS = 8
+"""Squared distance, 6 degrees of freedom, up to which a window counts in full (3e-4 beyond); from
+four times as much on it does not count."""
 
 
 def residual_scales(residuals: Floats) -> Floats:
     """(2,), robust standard deviation of accelerometer and gyroscope residuals (W, 6)."""
     size = np.median(np.abs(residuals).reshape(-1, 2, 3), axis=(0, 2))
-    return np.asarray(np.maximum(size * MAD_TO_STD, _LEAST))
+    return np.asarray(np.maximum(size * MAD_TO_STD, 1e-3 * np.array(SCALE_FLOOR)))
 
 
 def window_weights(residuals: Floats, motion: Floats, *, redescend: bool) -> Floats:
     """Weights (W,), 0 to 1, of residuals (W, 6) against windows that move alike.
 
-    Vibration, encoder noise and model errors grow with motion (W,), in any unit. A window is an
-    outlier among those of like motion, never merely because it moves: it is the moving ones that
-    inform. With ``redescend`` far windows lose all weight (Tukey), else only influence (Huber), as
-    long as the solution may still be off.
+    Vibration, encoder noise and model errors grow with motion (W,), in any unit. So a window is an
+    outlier among those of like motion, never merely because it moves. With ``redescend`` far
+    windows lose all weight (Tukey), else only influence (Huber), while the solution may be off.
     """
     scales = np.maximum(residual_scales(residuals), SCALE_FLOOR)
     squares = (residuals**2).reshape(-1, 2, 3).sum(axis=2)
     distance = (squares / scales**2).sum(axis=1)
     order = np.argsort(motion)
     relative = np.empty(len(distance))
-    for part in np.array_split(order, min(_BINS, max(len(order) // 32, 1))):
+    for part in np.array_split(order, min(8, max(len(order) // 32, 1))):
         typical = max(float(np.median(distance[part])), _CHI2_6_MEDIAN)
         relative[part] = distance[part] * (_CHI2_6_MEDIAN / typical)
     if not redescend:
         return np.asarray(np.sqrt(np.minimum(1.0, _FULL / np.maximum(relative, 1e-300))))
-    beyond = np.clip((relative - _FULL) / (_NONE - _FULL), 0.0, 1.0)
+    beyond = np.clip((relative - _FULL) / (3.0 * _FULL), 0.0, 1.0)
     return np.asarray((1.0 - beyond**2) ** 2)

@@ -1,13 +1,13 @@
-"""Standard deviations that no data sheet tells, learnt from the log and integrated over.
+"""Standard deviations that no data sheet states, learnt from the log and integrated over.
 
-With A and b the information and the score about a point, and P the prior's precision, which hangs
-on the logarithms u of the learnt scales, the marginal likelihood of u is
+With A and b the information and the score about a point, and P the prior's precision, a function of
+the logarithms u of the learnt scales, the marginal likelihood of u is
 
     log p(data | u) = b' H^-1 b / 2 - log|H| / 2 + log|P| / 2,    H = A + P(u).
 
-Its mode would be a plug-in: too sure of itself where few components inform a scale. So the answer
-is the mean over u, by importance points around the mode. Where scales hang together, as those of
-an IMU as moving base do, few of these points have weight: then it is the mean over a Markov chain.
+The answer at its mode would be too sure of itself where few components inform a scale. So the
+answer is the mean over u, by importance points around the mode, or over a Markov chain where few of
+these points have weight, as with the correlated scales of an IMU as moving base.
 
 Source: variance components, Searle, Casella and McCulloch 1992; integration after the idea of
 INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009; the chain, Metropolis et al.,
@@ -18,52 +18,41 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.estimate.solution.between import Together
 
 _POINTS: Final = 64
-"""Importance points: the mean and covariance they give vary by some per cent of sigma."""
-_NO_WEIGHT: Final = 1e-6
-"""Of a point that adds nothing to the mean."""
+"""Importance points: the mean and covariance they give vary by some per cent of sigma. At least an
+eighth of them must count: eight give sigma to a quarter."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
-"""Where the likelihood of a scale's logarithm is taken: well told, it is some tenths wide."""
+"""Where the likelihood of a scale's logarithm is evaluated: at best it is some tenths wide."""
 _FINE: Final = 200
-"""Points between them, on which it is interpolated."""
+"""Points of its interpolation."""
 _FLATTER: Final = 1.5
-"""Root of the likelihood that is drawn from: scales hang together, and tails must be covered."""
-_ENOUGH: Final = 0.125
-"""Share of the importance points that must count: eight tell sigma to a quarter."""
+"""Root of the likelihood that is drawn from: scales are correlated, and tails must be covered."""
 _SWEEPS: Final = 128
-"""Of the chain over all scales: neighbouring ones hang together, and some dozen are left."""
-_STRIDE: Final = 0.2
-"""Standard deviation of a step of the chain, of a scale's range: about half of them are taken."""
-_FIXED_POINTS: Final = 25
-_SETTLED: Final = 0.02
-"""Change of the logarithm of a scale that ends the search of the mode."""
-_LARGEST_MOVE: Final = 2.0
-"""In the logarithm of a scale, of one step."""
+"""Of the chain over all scales: some dozen of them are independent."""
 _ALIKE: Final = math.log(3.0)
 """Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
-_LEAST_SHARE: Final = 0.05
-"""Of a component, that the log tells: less is rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prior:
-    """What is known of n components beforehand, and which of them share which learnt scale."""
+    """What is known of n components beforehand, and which of them share a learnt scale."""
 
     std: Floats
-    """(n,), 1 sigma; 0 holds a component; nan where a learnt scale tells."""
+    """(n,), 1 sigma; 0 holds a component; nan where it is a learnt scale."""
     scale: Indices
     """(n,), index of the learnt scale; -1 where the prior is given."""
     bounds: Floats
     """(k, 2), limits of the logarithms of the scales."""
     alike: tuple[tuple[int, int, float], ...] = ()
-    """Pairs of scales that are alike, and how large the one mostly is over the other."""
+    """Pairs of scales that are alike, and their usual ratio."""
 
     @property
     def free(self) -> Bools:
@@ -77,7 +66,7 @@ class Prior:
         )
 
     def std_at(self, u: Floats) -> Floats:
-        """(n,), 1 sigma, where it is learnt from the logarithms of the scales."""
+        """(n,), 1 sigma, for given logarithms of the learnt scales."""
         if not len(u):
             return np.array(self.std)
         return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
@@ -91,7 +80,7 @@ class Prior:
         total = np.zeros(u.shape[:-1])
         for one, other, ratio in self.alike:
             if newest in {None, max(one, other)}:
-                # Cauchy's: where the log tells another ratio it is believed.
+                # Cauchy's: a log that shows another ratio is believed.
                 total -= np.log1p(((u[..., one] - u[..., other] - math.log(ratio)) / _ALIKE) ** 2)
         return total
 
@@ -160,27 +149,9 @@ class Problem:
         return np.asarray(inverse @ (B + np.diag(self.precision(u))) @ inverse)
 
 
-class Marginal(Protocol):
-    """What a likelihood of scales is integrated over by."""
-
-    @property
-    def bounds(self) -> Floats:
-        """(k, 2), of the logarithms of the scales."""
-
-    @property
-    def prior(self) -> Prior:
-        """Of the scales that come first."""
-
-    def likelihood(self, u: Floats) -> tuple[float, Floats]:
-        """As :meth:`Problem.likelihood`."""
-
-    def covariance(self, u: Floats) -> Floats:
-        """As :meth:`Problem.covariance`."""
-
-
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Of all components, learnt scales integrated over."""
+    """Posterior of all components, learnt scales integrated over."""
 
     step: Floats
     """(n,), mean, from the point of linearisation."""
@@ -191,7 +162,7 @@ class Posterior:
     log_likelihood: float
     """Marginal, of the data; up to a constant of the point of linearisation."""
     points: Floats
-    """(m, k), logarithms of the scales that were tried."""
+    """(m, k), logarithms of the scales."""
     weights: Floats
     """(m,), how likely each is; their sum is 1."""
 
@@ -199,31 +170,32 @@ class Posterior:
 def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     """(k,), mode of the marginal likelihood within the bounds, by MacKay's fixed point.
 
-    A scale's square is the mean square of its components over the share that the log tells of them.
-    It begins at the upper limits: a scale at its lower one holds its components, and stays there.
+    A scale's square is the mean square of its components, over the share that the log determines of
+    them. It begins at the upper limits: at the lower one a scale holds its components and stays.
     """
-    k = len(problem.bounds)
-    u = problem.bounds[:, 1] if start is None else start
-    scale = problem.prior.scale
-    counts = np.array([np.count_nonzero(scale == index) for index in range(k)])
     low, high = problem.bounds.T
-    for _ in range(_FIXED_POINTS if k else 0):
+    u = high if start is None else start
+    if not len(u):
+        return u
+    members = problem.prior.scale == np.arange(len(u))[:, None]
+    for _ in range(25):
         step, inverse = problem.solve(u)
-        squares, told = (problem.offset + step) ** 2, np.diag(inverse)
+        squares, variances = (problem.offset + step) ** 2, np.diag(inverse)
         sums, vague = (
-            np.array([each[scale == index].sum() for index in range(k)]) for each in (squares, told)
+            np.array([each[its].sum() for its in members]) for each in (squares, variances)
         )
-        share = np.maximum(counts - vague * np.exp(-2.0 * u), _LEAST_SHARE)
+        # A smaller share is rounding.
+        share = np.maximum(members.sum(axis=1) - vague * np.exp(-2.0 * u), 0.05)
         new = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high)
-        new = np.clip(new, u - _LARGEST_MOVE, u + _LARGEST_MOVE)
-        settled = bool(np.abs(new - u).max() < _SETTLED)
+        new = np.clip(new, u - 2.0, u + 2.0)
+        settled = bool(np.abs(new - u).max() < 0.02)
         u = new
         if settled:
             break
     return np.asarray(u)
 
 
-def integrate(problem: Marginal, mode: Floats) -> Posterior:
+def integrate(problem: Problem | Together, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for pairs that are
@@ -247,21 +219,21 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     weights = np.exp(log_weight - log_weight.max())
     log_likelihood = float(log_weight.max() + np.log(weights.mean()))
     weights /= weights.sum()
-    if (weights**2).sum() * _ENOUGH * len(weights) > 1.0:
+    if (weights**2).sum() * len(weights) / 8.0 > 1.0:
         points, steps = _chain(problem, points[weights.argmax()])
         weights = np.full(len(points), 1.0 / len(points))
     mean = weights @ steps
     away = steps - mean
     covariance = np.asarray(away.T @ (weights[:, None] * away))
     for weight, u in zip(weights, points, strict=True):
-        if weight > _NO_WEIGHT:
+        if weight > 1e-6:  # others add nothing
             covariance += weight * problem.covariance(u)
     return Posterior(
         mean, covariance, np.asarray(weights @ points), log_likelihood, points, weights
     )
 
 
-def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
+def _chain(problem: Problem | Together, start: Floats) -> tuple[Floats, Floats]:
     """Points as dense as they are likely, and their steps: each sweep moves every scale once.
 
     Returns:
@@ -273,7 +245,8 @@ def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
     value += float(problem.prior.log_density(start))
     points, steps = [], []
     for _ in range(_SWEEPS):
-        for index, move in enumerate(rng.normal(size=len(u)) * _STRIDE * (high - low)):
+        # About half of the moves are taken.
+        for index, move in enumerate(rng.normal(size=len(u)) * 0.2 * (high - low)):
             tried = u.copy()
             tried[index] += move
             if low[index] <= tried[index] <= high[index]:
@@ -295,11 +268,11 @@ def _even_points(count: int, dimensions: int) -> Floats:
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
-def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
+def _proposal(problem: Problem | Together, mode: Floats) -> tuple[Floats, Floats]:
     """Points and the logarithm of the density they are drawn from.
 
-    Each scale is drawn from its likelihood with the others at the mode, all along its range: where
-    the log hardly tells a scale it is flat, and no normal covers it. Scales that are alike are
+    Each scale is drawn from its likelihood with the others at the mode, over its whole range: where
+    the log hardly determines it that is flat, and no normal covers it. Scales that are alike are
     drawn one after the other, each by its prior given those before.
 
     Returns:
@@ -317,8 +290,8 @@ def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
         fine = np.linspace(low, high, _FINE)
         tried = np.repeat(points[:, None], _FINE, axis=1)
         tried[..., index] = fine
-        told = np.interp(fine, at, height - height.max()) / _FLATTER
-        density = np.exp(told + problem.prior.log_density(tried, newest=index))
+        log_height = np.interp(fine, at, height - height.max()) / _FLATTER
+        density = np.exp(log_height + problem.prior.log_density(tried, newest=index))
         steps = 0.5 * (density[:, 1:] + density[:, :-1])
         cumulative = np.concatenate([np.zeros((len(even), 1)), steps.cumsum(axis=1)], axis=1)
         for point, (shares, heights) in enumerate(zip(cumulative, density, strict=True)):

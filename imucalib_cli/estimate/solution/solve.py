@@ -1,8 +1,8 @@
 """The rotation with no guess to start from: the lean linear system searched over all of SO(3).
 
-For a given rotation all else is linear, so that it is eliminated: what is left is a quadratic form
-of v = (1, vec R), which is searched downhill from many rotations at once. The one other equation
-that is not linear, the magnitude of gravity, is left open in this search.
+For a given rotation all else is linear and is eliminated. A quadratic form of v = (1, vec R) is
+left, which is searched downhill from many rotations at once. The one other equation that is not
+linear, the magnitude of gravity, is left open in this search.
 """
 
 from __future__ import annotations
@@ -31,12 +31,9 @@ if TYPE_CHECKING:
 
 
 SAME_ROTATION = 0.02
-"""rad: rotations closer than this are one minimum; ten times what noise leaves open."""
-_STEPS = 25
-_CONVERGED = 1e-12
-"""rad: a step below which the solve has arrived."""
+"""rad: rotations closer than this are one minimum; noise moves it by a tenth of that."""
 _WEAKEST_STD = {each.name: each.std for each in LEAN}
-"""Keep what the motion does not tell from running away."""
+"""Keeps from running away what the motion does not determine."""
 _V = np.r_[columns.ONE, np.arange(columns.COUNT)[columns.R]]
 """Columns of v."""
 _GENERATORS = skew(np.eye(3))
@@ -45,16 +42,16 @@ _GENERATORS = skew(np.eye(3))
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of the lean system beforehand; 0 holds, inf leaves free."""
+    """Priors of the lean system; a standard deviation of 0 holds, inf leaves free."""
 
     std: Floats
-    """(COUNT,), of the priors of all that is linear."""
+    """(COUNT,), of all that is linear."""
     mean: Floats
-    """(COUNT,), what these are about."""
+    """(COUNT,)."""
     turn_std: Floats
-    """(3,), of the rotation's prior, about the parent's axes, rad."""
+    """(3,), of the rotation, about the parent's axes, rad."""
     R: Floats
-    """(3, 3), R_parent_imu that it is about."""
+    """(3, 3), mean of R_parent_imu."""
     gravity_norm: float
     """m/s²."""
 
@@ -82,7 +79,7 @@ class Known:
         return np.asarray(self.turn_std > 0.0)
 
     def pointing(self, gravity: Floats) -> Known:
-        """With gravity held in a direction, of its own magnitude."""
+        """The same with gravity held in a direction, of its own magnitude."""
         std, mean = self.std.copy(), self.mean.copy()
         size = float(np.linalg.norm(gravity))
         if std[columns.G].any() and size > 0.0:
@@ -124,7 +121,7 @@ def solve_globally(normal: Floats, known: Known) -> Solution:
     return Solution(found.x[best], found.cost[best], runner_up)
 
 
-def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solution:
+def refine(normal: Floats, known: Known, x: Floats, steps: int = 25) -> Solution:
     """Levenberg-Marquardt from the rotation of each of a stack to the minimum of its basin."""
     back, S = _eliminated(normal, known)
     v, free, prior = x[..., _V], known.turns, _precision(known.turn_std)
@@ -154,7 +151,7 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = _STEPS) -> Solu
         v = np.where(better[..., None], trial, v)
         off = np.where(better[..., None], trial_off, off)
         cost = np.where(better, trial_cost, cost)
-        if np.abs(step).max() < _CONVERGED:
+        if np.abs(step).max() < 1e-12:  # rad
             break
     return Solution(v @ back.T, cost)
 

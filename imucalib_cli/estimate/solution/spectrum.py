@@ -18,7 +18,7 @@ from imucalib_cli.estimate.model.windows import runs
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.model.windows import WindowPlan
@@ -28,17 +28,13 @@ if TYPE_CHECKING:
 
 
 PARTS: Final = 48
-"""Parts of equal duration that a log is held against itself by."""
+"""Parts of equal duration of a log, which are compared with each other."""
 PIECE: Final = 4096
 """Windows per transform: longer logs are averaged over pieces."""
 _FIRST_BAND_BINS: Final = 4
-"""Bins of the lowest band: fewer would leave nothing after the unknowns took their share."""
+"""Bins of the lowest band, of which the unknowns take their share."""
 _BAND_RATIO: Final = 1.5
 """Of a band's edges: within it a kernel's response is nearly constant."""
-_RESPONSE_FLOOR: Final = 1e-3
-"""Kernel response below which frequencies carry no information and no weight."""
-_LEAST_FREEDOM: Final = 0.25
-"""Share of a band's freedom that is taken to remain, however many unknowns it determines."""
 _HEARD: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
@@ -69,12 +65,6 @@ class BandSums:
                 self._filled = piece
             at = slots[inside] - piece * self.length
             self._buffer[:, :, at] = np.moveaxis(rows[inside], 0, 2)
-
-    def taking(self, rows: Rows) -> Rows:
-        """The rows as they are, each taken on its way."""
-        for part, each in rows:
-            self.add(part, each)
-            yield part, each
 
     def finished(self) -> Floats:
         """(2, bands, size, size)."""
@@ -121,11 +111,11 @@ class Statistics:
     parts: Floats
     """(parts, n + 1, n + 1): the same of parts of the log, over all bands and sensors."""
     windows: float
-    """As many as their weights count."""
+    """Their number by weights."""
     calibration: Floats
     """(n + 1, n + 1), T, where these are of [e J] T'."""
     noise_score: Floats
-    """(n,), of J'e: what is there because noise of a reading is in column and residual alike."""
+    """(n,), the part of J'e from noise of readings, which is in column and residual alike."""
 
     @property
     def information(self) -> Floats:
@@ -138,7 +128,7 @@ class Statistics:
         return np.asarray(self.normal[:, :, 1:, 0].sum(axis=(0, 1)) - self.noise_score)
 
     def calibrated(self, T: Floats, noise_score: Floats) -> Statistics:
-        """Of [e J] T', with what noise adds to their score."""
+        """Statistics of [e J] T', with the noise's part of their score."""
         return replace(
             self,
             normal=_turned(self.normal, T),
@@ -157,7 +147,8 @@ class Statistics:
         x = np.concatenate([[1.0], step])
         power = np.einsum("p,sbpq,q->sb", x, self.normal, x)
         lost = np.einsum("sbpq,pq->sb", self.normal[:, :, 1:, 1:], covariance)
-        left = np.maximum(self.freedom - lost, _LEAST_FREEDOM * self.freedom)
+        # However many unknowns a band determines, a share of its freedom remains.
+        left = np.maximum(self.freedom - lost, 0.25 * self.freedom)
         return np.asarray(power / np.maximum(left * self.response, 1e-300))
 
     def score_covariance(self, levels: Floats) -> Floats:
@@ -180,7 +171,7 @@ class Statistics:
 
 
 def _turned(matrices: Floats, T: Floats) -> Floats:
-    """T A T' of each matrix A (..., n, n); most rows of T (n, n) are those of the identity."""
+    """T A T' of matrices A (..., n, n); most rows of T are those of the identity."""
     rows = np.flatnonzero((np.eye(len(T)) != T).any(axis=1))
     found = matrices.copy()
     found[..., rows, :] = T[rows] @ matrices
@@ -197,18 +188,24 @@ def statistics(
         plan: Of the windows.
         centres: (W,), grid indices, ascending.
         rows: Whitened [e J].
-        windows: How many, as their weights count.
+        windows: Their number by weights.
         size: n + 1.
     """
     bands = BandSums((centres - centres[0]) // plan.hop, size)
-    parts = part_matrices(centres, bands.taking(rows), size)
+
+    def through_bands() -> Iterator[tuple[slice, Floats]]:
+        for part, each in rows:
+            bands.add(part, each)
+            yield part, each
+
+    parts = part_matrices(centres, through_bands(), size)
     response = np.stack(
         [bands.mean_response(pair.average, pair.average, plan.hop) for pair in plan.filters]
     )
     freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
-        response=np.maximum(response, _RESPONSE_FLOOR * response.max(axis=1, keepdims=True)),
+        response=np.maximum(response, 1e-3 * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
         parts=parts,
         windows=windows,
@@ -218,12 +215,12 @@ def statistics(
 
 
 def part_numbers(centres: Indices) -> Indices:
-    """(W,), in which of the parts of equal duration windows (W,), ascending, are."""
+    """(W,), number of the part of the log of each window, ascending."""
     return np.asarray((centres - centres[0]) * PARTS // (centres[-1] - centres[0] + 1))
 
 
 def part_matrices(centres: Indices, rows: Rows, size: int) -> Floats:
-    """Normal matrices (PARTS, n + 1, n + 1) of [e J] alone, as :func:`statistics` has them."""
+    """Normal matrices (PARTS, n + 1, n + 1) of [e J] of the parts of the log."""
     numbers, sums = part_numbers(centres), np.zeros((PARTS, size, size))
     for part, both in rows:
         for index, inside in runs(numbers[part]):
@@ -252,7 +249,6 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
     for sensor, pair in enumerate(plan.filters):
         response = sums.mean_response(pair.average, pair.average, hop)
         heard = response > _HEARD * response.max()
-        # Less than any IMU's noise is as good as none.
         least = SCALE_FLOOR[sensor] ** 2 / float(pair.average @ pair.average)
         level = power[sensor, heard] / (freedom * response)[heard] + least
         total += float(freedom[heard] @ np.log(level))
@@ -277,14 +273,14 @@ def _transform_length(slots: Indices) -> int:
 
 
 def _bounded(residuals: Floats) -> Floats:
-    """Residuals with shocks, which are no part of any model, held at ten times the median."""
+    """Residuals with shocks, which no model describes, held at ten times the median."""
     size = np.linalg.norm(residuals, axis=1)
     most = 10.0 * float(np.median(size))
     return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 
 def one_sided(length: int) -> Floats:
-    """How often each bin of a real transform stands in the full one."""
+    """Multiplicity of each bin of a real transform in the full one."""
     weight = np.full(length // 2 + 1, 2.0)
     weight[0] = weight[-1] = 1.0
     return weight
