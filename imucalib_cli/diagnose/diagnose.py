@@ -126,6 +126,5 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
 def _without_advice(estimate: Estimate) -> Estimate:
     """Without advice on the motion: it determines nothing while the model is wrong."""
     return replace(
-        estimate,
-        unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable),
+        estimate, unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable)
     )

@@ -19,12 +19,7 @@ import numpy as np
 
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.fit import Linearised
-from imucalib_cli.estimate.solution.spectrum import (
-    PARTS,
-    chance_of_six,
-    embedded,
-    squared_distance,
-)
+from imucalib_cli.estimate.solution.spectrum import PARTS, chance_of_six, embedded, squared_distance
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation, lever_power
 
 if TYPE_CHECKING:

@@ -184,11 +184,7 @@ def velocity_of(frame: tuple[Floats, Floats], dt: float) -> tuple[Floats, Floats
 
 
 def base_nodes(
-    base: ReckonedBase,
-    t: Floats,
-    dt: float,
-    frame: tuple[Floats, Floats],
-    place: Floats,
+    base: ReckonedBase, t: Floats, dt: float, frame: tuple[Floats, Floats], place: Floats
 ) -> BaseNodes:
     """The base IMU at nodes (M,), s, every dt; its frame, and the place (3, M) of the other IMU."""
     stamps, gyro, accel = base.readings(t)

@@ -147,11 +147,7 @@ _GROUPS: Final[dict[type, Group]] = {
     Gravity: "gravity",
     Mount: "mount",
 }
-_GROUPS_OF_BASE: Final[dict[type, Group]] = {
-    Reading: "sensor",
-    Mount: "robot",
-    Clock: "offset",
-}
+_GROUPS_OF_BASE: Final[dict[type, Group]] = {Reading: "sensor", Mount: "robot", Clock: "offset"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -120,8 +120,7 @@ def _of_columns(
     of_base = list(layout.of_base(Reading))
     tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
     for (sensor, name), (errors, white) in itertools.product(
-        enumerate(SENSORS),
-        ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise)),
+        enumerate(SENSORS), ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise))
     ):
         found = [pairs for pairs in errors if pairs[1].sensor == name]
         if not found:
