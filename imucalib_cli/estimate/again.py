@@ -1,8 +1,8 @@
 """Answers from the statistics of logs alone: one log with other priors, or several together.
 
-What is shared (the pose, errors of the robot and of the sensor) is one for all logs. What every
-recording has of its own (biases, gravity, clocks) is eliminated from its equations, and the pose of
-each log may differ a little from the common one (solution/between.py).
+What logs share (the pose, errors of the robot and of the sensor) is the same for all of them. What
+each recording has of its own (biases, gravity, clocks) is eliminated from its equations, and the
+pose of each log may differ a little from the common one (solution/between.py).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _LEAN: Final = frozenset(each.name for each in LEAN)
 
 
 def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, list[Finding]]:
-    """One log with other priors (what the run held stays held), and what is to be told of it."""
+    """One log with other priors (what the run held stays held), and its findings."""
     equations = log.equations
     answer = equations.solve(options)
     wrong = contradicted(answer, lambda _: equations, equations.solve)
@@ -49,7 +49,7 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
 
 
 def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
-    """What each part of a log tells about the pose, whose sigma (6,) is stated to be ``std``.
+    """What each part of a log says about the pose, whose stated sigma is ``std`` (6,).
 
     None where a component of the pose is held.
     """
@@ -69,18 +69,18 @@ def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnValues:
-    """What one of several logs says, solved with the others."""
+    """One of several logs solved together."""
 
     distance: Floats
-    """(6,), its pose less that of all others, m and rad; zero in what it does not tell."""
+    """(6,), its pose less that of all others, m and rad; zero in held components."""
     sigmas: float
-    """Root of that distance squared in its covariance, the scatter between logs included."""
+    """That distance in sigmas, the scatter between logs included."""
     disagrees: bool
-    """Whether chance and the scatter of the others do not explain that distance."""
+    """Whether chance and the scatter of the others do not explain the distance."""
     state: State
     """Of its own layout: biases, gravity and clocks."""
     turned: float
-    """rad, from the rotation about which its equations were made to that of the answer."""
+    """rad, from the rotation at its point of linearisation to that of the answer."""
 
     @property
     def apart(self) -> Floats:
@@ -93,7 +93,7 @@ class Combined:
     """Several logs of one mount, solved together."""
 
     answer: Answer
-    """Of what they share."""
+    """For what they share."""
     scatter: Floats
     """(2, 3), of translation, m, and rotation, rad, between logs: the median, and the limits of
     95 %."""
@@ -150,20 +150,20 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
 
 
 def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> Layout:
-    """Every entry that any of the logs has and that is not a log's own; origins whole."""
+    """Every entry of any log that logs share; origins with all components."""
     found: dict[tuple[str, tuple[str, ...]], Placed] = {}
     for log in logs:
         for placed in log.equations.layout.placed:
             if not placed.unknown.of_log:
                 known = found.setdefault(placed.key, placed.whole)
-                # What any of the logs tells from the mount, all of them do.
+                # If one of the logs distinguishes it from the mount, all of them together do.
                 found[placed.key] = replace(known, hidden=known.hidden and placed.hidden)
     places = sorted(found.values(), key=lambda each: _ORDER.index(each.unknown.name))
     return with_priors(places, options, logs[0].equations.layout.still)
 
 
 def _common_point(first: State, shared: Layout, options: MatchedOptions) -> State:
-    """The point about which the equations of all logs are put: nothing is off but the pose."""
+    """The point for the equations of all logs: the first log's pose, and no other error."""
     R, t = first.R, first.t
     if options.known_pose is not None:
         R_known, t_known, _ = options.known_pose
@@ -174,7 +174,7 @@ def _common_point(first: State, shared: Layout, options: MatchedOptions) -> Stat
 
 @dataclass(frozen=True, eq=False)
 class _Reduced:
-    """The equations of one log, N components, in what is shared, n components."""
+    """The equations of one log, N components, reduced to the n shared components."""
 
     at: State
     """The log's own point of linearisation."""
@@ -186,15 +186,15 @@ class _Reduced:
     motion: Floats
     """(n, n), as in :class:`NormalEquations`."""
     start: Floats
-    """(N,), step of the log's components to the common point, its own ones where they then are."""
+    """(N,), step of the log's components to the common point, its own ones at their minimum."""
     follow: Floats
-    """(N, n), how its own ones follow a step of what is shared; zero for the others."""
+    """(N, n), step of its own components for a step of the shared ones; else zero."""
 
     @classmethod
     def of(
         cls, equations: NormalEquations, options: MatchedOptions, shared: Layout, at: State
     ) -> _Reduced:
-        """Eliminate what is the log's own."""
+        """Eliminate the log's own components."""
         layout = equations.layout.under(options)
         is_own = np.zeros(layout.size, dtype=bool)
         for placed in layout.placed:
@@ -206,13 +206,12 @@ class _Reduced:
         start[layout.part("translation")] = at.t - equations.at.t
         start[layout.part("rotation")] = rotvec_from_matrix(at.R @ equations.at.R.T)
 
-        A = equations.information / equations.level
-        b = equations.score / equations.level + A @ start
+        A, b, B = equations.about(start)
         P = 1.0 / layout.std[own] ** 2
         inverse = inverse_of(A[np.ix_(own, own)] + np.diag(P))
         back = -inverse @ A[np.ix_(own, others)]
         own_score = b[own] + P * offset[own]
-        # Origins by the directions that the log tells.
+        # Origins by the directions that the log determines.
         to_log, parts = np.zeros((layout.size, shared.size)), {e.key: e.part for e in shared.placed}
         for placed in layout.placed:
             if not placed.unknown.of_log:
@@ -227,7 +226,7 @@ class _Reduced:
             layout=layout,
             information=K @ A @ K.T + by_prior,
             score=to_log.T @ b + follow[own].T @ own_score,
-            noise=K @ (equations.noise / equations.level**2) @ K.T + by_prior,
+            noise=K @ B @ K.T + by_prior,
             motion=_motion(equations, layout, shared),
             start=start,
             follow=follow,
@@ -235,7 +234,7 @@ class _Reduced:
 
 
 def _motion(equations: NormalEquations, layout: Layout, shared: Layout) -> Floats:
-    """(n, n), what the motion of a log gives on the pose beside biases, gravity and time offset."""
+    """(n, n), information on the pose by a log's motion; biases, gravity and offset eliminated."""
     own = places_of(
         each.part
         for each in layout.placed

@@ -1,9 +1,8 @@
-"""Several IMUs of one log solved together: errors of the robot are one for all of them.
+"""Several IMUs of one log solved together: errors of the robot are the same for all of them.
 
-Zeros, lengths and curves of joints, and the errors of the IMU that tells how the base moves, are
-the robot's: each chain that contains them sees the same. Mount, biases, scales, clocks and what a
-chain feels of gravity are each IMU's own. So the normal equations of the IMUs make one system, with
-the learnt standard deviations learnt once.
+Zeros, lengths and curves of joints, and the errors of a base IMU, belong to the robot: each chain
+that contains them sees the same. Mount, biases, scales, clocks and gravity are each IMU's own. So
+the normal equations of the IMUs make one system, and the standard deviations are learnt once.
 """
 
 from __future__ import annotations
@@ -34,25 +33,25 @@ if TYPE_CHECKING:
     """Of a learnt standard deviation: its name, and bounds that a data sheet may narrow."""
 
 SOLVED_TOGETHER: Final = "imus.together"
-"""Code of the finding that other IMUs of the log have a part in a result; its statistics are those
+"""Code of the finding that a result was solved with other IMUs of the log; its statistics are those
 of its own fit."""
 _FAR: Final = 5.75
 """Sigmas, of six components: one sound set of IMUs in a hundred thousand."""
 _LEAST_BETTER: Final = 0.3
-"""Share of its variance that an IMU's own answer is taken to lose by others, at the least: how far
-two answers that are nearly one may be apart hangs on what no covariance knows."""
+"""Least share of its variance that an IMU's own answer loses by others: the difference of two
+nearly equal answers depends on errors that no covariance knows."""
 _ORIGIN: Final = next(each for each in TABLE if isinstance(each.effect, Origin))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OnRobot:
-    """One IMU: what a log tells of it, and the chain that carries it."""
+    """One IMU: its statistics, and the chain that carries it."""
 
     log: LogStatistics
     root: tuple[str, ...]
-    """Where the chain begins, and the streams that move its beginning."""
+    """The world of the chain, and the pose streams in it."""
     joints: Mapping[str, str]
-    """The stream that tells each joint of the chain."""
+    """The stream that reports each joint of the chain."""
 
     @classmethod
     def of(cls, log: LogStatistics, path: KinematicPath) -> OnRobot:
@@ -69,7 +68,7 @@ class OnRobot:
         )
 
     def shares_with(self, other: OnRobot) -> bool:
-        """Whether both chains contain an error that is the robot's."""
+        """Whether both chains contain the same error of the robot."""
         if self.root != other.root or "exact" in {each.log.options.robot for each in (self, other)}:
             return False
         both = self.joints.keys() & other.joints.keys()
@@ -88,21 +87,21 @@ class Change:
     rotation: float
     """rad."""
     sigmas: float
-    """Root of the squared distance, for what the others may change it by."""
+    """Root of the squared distance, in sigmas of the change that the others may cause."""
 
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """IMUs whose errors of the robot are one, and those that see other ones."""
+    """IMUs that agree on the errors of the robot, and those that do not."""
 
     answers: Mapping[int, Answer]
     """Of those that agree, by their place."""
     strangers: Mapping[int, Change]
-    """Those that do not: they are solved by themselves."""
+    """The others, which are solved by themselves."""
 
 
 def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
-    """Places of IMUs that are to be solved together, two at least, in order."""
+    """Places of IMUs to solve together, at least two, in order."""
     left, found = list(range(len(imus))), []
     while left:
         group = [left.pop(0)]
@@ -116,7 +115,7 @@ def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
 
 
 def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Together:
-    """Solve IMUs of one log together, without those that do not agree with the rest."""
+    """Solve IMUs of one log together, without those that disagree with the rest."""
     kept = tuple(range(len(logs)))
     strangers: dict[int, Change] = {}
     answers = solve_together(logs)
@@ -138,7 +137,7 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Toge
 
 
 def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
-    """Every unknown of every IMU of one log, with what is the robot's in common."""
+    """Every unknown of every IMU of one log, errors of the robot in common."""
     system = System.of(logs)
     posterior = integrate(system.problem, most_likely(system.problem))
     common = system.common_noise(posterior.u)
@@ -146,12 +145,12 @@ def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
 
 
 def _change(own: Answer, joint: Answer) -> Change:
-    """From its own pose to that with others."""
+    """From an IMU's own pose to the joint one."""
     turn = rotvec_from_matrix(joint.state.R @ own.state.R.T)
     moved = np.concatenate([joint.state.t - own.state.t, turn])
     moves = own.layout.free[own.layout.pose]
     alone, both = (each.pose_covariance[np.ix_(moves, moves)] for each in (own, joint))
-    # An estimate that uses more differs from one that uses less by what it is better by.
+    # An estimate from more data differs by the difference of the two covariances.
     into = np.linalg.inv(np.linalg.cholesky(alone))
     share, axes = np.linalg.eigh(into @ both @ into.T)
     along = axes.T @ into @ moved[moves]
@@ -163,7 +162,7 @@ def _change(own: Answer, joint: Answer) -> Change:
 
 
 def _of_robot(layout: Layout) -> set[Key]:
-    """Entries that may be shared: those that are free."""
+    """Free entries that may be shared."""
     return {
         each.key for each in layout.placed if each.unknown.of_robot and layout.free[each.part].any()
     }
@@ -171,69 +170,38 @@ def _of_robot(layout: Layout) -> set[Key]:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """The equations of one IMU, n components, among those of all, N that are free."""
+    """One IMU, n components, among the N free components of all IMUs."""
 
     log: LogStatistics
     to_own: Floats
     """(n, N), this IMU's components by all."""
     held: Floats
-    """(n,), step to the common point: nothing of the robot is off, and what is held is there."""
-    information: Floats
-    """(N, N), in units of the noise."""
-    score: Floats
-    """(N,), at the common point."""
-    noise: Floats
-    """(N, N), covariance of the score."""
-    offset: Floats
-    """(N,), of its own components, from what their prior expects."""
-    scores: Floats
-    """(p, N), of parts of the log, in units of the noise."""
+    """(n,), step to the common point: no error of the robot, and held components where they are."""
 
-    @classmethod
-    def of(cls, log: LogStatistics, to_own: Floats) -> Part:
-        """The equations of an IMU about the common point."""
-        equations, layout = log.equations, log.equations.layout
-        offset = prior_offset(layout, log.options, equations.at)
-        held = np.where(layout.free, 0.0, -offset)
-        for each in layout.placed:
-            if each.unknown.of_robot:
-                held[each.part] = -equations.at.x[each.part]
-                offset[each.part] = 0.0
-        A = equations.information / equations.level
-        B = equations.noise / equations.level**2
-        parts = log.parts[:, 1:, 0] / equations.level
+    @property
+    def scores(self) -> Floats:
+        """(p, N), of parts of the log about their mean, in units of the noise."""
+        parts = self.log.parts[:, 1:, 0] / self.log.equations.level
         parts = (parts - parts.mean(axis=0)) * np.sqrt(len(parts) / (len(parts) - 1))
-        return cls(
-            log=log,
-            to_own=to_own,
-            held=held,
-            information=to_own.T @ A @ to_own,
-            score=to_own.T @ (equations.score / equations.level + A @ held),
-            noise=to_own.T @ B @ to_own,
-            offset=to_own.T @ offset,
-            scores=parts @ to_own,
-        )
+        return np.asarray(parts @ self.to_own)
 
     def answer(self, posterior: Posterior, common: Floats, scales: Sequence[Limits]) -> Answer:
-        """What all IMUs say of this one's unknowns.
+        """This IMU's unknowns by all IMUs.
 
         Args:
-            posterior: Of all components, by noise that no two IMUs share.
-            common: (N, N), what noise that they share adds to its covariance.
+            posterior: Of all components, for noise that no two IMUs share.
+            common: (N, N), added to its covariance by noise that they share.
             scales: Of the posterior.
         """
         equations, options = self.log.equations, self.log.options
         layout = equations.layout
         state = equations.at.moved(layout, self.to_own @ posterior.step + self.held)
+        own, added = (self.to_own @ C @ self.to_own.T for C in (posterior.covariance, common))
         return Answer(
             layout=layout,
             options=options,
             state=admitted(state, layout, options),
-            covariance=_widened(
-                self.to_own @ posterior.covariance @ self.to_own.T,
-                self.to_own @ common @ self.to_own.T,
-                layout,
-            ),
+            covariance=_widened(own, added, layout),
             u=posterior.u[[scales.index(each) for each in _limits(layout)]],
             motion=equations.motion,
         )
@@ -241,61 +209,72 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The equations of several IMUs, what is the robot's in them once."""
+    """The equations of several IMUs, errors of the robot in common."""
 
     parts: tuple[Part, ...]
     problem: Problem
-    """Of the components that are free."""
+    """Of the free components."""
     scales: tuple[Limits, ...]
 
     def common_noise(self, u: Floats) -> Floats:
-        """(N, N), what the noise that IMUs share adds to the covariance of all components.
+        """(N, N), added to the covariance of all components by noise that IMUs share.
 
-        Noise of the joints and of the base IMU is in the windows of each: their scores vary
+        Noise of the joints and of the base IMU is in the windows of each IMU: their scores vary
         together over the parts of the log.
         """
-        every = sum((each.scores for each in self.parts), np.zeros_like(self.parts[0].scores))
-        across = every.T @ every - sum(each.scores.T @ each.scores for each in self.parts)
+        scores = [each.scores for each in self.parts]
+        every = np.sum(scores, axis=0)
+        across = every.T @ every - sum(each.T @ each for each in scores)
         _, inverse = self.problem.solve(u)
         return np.asarray(inverse @ across @ inverse)
 
     @classmethod
     def of(cls, logs: Sequence[LogStatistics]) -> System:
-        """Lay the entries of all IMUs out, and put their equations about one point."""
+        """Lay out the entries of all IMUs, and sum their equations about one point."""
         several_ways = len({_first_joint(log.equations.layout) for log in logs}) > 1
         wholes = [_whole(log, several_ways=several_ways) for log in logs]
         placed, prior, scales = _laid_out(wholes)
+        n = np.count_nonzero(prior.free)
+        information, noise = np.zeros((2, n, n))
+        score, offsets = np.zeros((2, n))
         parts = []
         for place, (log, whole) in enumerate(zip(logs, wholes, strict=True)):
-            layout = log.equations.layout
+            equations, layout = log.equations, log.equations.layout
             to_own = np.zeros((layout.size, len(prior.std)))
+            offset = prior_offset(layout, log.options, equations.at)
+            held = np.where(layout.free, 0.0, -offset)
             for each in layout.placed:
                 to_own[each.part, placed[_key(each, place)]] = each.of_whole
+                if each.unknown.of_robot:
+                    held[each.part], offset[each.part] = -equations.at.x[each.part], 0.0
             for each in whole.placed[len(layout.placed) :]:
-                # A first joint that is elsewhere looks like a base IMU that is elsewhere.
+                # An error of a first joint's place looks like one of the base IMU's.
                 to_own[layout.part("base_translation"), placed[each.key]] = -np.eye(3)
-            parts.append(Part.of(log, to_own[:, prior.free]))
+            to_own = to_own[:, prior.free]
+            A, b, B = equations.about(held)
+            information += to_own.T @ A @ to_own
+            noise += to_own.T @ B @ to_own
+            score += to_own.T @ b
+            offsets += to_own.T @ offset
+            parts.append(Part(log, to_own, held))
+        free = prior.only(prior.free)
         problem = Problem(
-            information=np.sum([each.information for each in parts], axis=0),
-            score=np.sum([each.score for each in parts], axis=0),
-            offset=np.sum([each.offset for each in parts], axis=0),
-            prior=prior.only(prior.free),
-            noise=np.sum([each.noise for each in parts], axis=0),
+            information=information, score=score, offset=offsets, prior=free, noise=noise
         )
-        return cls(parts=tuple(parts), problem=problem, scales=scales)
+        return cls(tuple(parts), problem, scales)
 
 
 def _laid_out(wholes: Sequence[Layout]) -> tuple[dict[Key, slice], Prior, tuple[Limits, ...]]:
-    """All components of several IMUs one after the other, what is the robot's once.
+    """All components of several IMUs one after the other, those of the robot once.
 
-    Each entry has its place and the prior of the first IMU that has it.
+    Each entry has its place and the prior of the first IMU that contains it.
     """
     scales = tuple(dict.fromkeys(each for whole in wholes for each in _limits(whole)))
     placed: dict[Key, slice] = {}
     stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
     size = 0
     for place, whole in enumerate(wholes):
-        # The last one is for -1, which stays what it is.
+        # The last one is for -1, which stays.
         numbers = np.array([*map(scales.index, _limits(whole)), -1])
         for each in whole.placed:
             key = _key(each, place)
@@ -314,9 +293,10 @@ def _laid_out(wholes: Sequence[Layout]) -> tuple[dict[Key, slice], Prior, tuple[
 
 
 def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
-    """(n, n), a covariance with what is added to it, where that makes it larger.
+    """(n, n), a covariance and a second one, as far as that makes it larger.
 
-    It is known from some dozens of parts of the log, enough for the pose and for each component.
+    The second one comes from some dozens of parts of the log: enough for the pose and for each
+    component alone.
     """
     pose = np.ix_(layout.pose, layout.pose)
     variances = np.diag(covariance[pose])
@@ -329,7 +309,7 @@ def _widened(covariance: Floats, added: Floats, layout: Layout) -> Floats:
 
 
 def _key(placed: Placed, place: int) -> Key:
-    """By which an entry is found again: of the robot in any of its IMUs, else in this one."""
+    """Key of an entry: the same for all IMUs if it is the robot's, else for this IMU only."""
     return placed.key if placed.unknown.of_robot else (place, *placed.key)
 
 
@@ -343,8 +323,8 @@ def _limits(layout: Layout) -> list[Limits]:
 def _whole(log: LogStatistics, *, several_ways: bool) -> Layout:
     """The entries of an IMU with all their components, and their priors.
 
-    Where chains leave the base IMU's link by several joints, where these are in that link is no
-    part of the base IMU's place.
+    Where chains leave the base IMU's link by several joints, the places of these joints are
+    unknowns beside the place of the base IMU.
     """
     layout = log.equations.layout
     places = [each.whole for each in layout.placed]
@@ -355,6 +335,6 @@ def _whole(log: LogStatistics, *, several_ways: bool) -> Layout:
 
 
 def _first_joint(layout: Layout) -> str | None:
-    """The joint by which a chain leaves the link where it begins."""
+    """The first joint of a chain."""
     joints = [each.joint for each in layout.placed if each.joint is not None]
     return min(joints, key=lambda each: min(each.steps)).name if joints else None

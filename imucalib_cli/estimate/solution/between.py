@@ -1,11 +1,11 @@
 """Several logs of one mount: what they share, and how far the mount scatters between them.
 
-A mount differs a little from one recording to the next, by temperature, by load, by having been
-taken off and put back: more than the noise within a log tells. So the pose of each log is the
-common one plus a difference of its own, normal about zero, whose two standard deviations (of the
-translation, of the rotation) are learnt from all logs and integrated over as any other scale is.
+A mount differs a little from one recording to the next, by temperature, by load, by being taken off
+and put back: more than the noise within a log shows. So the pose of each log is the common one plus
+a difference of its own, normal about zero. Its two standard deviations (of the translation and the
+rotation) are learnt from all logs and integrated over like any other scale.
 
-results/trend/search.py has the same two, by their most likely values, to compare many partitions.
+results/trend/search.py has the same two by their most likely values, to compare many partitions.
 
 The differences are eliminated log by log, so that hundreds of logs cost no more than their sum.
 
@@ -31,22 +31,18 @@ USUAL: Final = (1e-4, 5e-4)
 """m and rad: where the half-Cauchy prior of the scatter falls to a half. A decimetre of aluminium
 grows by 0.1 mm over 40 K, and a bracket of 0.2 m turns by 0.5 mrad for as much at one end."""
 _RANGE: Final = (1e-2, 500.0)
-"""Of USUAL: smaller is none, to any mount and any drawing; no mount that is fixed moves farther."""
+"""Of USUAL: no mount and no drawing shows less, and no fixed mount moves farther."""
 _TRIED: Final = 41
 """Values of a scatter between its bounds, among which the likeliest is searched."""
-_ROUNDS: Final = 3
-"""In which scales and the two scatters are found in turn."""
 _RARE: Final = 1e-3
-"""One set of sound logs in a thousand has one that is said to disagree."""
-_UNLIKELY: Final = 12.0
-"""Fall of the logarithm of the likelihood beyond which a scatter is left out."""
+"""One set of sound logs in a thousand has a log that is said to disagree."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Together:
-    """The normal equations of K logs in what they share, m components of which the pose is first.
+    """The normal equations of K logs in the m components that they share, the pose first.
 
-    What only one log has (biases, gravity, time offset) is eliminated from its equations before.
+    Components of one log alone (biases, gravity, time offset) have been eliminated before.
     """
 
     information: Floats
@@ -56,34 +52,34 @@ class Together:
     noise: Floats
     """(K, m, m), covariance of the scores."""
     offset: Floats
-    """(m,), common point less the priors' means."""
+    """(m,), common point less the mean of the prior."""
     prior: Prior
     scattered: Indices
-    """(p,), for each component of the pose that is not held: 0 translation, 1 rotation."""
+    """(p,), for each free component of the pose: 0 translation, 1 rotation."""
     widened: Floats
-    """(K, p, p), what else is known to set each log's pose off, as a covariance."""
+    """(K, p, p), covariance of each log's pose by its findings."""
     scatter_bounds: Floats = field(default_factory=lambda: np.log(np.outer(USUAL, _RANGE)))
     """(2, 2), of the logarithms of the scatter of translation and rotation between logs."""
 
     @property
     def bounds(self) -> Floats:
-        """(k + 2, 2), of the learnt scales and, last, the two scatters."""
+        """(k + 2, 2), of the learnt scales and the two scatters."""
         return np.concatenate([self.prior.bounds, self.scatter_bounds])
 
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
         each = self.reduced(u)
         value, step = self._sum(each).likelihood(u[:-2])
-        # Half-Cauchy in the scatter itself, which the logarithm's own measure turns into this.
+        # Half-Cauchy in the scatter itself; this is its density in the logarithm.
         ratio = np.exp(u[-2:]) / USUAL
         return value + each.gain + float(np.log(ratio / (1.0 + ratio**2)).sum()), step
 
     def covariance(self, u: Floats) -> Floats:
-        """(m, m), of the posterior mean of what is shared."""
+        """(m, m), of the posterior mean."""
         return self.problem(u).covariance(u[:-2])
 
     def problem(self, u: Floats) -> Problem:
-        """In what is shared, at given scatters."""
+        """The sum of all logs at given scatters."""
         each = self.reduced(u)
         return replace(self._sum(each), noise=self._noise(each).sum(axis=0))
 
@@ -104,7 +100,7 @@ class Together:
         inverse = np.linalg.inv(inner)
         share = own @ inverse
         information = self.information - share @ np.swapaxes(own, 1, 2)
-        # The same without rounding: what is left of the pose is small beside what was there.
+        # The same for the pose without rounding: the difference is small beside its terms.
         left = precision @ inverse @ np.swapaxes(own, 1, 2)
         information[:, :p], information[:, :, :p] = left, np.swapaxes(left, 1, 2)
         determinants = np.linalg.slogdet(inner)[1] - np.linalg.slogdet(precision)[1]
@@ -128,7 +124,7 @@ class Together:
         )
 
     def differences(self, u: Floats, step: Floats) -> Floats:
-        """(K, p), each log's pose less the common one, for a step (m,) of what is shared."""
+        """(K, p), each log's pose less the common one, after a step (m,)."""
         p = len(self.scattered)
         precision = np.linalg.inv(self._spread(u))
         inner = self.information[:, :p, :p] + precision
@@ -136,7 +132,7 @@ class Together:
         return np.asarray(-np.linalg.solve(inner, score[:, :, None])[:, :, 0])
 
     def distances(self, u: Floats) -> tuple[Floats, Floats]:
-        """(K, p), each log's pose less that by all the others, and (K,) its square in sigmas."""
+        """(K, p), each log's pose less that of all others, and (K,) its square in sigmas."""
         each, p, spread = self.reduced(u), len(self.scattered), self._spread(u)
         noise = self._noise(each)
         every = replace(self._sum(each), noise=noise.sum(axis=0))
@@ -172,25 +168,25 @@ class Together:
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """Equations of K logs in what is shared, at given scatters."""
+    """Equations of K logs with their differences eliminated, at given scatters."""
 
     information: Floats
     """(K, m, m)."""
     score: Floats
     """(K, m)."""
     gain: float
-    """What the differences that are gone add to the logarithm of the likelihood."""
+    """Part of the log-likelihood from the eliminated differences."""
     precision: Floats
     """(K, p, p), of each log's own difference."""
     share: Floats
-    """(K, m, p), what of it stands in the scores."""
+    """(K, m, p), share of it in the scores."""
 
 
 def most_likely_together(logs: Together) -> tuple[Together, Floats]:
-    """The logs, their bounds within which scatters are likely, and the mode (k + 2,)."""
+    """The logs with bounds around the likely scatters, and the mode (k + 2,)."""
     u = logs.bounds.mean(axis=1)
     bounds = logs.scatter_bounds.copy()
-    for _ in range(_ROUNDS):
+    for _ in range(3):  # scales and scatters in turn
         u[:-2] = most_likely(logs.problem(u), u[:-2])
         for index in (0, 1):
             least, most = logs.scatter_bounds[index].tolist()
@@ -201,14 +197,14 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
                 heights[place] = logs.likelihood(u)[0]
             best = int(np.argmax(heights))
             u[index - 2] = tried[best]
-            likely = np.flatnonzero(heights > heights[best] - _UNLIKELY)
+            likely = np.flatnonzero(heights > heights[best] - 12.0)
             ends = np.clip([likely[0] - 1, likely[-1] + 1], 0, _TRIED - 1)
             bounds[index] = tried[ends]
     return replace(logs, scatter_bounds=bounds), u
 
 
 def combine(logs: Together) -> Posterior:
-    """What is shared, by all logs; the last two scales of the posterior are the scatters."""
+    """Posterior of the shared components; its last two scales are the scatters."""
     narrowed, mode = most_likely_together(logs)
     return integrate(narrowed, mode)
 
@@ -216,8 +212,7 @@ def combine(logs: Together) -> Posterior:
 def disagreeing(logs: Together, u: Floats) -> dict[int, float]:
     """Logs whose pose neither chance nor the scatter of the others explains, with its square.
 
-    The most distant first, from scales u (k + 2,) on: the scatter is found anew from the others,
-    which it no longer widens.
+    The most distant first, from scales u (k + 2,) on. After each the scatter is found anew.
     """
     from scipy.special import fdtrc  # slow to import
 

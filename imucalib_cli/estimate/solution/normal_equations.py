@@ -1,4 +1,4 @@
-"""What a log tells of every unknown, summed: enough to solve it again with other priors."""
+"""The normal equations of a log in every unknown: enough to solve it again with other priors."""
 
 from __future__ import annotations
 
@@ -36,24 +36,23 @@ class NormalEquations:
     noise: Floats
     """(n, n), covariance of the score for the noise's own spectrum."""
     level: float
-    """Of the noise as the unknowns meet it; 1 is white noise of the residual scales."""
+    """Of the noise in frequencies that inform; 1 is white noise of the residual scales."""
     motion: Floats
-    """(n, n), information that the motion gives an IMU of common noise, whatever this one's is."""
+    """(n, n), information by the motion for an IMU of common noise, whatever this one's is."""
+
+    def about(self, step: Floats) -> tuple[Floats, Floats, Floats]:
+        """A (n, n), b (n,) and B (n, n) after a step (n,) of the point, in units of the noise."""
+        A = self.information / self.level
+        return A, self.score / self.level + A @ step, self.noise / self.level**2
 
     def problem(self, layout: Layout, options: MatchedOptions) -> Problem:
         """In units of the noise, of the free components; the others are where they are held."""
         offset = prior_offset(layout, options, self.at)
-        held = np.where(layout.free, 0.0, -offset)
-        return Problem(
-            information=self.information / self.level,
-            score=(self.score + self.information @ held) / self.level,
-            offset=offset,
-            prior=layout,
-            noise=self.noise / self.level**2,
-        ).of(layout.free)
+        A, b, B = self.about(np.where(layout.free, 0.0, -offset))
+        return Problem(information=A, score=b, offset=offset, prior=layout, noise=B).of(layout.free)
 
     def solve(self, options: MatchedOptions) -> Answer:
-        """Every unknown for the priors of some options, learnt scales integrated over."""
+        """Every unknown by the priors of some options, learnt scales integrated over."""
         layout = self.layout.under(options)
         problem = self.problem(layout, options)
         posterior = integrate(problem, most_likely(problem))
@@ -104,32 +103,31 @@ class Answer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogStatistics:
-    """The normal equations of one IMU in one log, and what its data add to them."""
+    """The normal equations of one IMU in one log, and other facts about its data."""
 
     equations: NormalEquations
     options: MatchedOptions
     """Of the run."""
     parts: Floats
-    """(p, n + 1, n + 1), normal matrices of [e J] of parts of equal duration; without rounding
-    their sum is that of the equations, but where parts were heard that the fit left out."""
+    """(p, n + 1, n + 1), normal matrices of [e J] of parts of equal duration; their sum is that of
+    the equations, but for parts that differ so much that the fit left them out."""
     edges: Floats
     """(p + 1,), s of the log."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
     windows: tuple[OtherWindow, ...]
-    """What other windows say of every component."""
     widened: Floats
-    """(6, 6), what findings about the data add to the covariance of the pose."""
+    """(6, 6), added to the covariance of the pose by findings about the data."""
     offset_variance: float
-    """s², what stamps add to the variance of the time offset."""
+    """s², added to the variance of the time offset by the stamps."""
     seconds: float
     """Of the log."""
     clock_stepped: bool
-    """Whether the clocks were set within the log: a drift is then what the step looks like."""
+    """Whether the clocks were set within the log: the step then looks like a drift."""
 
 
 def admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
-    """The state with its rotation brought back to what held components allow."""
+    """The state with held components of its rotation restored."""
     free, known = layout.free[layout.part("rotation")], options.known_pose
     if free.all() or known is None:
         return state
@@ -137,7 +135,7 @@ def admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
 
 
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
-    """Distance of each component from what its prior expects."""
+    """(n,), distance of each component from the mean of its prior."""
     offset = np.array(state.x)
     clock = layout.part("time_offset")
     offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
