@@ -2,35 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 
-from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.checks.observability import unobservable
+from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import details_of, spectra_of
-from imucalib_cli.estimate.estimate import Residuals
-from imucalib_cli.estimate.solution.fit import whole_fit
+from imucalib_cli.estimate.estimate import (
+    Correction,
+    CorrectionName,
+    Estimate,
+    Parameter,
+    Residuals,
+)
+from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
+from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
+from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
-from imucalib_cli.estimate.stamps import best_attempt
+from imucalib_cli.estimate.solution.robust import residual_scales
+from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.signals.prepare import clean_imu
+from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.estimate import Window
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.stamps import Attempt
+    from imucalib_cli.estimate.solution.normal_equations import Answer
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.prepare import CleanImu
     from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.signals.timing.lag import Lag
 
 
-_FAR_FROM_DOWN: Final = 0.5
-"""Cosine to -z of the world below which gravity is suspect: 60 degrees."""
+_CLEARLY_BETTER: Final = 0.3
+"""Least fall of the logarithm of both residual scales from which jittered stamps are believed: in
+noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better."""
+_ENOUGH_WINDOWS: Final = 50
+"""Windows, overlapping fourfold, that make a dozen independent ones; more windows than that are not
+sought below 0.1 s, where the noise of the kinematics' derivatives drowns all else."""
+_RECORDED: Final = get_args(CorrectionName)
+"""Entries of the table that results list under ``corrections`` where they stand clear."""
 
 
 def calibrate_matched(
@@ -51,10 +69,14 @@ def calibrate_matched(
     trajectory = Trajectory.of(path)
     attempt = best_attempt(clean, trajectory, options)
     sign: judge.Sign = "as read"
-    # Where gravity lies right, no sensor is reversed.
-    if options.either_sign and options.has_gravity and _upside_down(attempt):
-        attempt, sign = _better_sign(attempt, best_attempt(clean.reversed(), trajectory, options))
-    clean = attempt.clean
+    # Where gravity points down, no sensor is reversed.
+    if options.either_sign and options.has_gravity and attempt.upside_down:
+        other = best_attempt(clean.reversed(), trajectory, options)
+        gain = other.lean.evidence_over(attempt.lean)
+        if gain > DECISIVE and not other.upside_down:
+            attempt, sign = other, "reversed"
+        elif gain > -DECISIVE:
+            sign = "in doubt"
     fit = whole_fit(attempt.lean, options)
     directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
@@ -74,9 +96,10 @@ def calibrate_matched(
         fit,
         statistics,
         window=attempt.window,
-        residuals=_residuals(fit, clean.spikes),
+        residuals=_residuals(fit, attempt.clean.spikes),
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         findings=judge.findings(evidence, statistics),
+        statistics=statistics,
         notes={
             "residual_over_known_noise": float(over_noise.max()),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,
@@ -84,27 +107,83 @@ def calibrate_matched(
             "robot_stamps": "ticks" if attempt.robot_ticks else "as stamped",
         },
     )
-    return replace(
-        found,
-        statistics=statistics,
-        details=details_of(fit, clean, dependence, statistics, found.covariance)
-        if details and found.covariance is not None
-        else None,
-    )
+    if not details or found.covariance is None:
+        return found
+    made = details_of(fit, attempt.clean, dependence, statistics, found.covariance)
+    return replace(found, details=made)
 
 
-def _better_sign(read: Attempt, other: Attempt) -> tuple[Attempt, judge.Sign]:
-    """The readings as they are, or reversed, whichever fits decisively better."""
-    gain = other.lean.evidence_over(read.lean)
-    if gain > DECISIVE and not _upside_down(other):
-        return other, "reversed"
-    return read, "in doubt" if gain > -DECISIVE else "as read"
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One way to take the stamps, and the lean solution by it."""
+
+    clean: CleanImu
+    lean: Fit
+    window: Window
+    lag: Lag | None
+    imu_ticks: bool
+    robot_ticks: bool
+
+    @property
+    def misfit(self) -> float:
+        """Residual scale of both sensors: lower where stamps are taken better."""
+        return float(np.log(residual_scales(self.lean.residuals.values)).sum())
+
+    @property
+    def upside_down(self) -> bool:
+        """Whether gravity is more than 60 degrees from down."""
+        gravity = self.lean.state.gravity
+        return bool(-gravity[2] < 0.5 * np.linalg.norm(gravity))
 
 
-def _upside_down(attempt: Attempt) -> bool:
-    """Whether gravity lies far from down."""
-    gravity = attempt.lean.state.gravity
-    return bool(-gravity[2] < _FAR_FROM_DOWN * np.linalg.norm(gravity))
+def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
+    """Take stamps that jitter as ticks of a constant rate, or as they are: whichever fits.
+
+    Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
+    is not. The stamps alone do not show which, the residuals do.
+    """
+    best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
+    if best.robot_ticks:
+        other = _next_attempt(clean, best, options, (best.imu_ticks, False))
+        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
+    # With the better stamps of the robot: both streams may be sampled late.
+    if best.imu_ticks:
+        other = _next_attempt(clean, best, options, (False, best.robot_ticks))
+        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
+    return best
+
+
+def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
+    """Choose the window, find the offset coarsely, fit."""
+    imu_ticks, degree = clean.ticks is not None, options.degree
+    grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
+    length, window = choose_window(options.window, grid, trajectory, degree)
+    lag, offset = None, options.time_offset
+    if offset is None:
+        offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
+    windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
+    while (  # too few windows fit into the log or between its gaps
+        options.window == WindowChoice()
+        and len(windowing.centres(offset)) < _ENOUGH_WINDOWS
+        and window.seconds > 0.1
+    ):
+        shorter = WindowChoice(seconds=0.7 * window.seconds)
+        length, window = choose_window(shorter, grid, trajectory, degree)
+        window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
+        windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
+    lean = lean_fit(windowing, options, offset)
+    return Attempt(clean, lean, window, lag, imu_ticks, trajectory.use_ticks)
+
+
+def _next_attempt(
+    clean: CleanImu, near: Attempt, options: MatchedOptions, ticks: tuple[bool, bool]
+) -> Attempt:
+    """Take the stamps of IMU and robot the other way, and start from the fit at hand."""
+    trajectory = near.lean.model.windowing.trajectory.with_ticks(ticks[1])
+    grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
+    plan = plan_windows(odd_length(near.window.seconds / grid.dt), options.degree, grid.dt)
+    lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
+    return replace(near, lean=lean, imu_ticks=ticks[0], robot_ticks=ticks[1])
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
@@ -127,7 +206,7 @@ def _residuals(fit: Fit, spikes: int) -> Residuals:
 
 def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:
     fit, attempt, change = evidence.fit, evidence.attempt, evidence.change
-    # Of the offset between stamps: what jitter leaves open, and half of a step.
+    # Of the offset between stamps: by jitter, and half of a step.
     offset_variance = fit.model.windowing.trajectory.stamp_variance
     if attempt.imu_ticks and attempt.clean.ticks is not None:
         offset_variance += attempt.clean.ticks.mean_variance
@@ -146,3 +225,85 @@ def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:
         seconds=fit.model.seconds,
         clock_stepped=stepped,
     )
+
+
+def estimate_of(answer: Answer, log: LogStatistics | None = None, **evidence: Any) -> Estimate:
+    """The estimate from an answer; ``evidence`` are its other fields.
+
+    The statistics of the one log that the answer comes from widen its covariances; those of an
+    answer of several logs include that already.
+    """
+    covariance, offset_variance, clock_stepped = answer.pose_covariance, 0.0, False
+    if log is not None:
+        covariance = covariance + log.widened
+        offset_variance, clock_stepped = log.offset_variance, log.clock_stepped
+    directions = unobservable(answer)
+    offset, offset_std = answer.of("time_offset")
+    biases: dict[str, Any] = {}
+    for name in ("accel_bias", "gyro_bias"):
+        value, std = answer.of(name)
+        held = not len(value)
+        biases |= {name: np.zeros(3) if held else value, f"{name}_std": None if held else std}
+    return Estimate(
+        method="matched",
+        R_parent_imu=answer.state.R,
+        t_parent_imu=answer.state.t,
+        covariance=widen(covariance, directions),
+        time_offset=float(offset[0]) if len(offset) else answer.state.held_offset,
+        time_offset_std=float(np.sqrt(offset_std[0] ** 2 + offset_variance))
+        if judge.offset_known(answer)
+        else None,
+        gravity_world=answer.state.gravity,
+        corrections=_corrections(answer, clock_stepped=clock_stepped),
+        parameters=_parameters(answer),
+        unobservable=directions,
+        **biases,
+        **evidence,
+    )
+
+
+def _parameters(answer: Answer) -> tuple[Parameter, ...]:
+    """Every component beside the mount, with its prior."""
+    std = np.sqrt(np.maximum(np.diag(answer.covariance), 0.0))
+    prior = answer.layout.std_at(answer.u)
+    found = []
+    for each in answer.layout.placed:
+        if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":
+            continue
+        values = answer.value(each)
+        if isinstance(each.unknown.effect, Gravity):
+            values = values + answer.options.gravity_norm
+        for offset, (label, value) in enumerate(zip(each.labels, values, strict=True)):
+            place = each.part.start + offset
+            found.append(
+                Parameter(
+                    name=each.unknown.name,
+                    label=label,
+                    unit=each.unit,
+                    value=float(value),
+                    std=float(std[place]),
+                    prior_std=float(prior[place]),
+                    learnt=bool(answer.layout.scale[place] >= 0),
+                    axis=each.axes[offset] if isinstance(each.unknown.effect, Origin) else None,
+                )
+            )
+    return tuple(found)
+
+
+def _corrections(answer: Answer, *, clock_stepped: bool) -> tuple[Correction, ...]:
+    """Errors of sensor and clocks that stand clear of their sigma."""
+    found = []
+    for each in answer.layout.placed:
+        name = each.unknown.name
+        if name not in _RECORDED or (clock_stepped and name == "clock_drift"):
+            continue
+        value, std = answer.value(each), answer.of(name)[1]
+        if not (np.abs(value) > judge.DISTRUST_SIGMAS * std).any():
+            continue
+        if name.endswith("scale"):
+            # Measured over true: readings are ideal plus value times what is read.
+            value, std = 1.0 / (1.0 - value), std / (1.0 - value) ** 2
+        elif name == "gravity_norm":
+            value = value + answer.options.gravity_norm
+        found.append(Correction(name=name, value=value, std=std))  # type: ignore[arg-type]
+    return tuple(found)

@@ -11,9 +11,9 @@ from msgspec import UNSET, structs
 from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.estimate.again import combine_logs, solve_again
-from imucalib_cli.estimate.answer import estimate_of
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
+from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.findings import Severity, untrusted, warning

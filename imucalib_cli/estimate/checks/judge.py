@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
     from imucalib_cli.estimate.checks.specification import Dependence, OtherWindow
+    from imucalib_cli.estimate.matched import Attempt
     from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
-    from imucalib_cli.estimate.stamps import Attempt
 
 Sign = Literal["as read", "reversed", "in doubt"]
 

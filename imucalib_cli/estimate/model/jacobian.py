@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.base_imu import base_nodes, box_over, velocity_of
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.model.state import Chain, gravity_axes
+from imucalib_cli.estimate.model.state import Chain, base_nodes, box_over, gravity_axes, velocity_of
 from imucalib_cli.estimate.model.unknowns import (
     Clock,
     Gravity,
@@ -37,10 +36,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.model.base_imu import BaseNodes
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
-    from imucalib_cli.estimate.model.state import State
+    from imucalib_cli.estimate.model.state import BaseNodes, State
     from imucalib_cli.estimate.model.unknowns import Samples
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.robot.path import KinematicPath

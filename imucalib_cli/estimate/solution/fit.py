@@ -10,11 +10,10 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns as lean_columns
-from imucalib_cli.estimate.model.base_imu import felt_gravity
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
-from imucalib_cli.estimate.model.state import Chain, State
+from imucalib_cli.estimate.model.state import Chain, State, felt_gravity
 from imucalib_cli.estimate.model.unknowns import LEAN, Reading, Unknown
 from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.normal_equations import (
