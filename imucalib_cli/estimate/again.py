@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.checks.segments import log_parts
+from imucalib_cli.estimate.checks.segments import PartSums
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
@@ -59,12 +59,9 @@ def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
     if len(pose) < len(layout.pose):
         return None
     problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
-    step, _ = problem.solve(u)
-    A = log.parts[:, 1:, 1:][:, free][:, :, free] / equations.level
-    # What of the score is the readings' own noise is spread evenly.
     noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
-    b = (log.parts[:, 1:, 0] - noise / len(log.parts))[:, free] / equations.level + A @ step
-    return log_parts(A, b, np.diag(problem.precision(u)), log.edges, pose=pose, std=std)
+    sums = PartSums.of(log.parts, noise, problem, u, equations)
+    return sums.log_parts(log.edges, pose, std)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,27 +19,23 @@ if TYPE_CHECKING:
 
 
 _LIMIT: Final = 0.05
-"""m and rad: a direction known no better than this is not known."""
-_UNBOUNDED: Final = 0.5
-"""Share of the weakest prior's deviation from which nothing but that prior bounds a direction."""
+"""m and rad: a direction with a larger sigma counts as unknown."""
 _WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.effect, Mount)}
-"""m and rad: what is known of any mount without looking."""
-_ALONG: Final = 0.99
-"""Cosine, 8 deg: a direction nearer to an axis is that axis, to a person."""
+"""m and rad: prior of any mount."""
 _LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
 def excitation(answer: Answer, *, everything: bool = False) -> Floats:
-    """Covariance (n, n) as the motion allows it, for common noise: little noise is no motion.
+    """Covariance (n, n) by the motion with common noise, so that low noise does not replace motion.
 
-    With ``everything`` also components of the mount count as free that are held or known.
+    With ``everything`` held and known components of the mount count as free too.
     """
     layout = answer.layout
     lean = {each.name for each in LEAN}
     free = layout.free.copy()
     for each in layout.placed:
-        # What else is unknown has a prior, and hangs together with the pose through it.
+        # All other unknowns have priors.
         free[each.part] &= each.unknown.name in lean
     std = layout.std_at(answer.u)
     if everything:
@@ -54,17 +50,17 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
 
 
 def undetermined(answer: Answer) -> Bools:
-    """(6,), components of the mount that the motion does not show, whatever is told of them."""
+    """(6,), components of the mount that the motion does not show, whatever is stated of them."""
     places = answer.layout.pose
     std = np.sqrt(np.diag(excitation(answer, everything=True))[places])
     return np.asarray(std > _LIMIT)
 
 
 def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
-    """Directions of the pose that the motion did not determine, and what would.
+    """Directions of the pose that the motion did not determine, and motions that would.
 
-    The estimate's covariance counts or what ordinary noise would give on this motion, whichever is
-    larger, so that a log without noise does not make a motionless direction look known.
+    By the larger of the estimate's covariance and that of ordinary noise with this motion, so that
+    a log without noise does not make a motionless direction look known.
     """
     pose = np.ix_(answer.layout.pose, answer.layout.pose)
     both = answer.covariance, excitation(answer)
@@ -81,7 +77,7 @@ def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
 
 
 def _given(covariance: Floats, part: slice) -> Floats:
-    """(n, n), what would be left of a covariance if some components were known."""
+    """(n, n), covariance if some components were known."""
     across = covariance[:, part]
     return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
@@ -90,7 +86,7 @@ def _directions(covariance: Floats, excitation: Floats) -> list[UnobservableDire
     """Eigen-directions of (6, 6) beyond the limits, translation first, the least known first."""
     rotation = _beyond("rotation", covariance, excitation)
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
-    # The one turn that is unknown is that about the one axis that the motion has already.
+    # A single unknown turn is about the only axis of the motion.
     turns_about = rotation[0].direction_parent if len(rotation) == 1 else None
     translation = _beyond("translation", swept[0], swept[1], turns_about)
     if len(translation) == 1:
@@ -99,10 +95,10 @@ def _directions(covariance: Floats, excitation: Floats) -> list[UnobservableDire
 
 
 def _with_way_out(lost: UnobservableDirection) -> UnobservableDirection:
-    """What to do where a robot cannot move so, as one that drives on a plane."""
+    """With advice for a robot that cannot move so, as one that drives on a plane."""
     axis = int(np.argmax(np.abs(lost.direction_parent)))
     held, about = "", "--prior-std"
-    if abs(lost.direction_parent[axis]) > _ALONG:
+    if abs(lost.direction_parent[axis]) > 0.99:  # within 8 deg of an axis
         name = f"t{'xyz'[axis]}"
         held = f"--fix {name} holds it at the URDF's value, "
         about = f"--prior-std {name}=5mm"
@@ -113,8 +109,8 @@ def _with_way_out(lost: UnobservableDirection) -> UnobservableDirection:
 def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Floats:
     """Covariance in which an unknown turn of the IMU sweeps its place around a circle.
 
-    To first order the turn moves the place along the circle's tangent only; where it is large,
-    the place is as little known across it.
+    To first order the turn moves the place along the circle's tangent only; a large turn makes it
+    as unknown across.
     """
     wide = np.array(covariance)
     for turn in rotation:
@@ -147,7 +143,7 @@ def _beyond(
             UnobservableDirection(
                 kind=kind,
                 direction_parent=axis,
-                std=std if std < _UNBOUNDED * _WEAKEST_STD[kind] else None,
+                std=std if std < 0.5 * _WEAKEST_STD[kind] else None,
                 motion=_motion(kind, axis, turns_about),
             )
         )
@@ -155,7 +151,7 @@ def _beyond(
 
 
 def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Floats:
-    """Covariance (6, 6) in which every unobservable direction is as wide as it is said to be."""
+    """Covariance (6, 6) in which every unobservable direction has its stated sigma."""
     wide = np.array(covariance)
     for direction in directions:
         part = _PARTS[direction.kind]

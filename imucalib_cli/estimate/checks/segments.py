@@ -1,4 +1,4 @@
-"""Parts of a log held against each other: folds and halves, and an instant at which it changed."""
+"""Comparison of parts of a log: folds and halves, and an instant at which something changed."""
 
 from __future__ import annotations
 
@@ -16,27 +16,22 @@ from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, inverse_of,
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.solution.fit import Fit
+    from imucalib_cli.estimate.solution.normal_equations import NormalEquations
+    from imucalib_cli.estimate.solution.scales import Problem
 
 
 FOLDS: Final = 12
 """Parts that are left out in turn."""
 _LEAST_SEGMENTS: Final = 2
-"""At either end of a log, that a change is searched from: a part of the log, not a shock."""
+"""Least distance of a change from either end of a log: longer than a shock."""
 DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
-e^10 to one, and fewer than one false alarm in a thousand sound logs over all that is tried."""
-
+e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
 MEDIAN_CHI2: Final = 0.455
 """Median of chi-squared of one degree of freedom: of the squares of normal deviates."""
 _APART: Final = PARTS // 8
-"""Parts, over which the walk of a bias is measured: far enough to stand clear of the noise, near
+"""Parts over which the walk of a bias is measured: far enough to stand clear of the noise, near
 enough that a step lies between fewer than half of all pairs."""
-_SHARE: Final = 0.2
-"""Of what a fit leaves over, that a change explains which is its cause."""
-_UNSEEN: Final = 1e-6
-"""Share of the information on a change that must be left beside the other unknowns."""
-_TOLD: Final = 0.01
-"""Share of a prior's variance that halves of a log take away, below which they tell nothing."""
 Kind = Literal["mount", "clock", "gyro_bias", "accel_bias"]
 _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "mount": ("translation", "rotation"),
@@ -49,7 +44,7 @@ _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """An instant from which the log tells something else."""
+    """An instant at which mount, clock or a bias changed."""
 
     kind: Kind
     seconds: float
@@ -57,23 +52,23 @@ class Change:
     uncertainty: float
     """s: half a segment."""
     size: Floats
-    """What it changes by, in the units of the table."""
+    """In the units of the table."""
     std: Floats
     evidence: float
     """Fall of the information criterion."""
     moves_pose: Floats
-    """(6,), m and rad: of a mount from before to after it; else the pose with the change taken into
-    account less the pose without."""
+    """(6,), m and rad: of a mount from before to after; else the pose by a model with the change
+    less the pose without."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogParts:
-    """Parts of the log of equal duration, and what they tell about the pose (tx .. rz)."""
+    """Parts of the log of equal duration, and what they say about the pose (tx .. rz)."""
 
     edges: Floats
     """(P + 1,), s of the log."""
     share: Floats
-    """(P, 6), share of what the log teaches about each component that this part teaches."""
+    """(P, 6), share of each part in the information on each component."""
     std_so_far: Floats
     """(P, 6), 1 sigma of a log that ends with this part, m and rad."""
     fold_edges: Floats
@@ -84,63 +79,79 @@ class LogParts:
     """(F, 6), 1 sigma of the pose by the part alone."""
 
 
-def log_parts(
-    A: Floats, b: Floats, P: Floats, edges: Floats, *, pose: Indices, std: Floats
-) -> LogParts:
-    """What each part of a log tells about the pose.
+@dataclass(frozen=True, eq=False)
+class PartSums:
+    """Equations of the p parts of a log about its solution, n free components."""
 
-    Args:
-        A: (p, n, n), information of the parts, in units of the noise.
-        b: (p, n), their scores at the solution.
-        P: (n, n), precision of the priors.
-        edges: (p + 1,), s of the log.
-        pose: (6,), places of the pose.
-        std: (6,), of the pose, as it is stated: where ``std_so_far`` ends.
-    """
-    whole = inverse_of(A.sum(axis=0) + P)[pose]
-    told = np.einsum("pi,kij,pj->kp", whole, A, whole)
-    so_far = inverse_of(np.cumsum(A, axis=0) + P)
-    std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
-    fold_A, fold_b = _folds(A, b)
-    inverse = inverse_of(fold_A + P)
-    return LogParts(
-        edges=edges,
-        share=told / told.sum(axis=0),
-        std_so_far=std_so_far * (std / std_so_far[-1]),
-        fold_edges=edges[:: len(A) // len(fold_A)],
-        fold_difference=-(inverse @ fold_b[:, :, None])[:, pose, 0],
-        fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
-    )
+    A: Floats
+    """(p, n, n), information in units of the noise."""
+    b: Floats
+    """(p, n), score."""
+    P: Floats
+    """(n, n), precision of the priors."""
+    inverse: Floats
+    """(n, n), inverse information of the whole log."""
 
+    @classmethod
+    def of(
+        cls, parts: Floats, noise: Floats, problem: Problem, u: Floats, equations: NormalEquations
+    ) -> PartSums:
+        """From normal matrices of [e J] (p, N + 1, N + 1), and the noise (N,) in all their scores.
 
-def _folds(A: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Information and score of a few longer parts."""
-    folds = np.array_split(np.arange(len(A)), min(FOLDS, len(A)))
-    longer_A, longer_b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (A, b))
-    return longer_A, longer_b
+        ``problem`` is that of the whole log and of its equations, u its scales.
+        """
+        free, level = np.flatnonzero(equations.layout.free), equations.level
+        step, inverse = problem.solve(u)
+        A = parts[:, 1:, 1:][:, free][:, :, free] / level
+        # The readings' own noise in the score is spread evenly.
+        b = (parts[:, 1:, 0] - noise / len(parts))[:, free] / level
+        return cls(A, b + A @ step, np.diag(problem.precision(u)), inverse)
+
+    def folds(self) -> tuple[Floats, Floats]:
+        """Information and score of a few longer parts."""
+        folds = np.array_split(np.arange(len(self.A)), min(FOLDS, len(self.A)))
+        A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self.A, self.b))
+        return A, b
+
+    def log_parts(self, edges: Floats, pose: Indices, std: Floats) -> LogParts:
+        """What each part says about the pose, at places ``pose`` (6,).
+
+        ``edges`` (p + 1,), s of the log; ``std`` (6,) of the pose as stated, for the whole log.
+        """
+        A, P = self.A, self.P
+        whole = inverse_of(A.sum(axis=0) + P)[pose]
+        shares = np.einsum("pi,kij,pj->kp", whole, A, whole)
+        so_far = inverse_of(np.cumsum(A, axis=0) + P)
+        std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
+        fold_A, fold_b = self.folds()
+        inverse = inverse_of(fold_A + P)
+        return LogParts(
+            edges=edges,
+            share=shares / shares.sum(axis=0),
+            std_so_far=std_so_far * (std / std_so_far[-1]),
+            fold_edges=edges[:: len(A) // len(fold_A)],
+            fold_difference=-(inverse @ fold_b[:, :, None])[:, pose, 0],
+            fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
+        )
 
 
 class Segments:
-    """Normal matrices of the parts of a log about the solution of all of it."""
+    """Changes within the log of a fit, and how well its parts agree."""
 
     def __init__(self, fit: Fit, *, loud: bool) -> None:
-        """Cut the windows into parts and sum each; ``loud``: far more is left than noise."""
-        self._loud = loud
-        free = np.flatnonzero(fit.layout.free)
-        self._free, self._fit = free, fit
+        """Sum the parts of the log; ``loud``: the residuals are far larger than the noise."""
+        self._loud, self._fit = loud, fit
+        self._free = np.flatnonzero(fit.layout.free)
         normal, noise = fit.parts, fit.statistics.noise_score
+        # A mount that moved late is an outlier to the fit: these parts count it.
         problem = fit.problem(normal.sum(axis=0), noise)
-        self._P = np.diag(problem.precision(fit.u))
-        self._total = problem.information + self._P
-        # A mount that moved late is an outlier to the fit, and so its weights are not used here.
-        step, self._inverse = problem.solve(fit.u)
-        self._A = normal[:, 1:, 1:][:, free][:, :, free] / fit.equations.level
-        b = (normal[:, 1:, 0] - noise / len(normal))[:, free] / fit.equations.level
-        self._b = b + self._A @ step
+        sums = PartSums.of(normal, noise, problem, fit.u, fit.equations)
+        self._sums, self._total = sums, problem.information + sums.P
+        self._A, self._b, self._P, self._inverse = sums.A, sums.b, sums.P, sums.inverse
         self._A_after, self._b_after = (
-            np.cumsum(each[::-1], axis=0)[::-1] for each in (self._A, self._b)
+            np.cumsum(each[::-1], axis=0)[::-1] for each in (sums.A, sums.b)
         )
-        self._empty = np.asarray(~self._A.any(axis=(1, 2)))
+        self._empty = np.asarray(~sums.A.any(axis=(1, 2)))
         grid = fit.model.windowing.grid
         first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
         self.edges: Floats = np.linspace(first, last, PARTS + 1)
@@ -155,7 +166,7 @@ class Segments:
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
             return None
-        A, b = _folds(self._A, self._b)
+        A, b = self._sums.folds()
         each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
@@ -168,17 +179,17 @@ class Segments:
             left += 0.5 * inverse[block]
         difference = (solutions[1] - solutions[0])[pose]
         C = sum(covariances)[block]
-        # What the halves do not tell is rounding, and its covariance too.
+        # Directions that the halves do not determine are rounding.
         precision = np.sqrt(np.diag(self._P)[pose])
         shares, axes = np.linalg.eigh(left * np.outer(precision, precision))
-        told = np.diag(precision) @ axes[:, shares < 1.0 - _TOLD]
-        apart = squared_distance(told.T @ difference, told.T @ C @ told)
+        seen = np.diag(precision) @ axes[:, shares < 0.99]
+        apart = squared_distance(seen.T @ difference, seen.T @ C @ seen)
         stated = np.sqrt(np.maximum(np.diag(self._fit.covariance)[: len(pose)], 1e-300))
         return Consistency(
             folds=FOLDS,
             fold_std=fold_std,
             halves_difference=difference,
-            halves_sigmas=float(np.sqrt(apart / max(told.shape[1], 1))),
+            halves_sigmas=float(np.sqrt(apart / max(seen.shape[1], 1))),
             segment_chi2=float(np.mean((fold_std / stated) ** 2)),
             whiteness=whiteness,
         )
@@ -186,7 +197,7 @@ class Segments:
     def change(self) -> Change | None:
         """The most decisive change of mount, clock or bias; None if there is none.
 
-        Of kinds that the log cannot tell apart it is the gravest: a mount turned looks like a bias.
+        Of kinds that the log cannot distinguish the gravest: a turned mount looks like a bias.
         """
         best: dict[Kind, Change] = {}
         for kind, names in _KINDS.items():
@@ -202,7 +213,7 @@ class Segments:
         return next(alike) if most > DECISIVE else None
 
     def _price(self, part: Indices) -> float:
-        """Of components that change, in the Bayesian information criterion."""
+        """Cost of components that change, in the Bayesian information criterion."""
         windows = self._fit.statistics.windows / WINDOWS_PER_LENGTH
         return len(part) * math.log(6.0 * windows)
 
@@ -228,11 +239,11 @@ class Segments:
         own = np.diagonal(cross[:, part], axis1=1, axis2=2)
         scale = np.sqrt(np.maximum(own, 1e-300))
         seen = np.linalg.eigvalsh(left / (scale[:, :, None] * scale[:, None, :]))[:, 0]
-        gainful &= seen >= _UNSEEN
+        gainful &= seen >= 1e-6
         if self._loud:
-            # Where much is left over, a change is its cause only if it explains a good part of it.
+            # A change is the cause of large residuals only if it explains a good part of them.
             left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.equations.level
-            gainful &= gain >= _SHARE * left_over
+            gainful &= gain >= 0.2 * left_over
         if not gainful.any():
             return None
         return _LEAST_SEGMENTS + int(np.argmax(np.where(gainful, gain, 0.0)))
@@ -242,8 +253,8 @@ class Segments:
         later, inverse = slice(cut, None), self._inverse
         cross, left, size = self._step(part, cut)
         C = inverse_of(left)
-        # Noise of real logs is louder in some motions: what is left with the change taken into
-        # account scatters by that much.
+        # Noise of real logs is louder in some motions: by how the residuals scatter with the change
+        # in the model.
         moved = -(inverse @ cross @ size)
         b = self._b + self._A @ moved
         b[later] += self._A[later][:, :, part] @ size
@@ -253,7 +264,7 @@ class Segments:
         C = np.where(np.trace(scatter @ left) > len(part), scatter, C) + wander
         evidence = squared_distance(size, C) - self._price(part)
         pose = self._places("translation", "rotation")
-        low = high = cut  # in a gap, of which no part tells when
+        low = high = cut  # in a gap the instant is unknown
         while low > 1 and self._empty[low - 1]:
             low -= 1
         while high < len(self._A) - 1 and self._empty[high]:
@@ -272,7 +283,7 @@ class Segments:
         )
 
     def _wander(self, part: Indices) -> Floats:
-        """Covariance of a step that a bias which walks makes anyway.
+        """Covariance of a step by the usual walk of a bias.
 
         Means of two halves of a random walk of S steps of variance q differ by S q / 3.
         """
@@ -286,7 +297,7 @@ class Segments:
             return np.zeros((len(part), len(part)))
         steps = (each[pairs + _APART] - each[pairs]) ** 2
         expected = noise[pairs + _APART] + noise[pairs]
-        # The median lets one step, which is looked for, be what it is.
+        # The median is not affected by the one step that is searched.
         walked = np.maximum(
             np.median(steps, axis=0) / MEDIAN_CHI2 - np.median(expected, axis=0), 0.0
         )

@@ -1,9 +1,9 @@
-"""What no unknown explains: residuals beyond the noise, and an answer that hangs on the window.
+"""An answer that depends on the window: what no unknown explains.
 
 An answer of a true model does not depend on the length of the filter window, but for noise. So the
-system is solved again at half and at twice the window, and the difference held against its own
+system is solved again at half and at twice the window, and the difference is compared with its own
 covariance. Both see the same noise, and noise of real logs is louder in some motions than in
-others, so that the covariance is made from how the parts of the log scatter about the difference.
+others, so the covariance comes from how the parts of the log scatter about the difference.
 
 Source: Hausman, Econometrica 46(6), 1978.
 """
@@ -30,39 +30,35 @@ if TYPE_CHECKING:
 
 
 FACTORS: Final = (0.5, 2.0)
-_LENGTHS_PER_PART: Final = 4
-"""Lengths of a window in a part of the log: parts are then nearly independent."""
 _FEWEST_PARTS: Final = 12
-"""Twice the components that are compared."""
+"""Twice the components that are compared; each part has four lengths of the window, so that parts
+are nearly independent."""
 _MOST: Final = 6000
-"""Windows, of some minutes: more take longer and tell no more that matters."""
-_SHORTEST: Final = 9
-"""Samples of a window that can be halved no more."""
+"""Windows, of some minutes: more take longer and add nothing that matters."""
 _NEGLIGIBLE: Final = (1e-5, 2e-5)
-"""m and rad: no mount is known or needed better; below, interpolation sets the difference."""
+"""m and rad: no mount is known or needed better; below, interpolation dominates the difference."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OtherWindow:
-    """What another window says of every component."""
+    """The answer by another window."""
 
     seconds: float
     """Of the other window."""
     changes: Floats
-    """(n,), of the layout's components: by the other window less by the one used."""
+    """(n,), of the layout's components: by the other window less by the one of the fit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Dependence(OtherWindow):
-    """How the answer changes with the window."""
+    """How the pose changes with the window."""
 
     difference: Floats
     """(6,), of the pose, m and rad."""
     covariance: Floats
     """(6, 6), of that difference by noise and priors."""
-
     parts: int
-    """Of the log, from whose scatter the covariance is."""
+    """Of the log, whose scatter gives the covariance."""
 
     @property
     def sigmas(self) -> float:
@@ -83,7 +79,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     centres = fit.centres[fit.weights > 0.0]
     for factor in FACTORS:
         length = odd_length((own.length - 1) * factor)
-        if length < _SHORTEST or not _sound(fit, length):
+        if length < 9 or not _sound(fit, length):
             continue
         plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
@@ -103,14 +99,14 @@ def window_dependence(fit: Fit) -> list[Dependence]:
 
 
 def _lengths(centres: Indices, plan: WindowPlan) -> float:
-    """How many parts with enough windows there is room for."""
-    return float(np.ptp(centres) / (_LENGTHS_PER_PART * plan.length)) if len(centres) else 0.0
+    """How many parts have room for enough windows."""
+    return float(np.ptp(centres) / (4 * plan.length)) if len(centres) else 0.0
 
 
 def _difference(
     fit: Fit, own: tuple[Floats, Floats, Floats], model: Model, centres: Indices, residuals: Floats
 ) -> Dependence:
-    """Solve at another window; the covariance of the difference is from how parts scatter."""
+    """Solve at another window; the covariance of the difference comes from how parts scatter."""
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
     there = Linearised(
@@ -142,8 +138,8 @@ def _solved(fit: Fit, matrices: Floats, noise_score: Floats) -> tuple[Floats, Fl
     """The answer by one window, about the fit's point of linearisation, with its learnt scales.
 
     Returns:
-        Step (n,) of the free components, what each part of the log adds to the pose (PARTS, 6), and
-        the pose's rows (6, n) of the inverse information.
+        Step (n,) of the free components, the contribution (PARTS, 6) of each part of the log to the
+        pose, and the pose's rows (6, n) of the inverse information.
     """
     free = np.flatnonzero(fit.layout.free)
     step, inverse = fit.problem(matrices.sum(axis=0), noise_score).solve(fit.u)
@@ -153,7 +149,7 @@ def _solved(fit: Fit, matrices: Floats, noise_score: Floats) -> tuple[Floats, Fl
 
 
 def _sound(fit: Fit, length: int) -> bool:
-    """Whether noise of the kinematics is still small in a window: else it bends the lever arm."""
+    """Whether noise of the kinematics is still small in a window: it shortens the lever arm."""
     windowing = fit.model.windowing
     if length > windowing.plan.length:
         return True

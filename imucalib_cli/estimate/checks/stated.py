@@ -1,9 +1,9 @@
-"""What the user states of mount, sensor, clock and gravity, held against the data.
+"""What the user states of mount, sensor, clock and gravity, compared with the data.
 
-A value that is held where it is not is taken up by whatever looks like it: a wrong gravity by
-scales of the accelerometer, a wrong time offset by delays of all joints. So each such value is set
-free beside the fit, and believed wrong where that is decisively more likely: the marginal
-likelihood with it free, over that with it as stated, learnt scales integrated over in both.
+A wrong value that is held is taken up by something that looks like it: a wrong gravity by scales of
+the accelerometer, a wrong time offset by delays of all joints. So each such value is set free
+beside the fit, and believed wrong where that is decisively more likely: by the marginal likelihoods
+with it free and as stated, learnt scales integrated over in both.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 POSE_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 _SLIP_OF_THE_PEN: Final = 0.3
-"""m/s²: gravity of any place on Earth, and ten times as far."""
+"""m/s²: ten times the range of gravity on Earth."""
 _ANYWHERE: Final = (0.1, 0.1, 0.1, 0.3, 0.3, 0.3)
 """m and rad: an IMU on another place of its link, and turned by some tens of degrees."""
 _NEGLIGIBLE: Final = 1e-5
-"""Of any unit: no drawing and no clock is more exact, so that no contradiction is smaller."""
+"""Of any unit: no drawing and no clock is more exact, so smaller contradictions do not count."""
 
 
 def contradicted(
@@ -45,12 +45,12 @@ def contradicted(
     sums: Callable[[MatchedOptions], NormalEquations],
     solve: Callable[[MatchedOptions], Answer],
 ) -> Finding | None:
-    """What the user states that the data contradict most decisively.
+    """The statement of the user that the data contradict most decisively.
 
     Args:
-        answer: With all that is stated.
-        sums: Equations with every component that some options leave free.
-        solve: The answer for some options.
+        answer: With all statements.
+        sums: Gives equations with every component that some options leave free.
+        solve: Gives the answer for some options.
     """
     found = [
         (gain, option, freed)
@@ -72,7 +72,7 @@ def contradicted(
 
 
 def contradicted_by_log(fit: Fit) -> Finding | None:
-    """As :func:`contradicted`, where the log is at hand."""
+    """As :func:`contradicted`, for a fit with its log."""
     stated = fit.model.shifts(fit.equations.at)[1][0]
 
     def solve(freed: MatchedOptions) -> Answer:
@@ -82,10 +82,10 @@ def contradicted_by_log(fit: Fit) -> Finding | None:
 
 
 def _statements(answer: Answer) -> Iterator[tuple[str, MatchedOptions]]:
-    """Options by which something is stated, and all options with that set free.
+    """Names of options that state something, and all options with that set free.
 
-    A component of the mount that the motion does not show is neither confirmed nor contradicted:
-    noise of the poses looks like information on it.
+    Components of the mount that the motion does not show are left out: noise of the poses looks
+    like information on them.
     """
     options = answer.options
     free: dict[str, dict[str, Any]] = {
@@ -126,7 +126,7 @@ def _stated_std(layout: Layout, options: MatchedOptions) -> Floats:
 
 
 def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
-    """The equations of a fit with what is held exactly, which has no columns in them."""
+    """The equations of a fit with columns also for components that it holds exactly."""
     layout = lay_out(fit.model.windowing.trajectory, freed)
     if layout.size == fit.layout.size:
         return fit.equations
@@ -134,7 +134,7 @@ def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
 
 
 def _gain(equations: NormalEquations, stated: MatchedOptions, freed: MatchedOptions) -> float:
-    """Twice the rise of the logarithm of the marginal likelihood by what is set free."""
+    """Twice the rise of the log marginal likelihood by setting components free."""
     layout = equations.layout.under(freed)
     about = _about(layout, stated)
     if not len(about):  # held by another option too
