@@ -1,6 +1,6 @@
-"""What is behind an estimate, as arrays: for plots, files and programs.
+"""Series and curves behind an estimate: for plots, files and programs.
 
-Nothing here decides anything; it is made only where it is asked for.
+Nothing here decides anything; details are computed only on request.
 """
 
 from __future__ import annotations
@@ -28,21 +28,16 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.signals.prepare import CleanImu
 
-_MOST_WINDOWS: Final = 20_000
-"""In the series: more than a screen has pixels, few enough to write as text."""
-_GAP_STEPS: Final = 2.5
-"""Usual steps of the series, from which there is a gap."""
 _OFFSETS: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
-"""Sigmas of the time offset, at which others are tried on either side of the one found."""
+"""Sigmas of the time offset, at which other offsets are tried on either side."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowSeries:
-    """What the windows measure and what the robot's motion predicts, at W instants.
+    """Measured readings and those predicted by the robot's motion, at W instants.
 
-    Vectors are in the IMU's axes at the window's centre. Errors of sensor and robot that were
-    found are taken off, biases too. Both sides are seen through the same filters, so what is left
-    is noise.
+    Vectors are in the IMU's axes at the window's centre. Errors of sensor and robot are removed,
+    biases too. Both sides pass the same filters, so the difference is noise.
     """
 
     t: Floats
@@ -56,15 +51,15 @@ class WindowSeries:
     gyro_predicted: Floats
     """(W, 3)."""
     weight: Floats
-    """(W,), 0 to 1, of the nearest window of the fit; 0 is left out."""
+    """(W,), 0 to 1, of the nearest window of the fit; 0 was left out."""
     R_world_parent: Floats
-    """(W, 3, 3), of the parent link at the same instants, errors of the robot taken off."""
+    """(W, 3, 3), of the parent link at the same instants, errors of the robot removed."""
     p_world_parent: Floats
-    """(W, 3), m; from the IMU that tells how the base moves on, if one does."""
+    """(W, 3), m; from the base IMU on, if there is one."""
 
     @property
     def left_out(self) -> list[tuple[float, float]]:
-        """Stretches, s, whose windows the fit left out; each window reaches half a step about."""
+        """Stretches, s, whose windows the fit left out; each window extends half a step about."""
         if len(self.t) < 2:
             return []
         out = stretches_of(self.weight <= 0.0)
@@ -73,10 +68,10 @@ class WindowSeries:
         return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
     def with_gaps(self) -> WindowSeries:
-        """The series with a row without numbers in each gap, so that no line is drawn across."""
+        """The series with a row of nan in each gap, so that no line is drawn across."""
         steps = np.diff(self.t)
         usual = np.median(steps) if len(steps) else 0.0
-        gaps = np.flatnonzero(steps > _GAP_STEPS * usual) + 1
+        gaps = np.flatnonzero(steps > 2.5 * usual) + 1
         if not len(gaps):
             return self
         columns = {each.name: getattr(self, each.name) for each in fields(self)}
@@ -97,10 +92,10 @@ class WindowSeries:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Spectrum:
-    """Density of what the fit leaves of one sensor, told as noise of its samples."""
+    """Density of one sensor's residuals, as noise of its samples."""
 
     frequency: Floats
-    """(B,), Hz, middle of each band that the filters let through."""
+    """(B,), Hz, middle of each band that the filters pass."""
     density: Floats
     """(B,), m/s²/√Hz or rad/s/√Hz, one-sided."""
     own: float
@@ -109,7 +104,7 @@ class Spectrum:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OffsetProfile:
-    """How much worse the log fits with another time offset, all else found anew."""
+    """How much worse the log fits with another time offset and all else solved again."""
 
     seconds: Floats
     """(K,), IMU stamp - robot stamp, ascending."""
@@ -119,15 +114,15 @@ class OffsetProfile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Details:
-    """What is behind an estimate by the matched method."""
+    """Series and curves behind an estimate by the matched method."""
 
     windows: WindowSeries
     windows_of: Callable[[State], WindowSeries]
     """The same windows with other values of the unknowns, in the layout of the fit."""
     half_window: float
-    """s: what a window reaches to either side of its instant."""
+    """s: extent of a window to either side of its instant."""
     imu_t: Floats
-    """(N,), s of the log: the IMU's samples as they were used, in order, spikes bridged."""
+    """(N,), s of the log: the IMU's samples as used, in order, spikes bridged."""
     imu_accel: Floats
     """(N, 3), IMU axes, m/s²."""
     imu_gyro: Floats
@@ -137,9 +132,9 @@ class Details:
     stretches: LogParts | None
     """None where a component of the pose is held."""
     dependence: tuple[Dependence, ...]
-    """The answer by other windows, where they can be tried."""
+    """The answer by other windows, where there are any."""
     offset: OffsetProfile | None
-    """None where the time offset was told."""
+    """None where the time offset was given."""
 
 
 def details_of(
@@ -149,7 +144,7 @@ def details_of(
     log: LogStatistics,
     covariance: Floats,
 ) -> Details:
-    """All that a report draws of a fit; the covariance (6, 6) is as it is stated."""
+    """All that a report draws of a fit; the covariance (6, 6) is the stated one."""
     plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
     return Details(
         windows=window_series(fit, fit.state),
@@ -165,15 +160,18 @@ def details_of(
     )
 
 
-def window_series(fit: Fit, state: State, most: int = _MOST_WINDOWS) -> WindowSeries:
+def window_series(fit: Fit, state: State, most: int = 20_000) -> WindowSeries:
     """Both sides of the equations at every window of the fit, and at instants between them.
 
-    The state may be another than the fit's. Of more windows than ``most`` all are taken.
+    There are about ``most`` instants, and at least the windows. The state may be another than the
+    fit's.
     """
-    windowing = fit.model.windowing
-    model = replace(
-        fit.model, windowing=replace(windowing, plan=replace(windowing.plan, hop=_step(fit, most)))
-    )
+    windowing, plan = fit.model.windowing, fit.model.windowing.plan
+    # The step is a fraction of the fit's own.
+    wanted = max(most // max(len(fit.centres), 1), 1)
+    parts = [n for n in range(1, plan.hop // plan.node + 1) if plan.hop % n == 0 and n <= wanted]
+    finer = replace(plan, hop=plan.hop // max(parts, default=1))
+    model = replace(fit.model, windowing=replace(windowing, plan=finer))
     centres = model.centres(state)
     (residuals,) = model.residuals(state, centres)
     t = windowing.grid.t[centres]
@@ -181,7 +179,7 @@ def window_series(fit: Fit, state: State, most: int = _MOST_WINDOWS) -> WindowSe
     chain = Chain.of(windowing.trajectory, model.layout, state.x)
     frames = chain.path.frames(chain.values(robot_times))
     R_world_parent, p_world_parent = frames[-1]
-    if chain.base is not None:  # the base falls freely, which nobody wants to see
+    if chain.base is not None:  # without the free fall of the base
         p_world_parent = p_world_parent - frames[chain.path.base_step + 1][1]
     force = np.einsum("wji,wj->wi", R_world_parent, residuals.acceleration - state.gravity)
     # Residuals are predicted less measured, in the parent's axes.
@@ -198,14 +196,6 @@ def window_series(fit: Fit, state: State, most: int = _MOST_WINDOWS) -> WindowSe
     )
 
 
-def _step(fit: Fit, most: int) -> int:
-    """Grid samples between instants of the series: a fraction of the fit's own."""
-    plan = fit.model.windowing.plan
-    wanted = max(most // max(len(fit.centres), 1), 1)
-    parts = [n for n in range(1, plan.hop // plan.node + 1) if plan.hop % n == 0 and n <= wanted]
-    return plan.hop // max(parts, default=1)
-
-
 def _nearest(ascending: Indices, values: Indices) -> Indices:
     """Places of the nearest of some ascending numbers."""
     after = np.clip(np.searchsorted(ascending, values), 1, max(len(ascending) - 1, 1))
@@ -215,7 +205,7 @@ def _nearest(ascending: Indices, values: Indices) -> Indices:
 
 
 def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
-    """Density of what a fit leaves, accelerometer and gyroscope."""
+    """Density of a fit's residuals, accelerometer and gyroscope."""
     grid = fit.model.windowing.grid
     accel, gyro = (
         Spectrum(

@@ -1,4 +1,4 @@
-"""What an estimator returns: numbers and the evidence for them, without names or files."""
+"""The estimator's result: numbers and the evidence for them, without names or files."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Window:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Correction:
-    """Something of the sensor or the clocks that was found to be off, and corrected."""
+    """An error of the sensor or the clocks that was found and corrected."""
 
     name: CorrectionName
     value: Floats
@@ -53,7 +53,7 @@ class Correction:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """One component of the table of unknowns: what was known of it, and what the log taught."""
+    """One component of the table of unknowns: its prior and its value."""
 
     name: str
     """Entry of the table."""
@@ -73,7 +73,7 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """What is left after the fit: root mean square per axis of the window residuals."""
+    """Root mean square per axis of the window residuals."""
 
     accel_rms: Floats
     """(3,), parent-frame axes, m/s²."""
@@ -87,13 +87,13 @@ class Residuals:
     gaps: int
     """Holes in either stream that no window straddles."""
     accel_normalised: Floats | None = None
-    """(3,), over what the sensor's own white noise leaves in a window, 1 is noise alone; None where
-    the method does not tell."""
+    """(3,), over the residual by the sensor's own white noise, 1 is noise alone; None where the
+    method does not give it."""
     gyro_normalised: Floats | None = None
     """(3,), likewise."""
     white_equivalent: tuple[float, float] | None = None
-    """Standard deviation of a sample's white noise that would leave these in a window, m/s² and
-    rad/s; not written to files."""
+    """Standard deviation of white noise of samples that would cause these, m/s² and rad/s; not written
+    to files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,12 +103,12 @@ class SensorCheck:
     expected: float
     """By the sheet's density, at the log's rate: density * sqrt(rate / 2)."""
     measured: float
-    """By how far samples stand off their neighbours."""
+    """By the deviation of samples from their neighbours."""
     in_windows: float | None
-    """White noise that would leave of the windows what the fit leaves; None where the method does
-    not tell."""
+    """White noise that would cause the residuals of the windows; None where the method does not
+    give it."""
     bias_prior: float | None
-    """1 sigma that the estimate took from the sheet; None where it took none."""
+    """1 sigma from the sheet that the estimate used; None where it used none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,10 +127,10 @@ class Consistency:
     """How well the parts of the log agree with each other."""
 
     folds: int
-    """Contiguous segments the log was cut into."""
+    """Number of contiguous segments of the log."""
     fold_std: Floats
     """(6,), standard deviation of the pose by leaving each segment out in turn (jackknife), m and
-    rad: to be held against the stated sigma."""
+    rad: to compare with the stated sigma."""
     halves_difference: Floats
     """(6,), pose by the second half less pose by the first, m and rad."""
     halves_sigmas: float
@@ -138,8 +138,8 @@ class Consistency:
     segment_chi2: float
     """Scatter of the segments over what noise explains, per degree of freedom."""
     whiteness: tuple[float, float]
-    """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, as far
-    as the filters let it through; 1 is white."""
+    """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, in the
+    pass band of the filters; 1 is white."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,22 +172,22 @@ class Estimate:
     window: Window
     residuals: Residuals
     corrections: tuple[Correction, ...] = ()
-    """What was off and has been corrected."""
+    """Errors that were corrected."""
     parameters: tuple[Parameter, ...] = ()
     """Every unknown beside the pose."""
     consistency: Consistency | None = None
-    """None where a component of the pose is held, or the method does not tell."""
+    """None where a component of the pose is held, or the method does not give it."""
     unobservable: tuple[UnobservableDirection, ...] = ()
     findings: tuple[Finding, ...] = ()
-    """What was found out on the way, the most telling first."""
+    """The most important first."""
     imu_check: ImuCheck | None = None
-    """The log against the data sheet of the IMU it is said to be of; None where none is named."""
+    """Comparison of the log with the IMU's data sheet; None where none is named."""
     statistics: LogStatistics | None = None
-    """From which it can be solved again; None where the method has none."""
+    """To solve again with other priors; None where the method has none."""
     details: Details | None = None
-    """Series and curves behind it; None where they were not asked for."""
+    """Series and curves behind it; None where they were not requested."""
     notes: dict[str, float | str | bool | None] = field(default_factory=dict)
-    """Further diagnostics by name, scalar, for the record."""
+    """Further scalar diagnostics by name."""
 
     @property
     def distrust(self) -> tuple[str, ...]:
@@ -196,7 +196,7 @@ class Estimate:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What else is to be told, in words."""
+        """All other findings to show, in words."""
         return warnings(self.findings)
 
     @property

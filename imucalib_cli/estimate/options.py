@@ -1,4 +1,4 @@
-"""What a user may decide about an estimate; every default is documented in docs/options.md."""
+"""Options of an estimate; every default is documented in docs/options.md."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PosePrior:
     std: tuple[float, ...] = (math.inf,) * 6
     """tx ty tz in m, rx ry rz in rad, parent frame: inf leaves a component free, 0 fixes it."""
     R_parent_imu: Floats | None = None
-    """(3, 3); None until the URDF has told."""
+    """(3, 3); None until the URDF is read."""
     t_parent_imu: Floats | None = None
     """(3,), m, likewise."""
 
@@ -62,29 +62,29 @@ class MatchedOptions:
     """Norm known and direction estimated; along -z of the world; absent."""
     gravity_norm: float = STANDARD_GRAVITY
     gravity_std: float = GRAVITY_STD
-    """Prior of gravity's magnitude, m/s²; 0 where it is told exactly."""
+    """Prior of gravity's magnitude, m/s²; 0 where it is given exactly."""
     tilt_std: float = math.inf
     """Prior of gravity's direction about -z of the world, rad, with gravity 'tilt'."""
     pose: PosePrior | None = None
-    """What is known of the pose itself."""
+    """Prior of the pose itself."""
     sensor_model: Literal["auto", "ideal"] = "auto"
     """'ideal': the sensor has nothing but noise and constant biases, the clocks only an offset."""
     robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
-    """How good the robot's constants are: nominal, the size of their errors learnt; exact; or the
+    """Accuracy of the robot's constants: nominal, the size of their errors learnt; exact; or the
     standard deviations of joint zeros, rad, and of origins, m."""
     base_std: tuple[float, ...] | None = None
-    """What is known of the base IMU's pose in its link: tx ty tz in m, rx ry rz in rad; None: the
-    size of its errors is learnt, as the robot's."""
+    """Prior of the base IMU's pose in its link: tx ty tz in m, rx ry rz in rad; None: the size of
+    its errors is learnt like the robot's."""
     either_sign: bool = True
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
     sensor_scale_most: float = math.inf
-    """Error of the sensors' scales by their data sheet, relative: what is learnt is no larger."""
+    """Upper limit of the learnt error of the sensors' scales, by their data sheet, relative."""
     sensor_axes_most: float = math.inf
-    """Turn of the gyroscope's axes against the accelerometer's, rad, likewise."""
+    """The same for the turn of the gyroscope's axes against the accelerometer's, rad."""
 
     @property
     def known_pose(self) -> tuple[Floats, Floats, Floats] | None:
-        """R_parent_imu (3, 3), t_parent_imu (3,), m, and the 1 sigma (6,) they are known to."""
+        """R_parent_imu (3, 3), t_parent_imu (3,), m, and their 1 sigma (6,)."""
         pose = self.pose
         if pose is None or pose.R_parent_imu is None or pose.t_parent_imu is None:
             return None
@@ -96,21 +96,14 @@ class MatchedOptions:
         return self.gravity != "none" and self.gravity_norm > 0.0
 
     def along(self, path: KinematicPath) -> MatchedOptions:
-        """What becomes of these where an IMU tells the base's motion, if one does on a path.
-
-        Both IMUs fall freely: what each feels of gravity is the same.
-        """
+        """Options for a path: with a base IMU there is no gravity, since both IMUs fall freely."""
         if path.base_imu is None:
             return self
         norm = self.gravity_norm if self.has_gravity else 0.0
         return replace(self, gravity="none", gravity_norm=norm)
 
     def prior_std(self, unknown: Unknown) -> Floats | None:
-        """Prior of an entry of the table, 1 sigma, as far as it is told; None: learn it.
-
-        0 holds a component at its nominal value.
-        """
-        told = self._stated_stds()
+        """Prior of an entry of the table, 1 sigma; None: learn it, 0: hold it."""
         held = {
             "gravity": not self.has_gravity,
             "sensor": self.sensor_model == "ideal",
@@ -118,12 +111,13 @@ class MatchedOptions:
         }
         if held.get(unknown.group):
             return np.zeros(1)
-        if unknown.name in told:
-            given = told[unknown.name]
+        stated = self._stated_stds()
+        if unknown.name in stated:
+            given = stated[unknown.name]
             return np.asarray(np.where(np.isfinite(given), given, unknown.std))
         if unknown.scale is None:
             return np.array(unknown.std)
-        return np.array(told[unknown.scale]) if unknown.scale in told else None
+        return np.array(stated[unknown.scale]) if unknown.scale in stated else None
 
     def largest(self, scale: str) -> float:
         """Upper limit of a learnt scale by the sensor's data sheet; inf where there is none."""
@@ -131,8 +125,8 @@ class MatchedOptions:
         return sheet.get(scale, math.inf)
 
     def _stated_stds(self) -> dict[str, float | Floats]:
-        """Standard deviations that the user or a data sheet tells, by entry or by learnt scale."""
-        told: dict[str, float | Floats] = {
+        """Standard deviations by the user or a data sheet, by entry or by learnt scale."""
+        stds: dict[str, float | Floats] = {
             "accel_bias": self.accel_bias_std,
             "gyro_bias": self.gyro_bias_std,
             "gravity_direction": 0.0 if self.gravity == "fixed" else self.tilt_std,
@@ -140,18 +134,18 @@ class MatchedOptions:
         }
         if self.known_pose is not None:
             std = self.known_pose[2]
-            told |= {"translation": std[:3], "rotation": std[3:]}
+            stds |= {"translation": std[:3], "rotation": std[3:]}
         if self.base_std is not None:
             std = np.array(self.base_std)
-            told |= {"base_translation": std[:3], "base_rotation": std[3:]}
+            stds |= {"base_translation": std[:3], "base_rotation": std[3:]}
         if self.time_offset is not None:
-            told |= {"time_offset": 0.0}
+            stds |= {"time_offset": 0.0}
         if isinstance(self.robot, tuple):
-            told |= {"joint_zero": self.robot[0], "length": self.robot[1]}
-        return told
+            stds |= {"joint_zero": self.robot[0], "length": self.robot[1]}
+        return stds
 
     def stated_std(self, name: str) -> float:
-        """Prior of a bias that the user states; who states one does not wonder at it."""
+        """Stated prior of a bias, which is then no surprise; 0 where there is none."""
         std = {"accel_bias": self.accel_bias_std, "gyro_bias": self.gyro_bias_std}.get(name, 0.0)
         return std if math.isfinite(std) else 0.0
 

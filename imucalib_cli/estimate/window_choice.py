@@ -1,7 +1,7 @@
-"""How long a filter window should be, and why.
+"""The length of the filter window, and its reason.
 
-Matched filters cost no bias at any length, so the window is as long as the noise of the
-kinematics asks for, and no longer than that or a fifth of a second. Two things ask:
+Matched filters cost no bias at any length, so the window is as long as the noise of the kinematics
+requires, and at least a fifth of a second. Two kinds of noise count:
 
 - Noise in the derivative of R_world_parent is noise in the lever arm's regressor. It attenuates
   the lever arm (errors in variables) by its share of the regressor's power.
@@ -20,6 +20,7 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.estimate.model.windows import odd_length, shortest_length
+from imucalib_cli.estimate.solution.robust import COMMON_IMU
 from imucalib_cli.signals.kernels import matched_filter
 
 if TYPE_CHECKING:
@@ -28,25 +29,21 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
 
 
-_LONGEST_SAMPLES = 4001
-"""Grid samples; stamps that come in bunches look like a rate at which a second has many more."""
 _LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
-"""s: of windows that nobody asks for; shorter ones gain nothing, for no length costs bias."""
+"""s: of automatic windows; shorter ones gain nothing, since no length costs bias."""
 MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
-_QUIET_ACCEL = 1e-3
-"""m/s²: no accelerometer is quieter; a log without noise is no reason for long windows."""
-_ENOUGH, _NODES, _DEGREE = 400, 9, 3
-"""Windows that tell how lively a log is, instants in each, and degree of their polynomials."""
+_NODES, _DEGREE = 9, 3
+"""Instants in windows that show how lively a log is, and degree of their polynomials."""
 _ARM = 1.0
-"""m: how far joints and the base's IMU stand from the parent link, for what their noise does to its
+"""m: distance of joints and the base IMU from the parent link, for the effect of their noise on its
 position."""
 
 
 def choose_window(
     choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, degree: int
 ) -> tuple[int, Window]:
-    """Window length in grid samples, odd, and what to tell the user about it."""
+    """Window length in grid samples, odd, and its description for the user."""
     if choice.samples is not None:
         seconds, reason = (choice.samples - 1) * grid.refine * grid.dt, "as asked"
     elif choice.seconds is not None:
@@ -54,14 +51,14 @@ def choose_window(
     else:
         seconds, reason = _automatic(grid, trajectory)
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
-    length = min(length, _LONGEST_SAMPLES)
+    length = min(length, 4001)  # stamps in bunches look like a very high rate
     samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
     return length, Window(samples=samples, seconds=seconds, reason=reason)
 
 
 def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
-    accel, turning = max(grid.noise[0], _QUIET_ACCEL), lever_power(grid, trajectory)
+    accel, turning = max(grid.noise[0], COMMON_IMU[0]), lever_power(grid, trajectory)
     for seconds in _LENGTHS:
         # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
         own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
@@ -74,16 +71,16 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
 
 
 def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float:
-    """Share of noise in the lever arm's regressor at a window: by it the lever arm is shortened.
+    """Share of noise in the lever arm's regressor, by which the lever arm is shortened.
 
-    ``turning`` is its :func:`lever_power`.
+    ``turning`` is the regressor's :func:`lever_power`.
     """
     noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
     return noise / turning if turning > 0.0 else 0.0
 
 
 def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:
-    """What noise of the kinematics leaves in a window, (m/s²)² and (rad/s)²."""
+    """Variance of a window by noise of the kinematics, (m/s²)² and (rad/s)²."""
     rotation, position = kinematic_noise(trajectory)
     base, swung = trajectory.base_readings, 0.0
     # Of a first derivative the variance is 12 sigma² dt / T³; two axes are across an arm.
@@ -119,7 +116,7 @@ def lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:
     inside = np.linspace(0.0, _LENGTHS[0], _NODES)
     pair = matched_filter(_NODES, _DEGREE, 2, float(inside[1]))
     starts = np.arange(grid.t0, grid.t[-1] - _LENGTHS[0], _LENGTHS[0])
-    t = starts[:: max(len(starts) // _ENOUGH, 1), None] + inside
+    t = starts[:: max(len(starts) // 400, 1), None] + inside
     t = t[trajectory.covered(t.ravel()).reshape(t.shape).all(axis=1)]
     if not t.size:
         return 0.0

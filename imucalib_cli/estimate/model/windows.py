@@ -1,4 +1,4 @@
-"""From a trajectory and an IMU to rows of the lean linear system, one triple per window and sensor.
+"""Filter windows, and the rows of the lean linear system: three per window and sensor.
 
 Per window, with D the Savitzky-Golay derivative and K its Peano kernel (docs/method.md):
 
@@ -30,16 +30,10 @@ if TYPE_CHECKING:
 
 
 WINDOWS_PER_LENGTH = 3
-"""Windows overlap so that the filtered signal, band-limited by the window, loses nothing: at three
-to a length, the noise that folds onto slow motion is a ten-thousandth."""
+"""Windows overlap so that the filtered signal, band-limited by the window, loses nothing: with
+three to a length, a ten-thousandth of the noise folds onto slow motion."""
 NODES = 18
-"""Node intervals to a window, on which columns are made: six to a hop."""
-_CHUNK = 128
-"""Windows made at once: their columns stay in the processor's cache."""
-_STRETCHES = 20
-"""Of windows side by side, where some are spread over the log."""
-_BEYOND = 3
-"""Samples beyond a window that differences of readings and poses a little later touch."""
+"""Node intervals to a window, on which columns are computed: six to a hop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,28 +58,29 @@ class WindowPlan:
 
     @property
     def reach(self) -> int:
-        """Grid samples on each side of a centre that anything of a window touches."""
-        return max(self.length // 2 + MARGIN, (self.node_length // 2 + MARGIN) * self.node) + (
-            _BEYOND * self.node
+        """Grid samples on each side of a centre that a window needs, with those for differences."""
+        return (
+            max(self.length // 2 + MARGIN, (self.node_length // 2 + MARGIN) * self.node)
+            + 3 * self.node
         )
 
     @property
     def filters(self) -> tuple[MatchedFilter, MatchedFilter]:
-        """What accelerometer and gyroscope are seen through."""
+        """Of the accelerometer and of the gyroscope."""
         return self.second_derivative, self.first_derivative
 
     @property
     def gains(self) -> Floats:
-        """(2,), what white noise of the grid's samples leaves in a window, over it."""
+        """(2,), white noise of a window over that of the grid's samples."""
         return np.array([np.linalg.norm(pair.average) for pair in self.filters])
 
     @property
     def noise_gains(self) -> Floats:
-        """(2,), residual scale of accelerometer and gyroscope over the one to weight windows by.
+        """(2,), residual scale of accelerometer and gyroscope over the scale for weights.
 
-        A window averages its samples' white noise, and stands for as many samples as lie between
-        it and the next. Weighted so, overlapping windows count every sample once, and the two
-        sensors by the densities of their noise, whatever their kernels let through.
+        A window averages its samples' white noise, and represents the samples between it and the
+        next. With these weights overlapping windows count every sample once, and the two sensors
+        count by the densities of their noise, whatever their kernels let through.
         """
         return np.asarray(self.gains * np.sqrt(self.hop))
 
@@ -155,15 +150,12 @@ class Windowing:
 
     @property
     def white_gains(self) -> Floats:
-        """(2,), what white noise of the IMU's samples leaves in a window, over it."""
+        """(2,), white noise of a window over that of the IMU's samples."""
         return np.asarray(self.plan.gains * np.sqrt(self.grid.refine))
 
     @property
     def base_noise(self) -> Floats:
-        """(2,), white noise of the IMU that tells the base's motion, m/s² and rad/s; zero if none.
-
-        As samples at the other IMU's rate would have it.
-        """
+        """(2,), white noise of the base IMU, m/s² and rad/s, at the other IMU's rate; zero if none."""
         base = self.trajectory.base_readings
         if base is None:
             return np.zeros(2)
@@ -172,7 +164,7 @@ class Windowing:
 
     @property
     def noise(self) -> Floats:
-        """(2,), white noise of a sample of both IMUs: a window sees either in the same way."""
+        """(2,), white noise of a sample of both IMUs, which windows filter alike."""
         return np.asarray(np.hypot(self.grid.noise, self.base_noise))
 
     def overlap(self, time_offset: float) -> float:
@@ -191,28 +183,28 @@ class Windowing:
         accel = np.zeros((len(centres), 3, columns.COUNT))
         gyro = np.zeros((len(centres), 3, columns.COUNT))
         reach = self.plan.length // 2 + MARGIN
-        for part in blocks(centres, self.plan.hop, _CHUNK):
+        for part in blocks(centres, self.plan.hop, 128):
             span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
             stamps = np.asarray(self.grid.t0 + self.grid.dt * np.arange(span.start, span.stop))
             R, p = self.trajectory.poses(stamps - time_offset)
             local = centres[part] - span.start
-            # Derivatives do not see a constant; taking it off keeps digits.
+            # Derivatives do not see a constant; without it no digits are lost.
             accel[part] = _accel_rows(R, p - p[0], self.grid.accel[span], local, self.plan)
             gyro[part] = _gyro_rows(R, self.grid.gyro[span], local, self.plan)
         return WindowRows(centres, accel, gyro)
 
 
 def thinned(centres: Indices, most: int) -> Indices:
-    """Windows in stretches evenly over the log, about so many in all; all where there are fewer."""
+    """About ``most`` windows, in 20 stretches evenly over the log; all where there are fewer."""
     if len(centres) <= most:
         return centres
-    stretch = max(most // _STRETCHES, 1)
-    starts = np.linspace(0, len(centres) - stretch, _STRETCHES).astype(np.intp)
+    stretch = max(most // 20, 1)
+    starts = np.linspace(0, len(centres) - stretch, 20).astype(np.intp)
     return centres[np.unique(starts[:, None] + np.arange(stretch))]
 
 
 def blocks(centres: Indices, hop: int, most: int) -> Iterator[slice]:
-    """Parts of the windows, none spanning more than so many hops: nobody needs what is in gaps."""
+    """Parts of the windows, none with a gap or longer than ``most`` hops."""
     if not len(centres):
         return
     apart = np.diff(centres) > 2 * WINDOWS_PER_LENGTH * hop
@@ -222,7 +214,7 @@ def blocks(centres: Indices, hop: int, most: int) -> Iterator[slice]:
 
 
 def runs(numbers: Indices) -> Iterator[tuple[int, slice]]:
-    """Each of ascending numbers, and where it stands."""
+    """Each of ascending numbers, and its places."""
     edges = (np.flatnonzero(np.diff(numbers)) + 1).tolist()
     for start, stop in zip([0, *edges], [*edges, len(numbers)], strict=True):
         yield int(numbers[start]), slice(start, stop)
@@ -234,7 +226,7 @@ def odd_length(intervals: float) -> int:
 
 
 def shortest_length(degree: int) -> int:
-    """Least odd number of samples that a polynomial of a degree does not go through."""
+    """Least odd number of samples that a polynomial of a degree does not interpolate."""
     return degree + 2 + (degree + 1) % 2
 
 
@@ -244,7 +236,7 @@ def derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
 
 
 def average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
-    """Average of a measurement as the derivative sees it, (W, C)."""
+    """Average of a measurement by the derivative's kernel, (W, C)."""
     return convolve_at(values, pair.average, centres - len(pair.average) // 2)
 
 

@@ -1,7 +1,7 @@
-"""What the published method compares: both sides filtered alike and paired instant by instant.
+"""The two sides that the published method compares: filtered alike and paired by instant.
 
 The pose derivatives are linear in the unknown, and so are the differences: they are filtered once
-and not at every step of the solver; the numbers are the same.
+and not at every step of the solver, with the same numbers.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _QUATERNION_PER_METRE = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """What is compared, at each instant."""
+    """Both sides at N instants."""
 
     t: Floats
     """(N,), on the robot's clock, s."""
     kept: Bools
-    """(N,), not excluded as a start or a stop, and with a measurement beside it."""
+    """(N,), whether it is no start or stop, and has a measurement."""
     R: Floats
     """(N, 3, 3), R_world_parent."""
     R_rate: Floats
@@ -55,7 +55,7 @@ class Instants:
     """(N, 3), smoothed, IMU frame, rad/s."""
 
     def compared(self) -> Instants:
-        """Those of them that are kept."""
+        """Only the kept instants."""
         parts = {field.name: getattr(self, field.name)[self.kept] for field in fields(self)}
         return Instants(**parts)
 
@@ -99,7 +99,7 @@ def filtered_instants(
     R_initial: Floats,
     t_initial: Floats,
 ) -> tuple[Instants, Window, int]:
-    """Filter both sides, pair them, mark starts and stops as a first guess of the pose tells them.
+    """Filter both sides, pair them, mark starts and stops by a first guess of the pose.
 
     Returns:
         All instants, the window, and the number of gaps in the streams.
@@ -165,7 +165,7 @@ def filtered_instants(
 
 
 def _between_gaps(t: Floats, length: int) -> Stretches:
-    """Stretches between gaps that hold a window: a filter over a gap would be no filter."""
+    """Stretches between gaps that are long enough for a window."""
     edges = np.array([0, *gap_breaks(t), len(t)], dtype=np.intp)
     return Stretches(edges[:-1], edges[1:]).where(np.diff(edges) >= length)
 
@@ -181,7 +181,7 @@ def _window_length(options: PaperOptions, dt: float) -> int:
 
 
 def _steady(p_world_imu: Floats, R_world_imu: Floats, dt: float, limit: float | None) -> Bools:
-    """Samples away from starts and stops, told by second differences of the derived pose."""
+    """(N,), samples away from starts and stops, by second differences of the derived pose."""
     keep = np.ones(len(p_world_imu), dtype=bool)
     limit = DEFAULT_EXCLUSION if limit is None else limit
     if limit <= 0.0:

@@ -26,12 +26,8 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
 
 
-_TOLERANCE = 1e-10
-"""ftol, xtol and gtol of the solver."""
 _FEWEST = 12
 """Instants below which nothing is solved."""
-_SINGULAR = 1e-6
-"""Ratio of the Jacobian's singular values below which the motion does not determine the pose."""
 
 
 def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions) -> Estimate:
@@ -66,9 +62,9 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
         method="trf",
         x_scale="jac",
         jac="2-point",
-        ftol=_TOLERANCE,
-        xtol=_TOLERANCE,
-        gtol=_TOLERANCE,
+        ftol=1e-10,
+        xtol=1e-10,
+        gtol=1e-10,
     )
     R_parent_imu = matrix_from_rotvec(found.x[3:])
     left = instants.differences(found.x, options.gravity_norm)
@@ -76,7 +72,7 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
     found_out = []
     if found.status <= 0:
         found_out.append(untrusted("paper.not_converged"))
-    if values[-1] < _SINGULAR * values[0]:
+    if values[-1] < 1e-6 * values[0]:
         found_out.append(untrusted("paper.undetermined"))
     force_left = float(np.sqrt(np.mean(left[:, :3] ** 2)))
     rate = float(np.sqrt(np.mean(instants.gyro**2)))
