@@ -92,8 +92,8 @@ class Residuals:
     gyro_normalised: Floats | None = None
     """(3,), likewise."""
     white_equivalent: tuple[float, float] | None = None
-    """Standard deviation of white noise of samples that would cause these, m/s² and rad/s; not written
-    to files."""
+    """Standard deviation of samples with white noise that would cause these, m/s² and rad/s; not
+    written to files."""
 
 
 @dataclass(frozen=True, kw_only=True)

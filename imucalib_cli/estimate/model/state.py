@@ -181,34 +181,26 @@ def turned_about(R: Floats, R_prior: Floats, turns: Bools) -> Floats:
 
 
 def tilted(gravity: Floats, tilt: Floats) -> Floats:
-    """(..., 3), gravity turned by (..., 2) rad about its :func:`gravity_axes`."""
-    turn = matrix_from_rotvec((tilt[..., None, :] @ gravity_axes(gravity))[..., 0, :])
-    return np.asarray((turn @ gravity[..., None])[..., 0])
+    """(3,), gravity turned by (2,) rad about its :func:`gravity_axes`."""
+    return np.asarray(matrix_from_rotvec(tilt @ gravity_axes(gravity)) @ gravity)
 
 
 def gravity_axes(gravity: Floats) -> Floats:
-    """(..., 2, 3), the axes about which gravity's direction may turn: x and y where it is -z."""
-    up = -gravity / np.linalg.norm(gravity, axis=-1, keepdims=True)
-    x, y, z = np.moveaxis(up, -1, 0)
-    zero = np.zeros_like(x)
-    # Across the one of the world's axes y and x that is farther from gravity.
-    first = np.where(
-        np.abs(up[..., 1:2]) < 0.9, np.stack([z, zero, -x], -1), np.stack([zero, -z, y], -1)
-    )
-    first = first / np.linalg.norm(first, axis=-1, keepdims=True)
-    return np.stack([first, cross(up, first)], axis=-2)
+    """(2, 3), the axes about which gravity's direction may turn: x and y where it is -z."""
+    up = -gravity / np.linalg.norm(gravity)
+    x, y, z = up
+    # Across the world's y or x axis, whichever is farther from gravity.
+    first = np.array([z, 0.0, -x] if abs(y) < 0.9 else [0.0, -z, y])
+    first = first / np.linalg.norm(first)
+    return np.stack([first, cross(up, first)])
 
 
 def tilt_from_down(gravity: Floats) -> Floats:
-    """(..., 2), rotation vector from -z of the world to gravity, along the gravity_axes, rad."""
-    down = gravity / np.linalg.norm(gravity, axis=-1, keepdims=True)
-    x, y, z = np.moveaxis(down, -1, 0)
+    """(2,), rotation vector from -z of the world to gravity, along the gravity_axes, rad."""
+    x, y, z = gravity / np.linalg.norm(gravity)
     sine = np.hypot(x, y)
-    angle = np.arctan2(sine, -z)
-    level = sine <= 0.0
-    unit = np.stack([np.where(level, 1.0, y), np.where(level, 0.0, -x), np.zeros_like(x)], -1)
-    turn = unit * (angle / np.where(level, 1.0, sine))[..., None]
-    return np.asarray((gravity_axes(gravity) @ turn[..., None])[..., 0])
+    axis = np.array([y, -x, 0.0]) / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
+    return np.asarray(gravity_axes(gravity) @ (axis * np.arctan2(sine, -z)))
 
 
 def less_errors(

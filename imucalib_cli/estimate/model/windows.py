@@ -155,7 +155,7 @@ class Windowing:
 
     @property
     def base_noise(self) -> Floats:
-        """(2,), white noise of the base IMU, m/s² and rad/s, at the other IMU's rate; zero if none."""
+        """(2,), white noise of a base IMU, m/s² and rad/s, at the other IMU's rate; else zero."""
         base = self.trajectory.base_readings
         if base is None:
             return np.zeros(2)
