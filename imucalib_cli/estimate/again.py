@@ -103,7 +103,12 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
     Of what they share, the first one's options count.
     """
     shared = _shared_layout(logs, options[0])
-    at = _common_point(logs[0].equations.at, shared, options[0])
+    # The point for the equations of all logs: the first one's pose, and no other error.
+    at = replace(logs[0].equations.at, x=np.zeros(shared.size))
+    if options[0].known_pose is not None:
+        R, t, _ = options[0].known_pose
+        at = replace(at, t=np.where(shared.free[shared.part("translation")], at.t, t))
+        at = replace(at, R=turned_about(at.R, R, shared.free[shared.part("rotation")]))
     each = [
         _Reduced.of(log.equations, own, shared, at) for log, own in zip(logs, options, strict=True)
     ]
@@ -157,16 +162,6 @@ def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> La
                 found[placed.key] = replace(known, hidden=known.hidden and placed.hidden)
     places = sorted(found.values(), key=lambda each: _ORDER.index(each.unknown.name))
     return with_priors(places, options, logs[0].equations.layout.still)
-
-
-def _common_point(first: State, shared: Layout, options: MatchedOptions) -> State:
-    """The point for the equations of all logs: the first log's pose, and no other error."""
-    R, t = first.R, first.t
-    if options.known_pose is not None:
-        R_known, t_known, _ = options.known_pose
-        t = np.where(shared.free[shared.part("translation")], t, t_known)
-        R = turned_about(R, R_known, shared.free[shared.part("rotation")])
-    return replace(first, R=R, t=t, x=np.zeros(shared.size))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from imucalib_cli.signals.stretches import stretches_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.model.state import State
@@ -181,6 +181,7 @@ def window_series(fit: Fit, state: State, most: int = 20_000) -> WindowSeries:
     R_world_parent, p_world_parent = frames[-1]
     if chain.base is not None:  # without the free fall of the base
         p_world_parent = p_world_parent - frames[chain.path.base_step + 1][1]
+    nearest = np.searchsorted(0.5 * (fit.centres[1:] + fit.centres[:-1]), centres)
     force = np.einsum("wji,wj->wi", R_world_parent, residuals.acceleration - state.gravity)
     # Residuals are predicted less measured, in the parent's axes.
     accel, gyro = force @ state.R, residuals.rate @ state.R
@@ -190,18 +191,10 @@ def window_series(fit: Fit, state: State, most: int = 20_000) -> WindowSeries:
         accel_predicted=accel,
         gyro_measured=gyro - residuals.values[:, 3:] @ state.R,
         gyro_predicted=gyro,
-        weight=fit.weights[_nearest(fit.centres, centres)],
+        weight=fit.weights[nearest],
         R_world_parent=R_world_parent,
         p_world_parent=p_world_parent,
     )
-
-
-def _nearest(ascending: Indices, values: Indices) -> Indices:
-    """Places of the nearest of some ascending numbers."""
-    after = np.clip(np.searchsorted(ascending, values), 1, max(len(ascending) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(ascending) - 1)
-    return np.where(values - ascending[before] <= ascending[after] - values, before, after)
 
 
 def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:

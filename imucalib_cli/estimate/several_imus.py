@@ -74,7 +74,14 @@ class OnRobot:
         both = self.joints.keys() & other.joints.keys()
         if any(self.joints[name] != other.joints[name] for name in both):
             return False
-        mine, others = (_of_robot(each.log.equations.layout) for each in (self, other))
+        mine, others = (
+            {
+                each.key
+                for each in layout.placed
+                if each.unknown.of_robot and layout.free[each.part].any()
+            }
+            for layout in (self.log.equations.layout, other.log.equations.layout)
+        )
         return bool(mine & others)
 
 
@@ -159,13 +166,6 @@ def _change(own: Answer, joint: Answer) -> Change:
         rotation=float(np.linalg.norm(moved[3:])),
         sigmas=float(np.sqrt((along**2 / np.maximum(1.0 - share, _LEAST_BETTER)).sum())),
     )
-
-
-def _of_robot(layout: Layout) -> set[Key]:
-    """Free entries that may be shared."""
-    return {
-        each.key for each in layout.placed if each.unknown.of_robot and layout.free[each.part].any()
-    }
 
 
 @dataclass(frozen=True, eq=False)

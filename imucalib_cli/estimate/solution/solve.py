@@ -138,7 +138,8 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = 25) -> Solution
         D = left_jacobian_inverse(off)
         DP = np.swapaxes(D, -1, -2) * prior
         H = turned @ S[1:, 1:] @ np.swapaxes(turned, -1, -2) + DP @ D
-        gradient = _times(turned, v @ S[:, 1:]) + _times(DP, off)
+        across = (v @ S[:, 1:])[..., None]
+        gradient = (turned @ across + DP @ off[..., None])[..., 0]
         scale = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), 1e-300))
         unit = np.where(np.outer(free, free), H, 0.0) / (scale[..., :, None] * scale[..., None, :])
         unit += np.eye(3) * np.where(free, damping[..., None], 1.0)[..., None]
@@ -199,10 +200,6 @@ def cube_rotations() -> Floats:
 
 def _rotation(v: Floats) -> Floats:
     return v[..., 1:].reshape(*v.shape[:-1], 3, 3)
-
-
-def _times(matrix: Floats, vector: Floats) -> Floats:
-    return np.asarray((matrix @ vector[..., None])[..., 0])
 
 
 def _precision(std: Floats) -> Floats:

@@ -43,12 +43,7 @@ class BandSums:
     """Sums of X^H X over the frequencies of each band, sensor by sensor, for rows X in windows."""
 
     def __init__(self, slots: Indices, size: int) -> None:
-        """Prepare.
-
-        Args:
-            slots: (W,), place of each window on the even grid of windows, from 0, ascending.
-            size: Channels.
-        """
+        """For ``size`` channels; slots (W,) are places on the even grid of windows, ascending."""
         self._slots = slots
         self.length = _transform_length(slots)
         self._bands = _bands(self.length)
@@ -83,9 +78,9 @@ class BandSums:
                 self.sums[row // 3, index] += flat @ flat.T
         self._buffer[:] = 0.0
 
-    def mean_response(self, one: Floats, other: Floats, hop: int) -> Floats:
-        """(bands,), mean of K(f) L(f) of two symmetric kernels that are sampled every ``hop``."""
-        correlation = np.correlate(one, other, mode="full")
+    def response(self, kernel: Floats, hop: int) -> Floats:
+        """(bands,), mean of K(f)² of a symmetric kernel that is sampled every ``hop``."""
+        correlation = np.correlate(kernel, kernel, mode="full")
         middle = len(correlation) // 2
         lags = np.arange(-(middle // hop), middle // hop + 1)
         f = np.fft.rfftfreq(self.length)
@@ -199,9 +194,7 @@ def statistics(
             yield part, each
 
     parts = part_matrices(centres, through_bands(), size)
-    response = np.stack(
-        [bands.mean_response(pair.average, pair.average, plan.hop) for pair in plan.filters]
-    )
+    response = np.stack([bands.response(pair.average, plan.hop) for pair in plan.filters])
     freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
@@ -247,7 +240,7 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
     power, freedom = sums.finished()[:, :, 0, 0], sums.freedom(len(centres))
     total = 0.0
     for sensor, pair in enumerate(plan.filters):
-        response = sums.mean_response(pair.average, pair.average, hop)
+        response = sums.response(pair.average, hop)
         heard = response > _HEARD * response.max()
         least = SCALE_FLOOR[sensor] ** 2 / float(pair.average @ pair.average)
         level = power[sensor, heard] / (freedom * response)[heard] + least
