@@ -205,11 +205,7 @@ def given_trial(
 ) -> tuple[Fitter, Trial]:
     """Fit what was given to the liveliest stretch of the log.
 
-    Args:
-        samples: Of the IMU.
-        path: To the link that carries it.
-        options: Of the fit.
-        reversed_accel: Whether to take the accelerometer's readings with the other sign.
+    With ``reversed_accel`` the accelerometer's readings have the other sign.
 
     Raises:
         InputError: Too few usable samples or windows.

@@ -31,12 +31,8 @@ _SAME: Final = np.radians(10.0)
 def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypothesis | None:
     """Readings with their axes changed so that one rotation holds for both sensors.
 
-    None where one does already, or where the motion says too little.
-
-    Args:
-        rows: Of windows, at about the right time offset.
-        path: As given.
-        gravity: (3,), gravity_world of the fit, m/s²; zero where there is none.
+    None where one does already, or where the motion says too little. The time offset of the rows
+    must be about right; gravity (3,), m/s², is gravity_world of the fit, or zero.
     """
     accel = _free_matrix(rows.accel, [columns.T, columns.R, columns.BA, columns.G])
     gyro = _free_matrix(rows.gyro, [columns.R, columns.BG])
@@ -81,7 +77,7 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
 def _free_matrix(rows: Floats, parts: list[slice]) -> Floats | None:
     """The orthogonal matrix, of either handedness, nearest to a sensor's own 3x3 matrix.
 
-    By linear least squares; None where the motion says too little.
+    That one is by linear least squares; None where the motion says too little.
     """
     flat = rows.reshape(-1, columns.COUNT)
     which = np.concatenate([np.arange(columns.COUNT)[part] for part in parts])

@@ -188,10 +188,8 @@ class Part:
     def answer(self, posterior: Posterior, common: Floats, scales: Sequence[Limits]) -> Answer:
         """This IMU's unknowns by all IMUs.
 
-        Args:
-            posterior: Of all components, for noise that no two IMUs share.
-            common: (N, N), added to its covariance by noise that they share.
-            scales: Of the posterior.
+        The posterior, with its scales, is for noise that no two IMUs share; ``common`` (N, N) is
+        added to its covariance by noise that they share.
         """
         equations, options = self.log.equations, self.log.options
         layout = equations.layout

@@ -175,10 +175,7 @@ def of_answer(
 ) -> Iterator[Finding]:
     """Findings that depend on the unknowns and their priors alone.
 
-    Args:
-        answer: Every unknown.
-        log: The one log that it comes from; None for an answer of several.
-        contradicted: Whether something that was stated is wrong.
+    ``log`` is None for an answer of several; ``contradicted`` says that a stated value is wrong.
     """
     if not contradicted:
         yield from _errors(answer, log)

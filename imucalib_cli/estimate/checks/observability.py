@@ -173,8 +173,8 @@ def _readable(direction: Floats) -> Floats:
 def _motion(kind: str, direction: Floats, turns_about: Floats | None) -> str:
     """The cheapest motion that would determine a direction (3,), parent frame.
 
-    ``turns_about`` is the only axis about which the link turns already; None where that is the
-    direction itself, or where the link turns about none or several.
+    ``turns_about`` is the only axis about which the link turns already, unless that is the
+    direction itself.
     """
     names = "xyz"
     had = direction if turns_about is None else turns_about

@@ -199,8 +199,9 @@ def tilt_from_down(gravity: Floats) -> Floats:
     """(2,), rotation vector from -z of the world to gravity, along the gravity_axes, rad."""
     x, y, z = gravity / np.linalg.norm(gravity)
     sine = np.hypot(x, y)
-    axis = np.array([y, -x, 0.0]) / sine if sine > 0.0 else np.array([1.0, 0.0, 0.0])
-    return np.asarray(gravity_axes(gravity) @ (axis * np.arctan2(sine, -z)))
+    angle = np.arctan2(sine, -z)
+    turn = np.array([y, -x, 0.0]) * (angle / sine) if sine > 0.0 else np.array([angle, 0.0, 0.0])
+    return np.asarray(gravity_axes(gravity) @ turn)
 
 
 def less_errors(

@@ -80,7 +80,7 @@ def calibration(
         total: (n + 1, n + 1), sum of [e J]' [e J].
 
     Returns:
-        (n + 1, n + 1), T of [e J] T', and (n,), the noise's part of their score.
+        T (n + 1, n + 1) of [e J] T', and the noise's part (n,) of their score.
 
     Source: regression calibration, Carroll et al., Measurement Error in Nonlinear Models, 2006,
         4.

@@ -133,11 +133,9 @@ class Statistics:
         )
 
     def levels(self, step: Floats, covariance: Floats) -> Floats:
-        """Noise level in each band, (2, bands), after a step; 1 is white noise of the given scale.
+        """Noise level in each band, (2, bands), after a step (n,); 1 is white noise of the scale.
 
-        Args:
-            step: (n,).
-            covariance: (n, n), of the solution, for what the unknowns took of each band.
+        The covariance (n, n) of the solution says how much the unknowns took of each band.
         """
         x = np.concatenate([[1.0], step])
         power = np.einsum("p,sbpq,q->sb", x, self.normal, x)
@@ -177,14 +175,9 @@ def _turned(matrices: Floats, T: Floats) -> Floats:
 def statistics(
     plan: WindowPlan, centres: Indices, rows: Rows, windows: float, size: int
 ) -> Statistics:
-    """Accumulate the normal matrices over the log.
+    """Sum the normal matrices of whitened rows [e J], of size n + 1, over the log.
 
-    Args:
-        plan: Of the windows.
-        centres: (W,), grid indices, ascending.
-        rows: Whitened [e J].
-        windows: Their number by weights.
-        size: n + 1.
+    ``centres`` (W,) are grid indices, ascending; ``windows`` is their number by weights.
     """
     bands = BandSums((centres - centres[0]) // plan.hop, size)
 
@@ -223,15 +216,10 @@ def part_matrices(centres: Indices, rows: Rows, size: int) -> Floats:
 
 
 def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
-    """Twice the negative Whittle log-likelihood of residuals, each band's level profiled out.
+    """Twice the negative Whittle log-likelihood of residuals (W, 6), m/s² and rad/s, per window.
 
-    Args:
-        plan: Of the windows.
-        centres: (W,), grid indices, ascending; may be thinned evenly.
-        residuals: (W, 6), m/s² and rad/s.
-
-    Returns:
-        Per window, up to a constant that all models of a log share.
+    Each band's level is profiled out; a constant that all models of a log share is left out.
+    ``centres`` (W,) are grid indices, ascending, and may be thinned evenly.
     """
     hop = int(np.gcd.reduce(np.diff(centres)))
     sums = BandSums((centres - centres[0]) // hop, 1)
@@ -249,13 +237,7 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
 
 
 def band_frequencies(plan: WindowPlan, centres: Indices, dt: float) -> Floats:
-    """(bands,), Hz, middle of each band of the :func:`statistics` of some windows.
-
-    Args:
-        plan: Of the windows.
-        centres: (W,), grid indices, ascending.
-        dt: Of the grid, s.
-    """
+    """(bands,), Hz, middle of each band of :func:`statistics`; ``dt`` of the grid, s."""
     length = _transform_length((centres - centres[0]) // plan.hop)
     f = np.fft.rfftfreq(length, plan.hop * dt)
     return np.array([f[band].mean() for band in _bands(length)])
@@ -302,13 +284,9 @@ def inverse_of(A: Floats) -> Floats:
 
 
 def inverse_with_priors(A: Floats, std: Floats) -> Floats:
-    """(n, n), inverse of an information and priors; less than no information counts as none.
+    """(n, n), inverse of information A (n, n) and priors of 1 sigma (n,).
 
-    In units of the priors nothing can be known less than they say.
-
-    Args:
-        A: (n, n), symmetric, from which noise may have been taken off.
-        std: (n,), 1 sigma beforehand.
+    Noise may have been subtracted from A: negative information counts as none.
     """
     values, vectors = np.linalg.eigh(A * np.outer(std, std))
     scaled = vectors * std[:, None]
@@ -331,10 +309,10 @@ def squared_distance(d: Floats, C: Floats) -> Floats:
 
 
 def chance_of_six(square: float, freedom: float) -> float:
-    """Chance of a larger square of six components, whose covariance has so many degrees of freedom.
+    """Chance of a larger square of six components, for a covariance with some degrees of freedom.
 
-    Tail of Fisher's F of 6 degrees and these, by its closed form, exact as 6 is even: scipy.special
-    has it too, and takes a quarter of a second to import.
+    Tail of Fisher's F of 6 and these degrees, in closed form: scipy.special takes a quarter of a
+    second to import.
     """
     half, x = 0.5 * freedom, freedom / (freedom + square)
     return float(x**half * (1.0 + half * (1.0 - x) * (1.0 + 0.5 * (half + 1.0) * (1.0 - x))))
