@@ -339,7 +339,11 @@ def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iter
     found = []
     for centre in np.arange(-_SECONDS, _SECONDS + 1.0, 2.0 * _STRETCH):
         offset, alike = fitter.coarse(hypothesis.path, float(centre), _STRETCH)
-        if fitter.windowing.overlap(offset) > LEAST_OVERLAP and not _searched(given, offset):
+        robot = np.array(fitter.windowing.trajectory.span) + offset
+        imu = fitter.windowing.grid.t[[0, -1]]
+        shared = min(robot[1], imu[1]) - max(robot[0], imu[0])
+        enough = shared > LEAST_OVERLAP * min(np.ptp(robot), np.ptp(imu))
+        if enough and not _searched(given, offset):
             found.append((alike, offset))
     found.sort(reverse=True)
     for _, offset in found[: _KEPT["offset"]]:

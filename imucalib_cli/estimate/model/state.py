@@ -187,21 +187,21 @@ def tilted(gravity: Floats, tilt: Floats) -> Floats:
 
 def gravity_axes(gravity: Floats) -> Floats:
     """(2, 3), the axes about which gravity's direction may turn: x and y where it is -z."""
-    up = -gravity / np.linalg.norm(gravity)
+    up = -gravity / np.linalg.norm(gravity, axis=-1)
     x, y, z = up
     # Across the world's y or x axis, whichever is farther from gravity.
     first = np.array([z, 0.0, -x] if abs(y) < 0.9 else [0.0, -z, y])
-    first = first / np.linalg.norm(first)
+    first = first / np.linalg.norm(first, axis=-1)
     return np.stack([first, cross(up, first)])
 
 
 def tilt_from_down(gravity: Floats) -> Floats:
     """(2,), rotation vector from -z of the world to gravity, along the gravity_axes, rad."""
-    x, y, z = gravity / np.linalg.norm(gravity)
+    x, y, z = gravity / np.linalg.norm(gravity, axis=-1)
     sine = np.hypot(x, y)
     angle = np.arctan2(sine, -z)
     turn = np.array([y, -x, 0.0]) * (angle / sine) if sine > 0.0 else np.array([angle, 0.0, 0.0])
-    return np.asarray(gravity_axes(gravity) @ turn)
+    return np.asarray((gravity_axes(gravity) @ turn[:, None])[:, 0])
 
 
 def less_errors(

@@ -138,16 +138,16 @@ class OfBase:
 
 Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount | OfBase
 
-_GROUPS: Final[dict[type, Group]] = {
-    Reading: "sensor",
-    Clock: "sensor",
-    JointCurve: "robot",
-    Origin: "robot",
-    PoseScale: "robot",
-    Gravity: "gravity",
-    Mount: "mount",
+_GROUPS: Final[dict[type, tuple[Group, Group]]] = {
+    Reading: ("sensor", "sensor"),
+    Clock: ("sensor", "offset"),
+    JointCurve: ("robot", "robot"),
+    Origin: ("robot", "robot"),
+    PoseScale: ("robot", "robot"),
+    Gravity: ("gravity", "gravity"),
+    Mount: ("mount", "robot"),
 }
-_GROUPS_OF_BASE: Final[dict[type, Group]] = {Reading: "sensor", Mount: "robot", Clock: "offset"}
+"""Of an effect, and of the same effect of the base IMU."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -188,8 +188,8 @@ class Unknown:
         if self.among is not None:
             return self.among
         if isinstance(self.effect, OfBase):
-            return _GROUPS_OF_BASE[type(self.effect.effect)]
-        return _GROUPS[type(self.effect)]
+            return _GROUPS[type(self.effect.effect)][1]
+        return _GROUPS[type(self.effect)][0]
 
 
 @dataclass(frozen=True, kw_only=True)

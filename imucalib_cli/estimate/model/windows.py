@@ -167,12 +167,6 @@ class Windowing:
         """(2,), white noise of a sample of both IMUs, which windows filter alike."""
         return np.asarray(np.hypot(self.grid.noise, self.base_noise))
 
-    def overlap(self, time_offset: float) -> float:
-        """Share of the shorter stream that overlaps the other, for an offset, s."""
-        robot, imu = np.array(self.trajectory.span) + time_offset, self.grid.t[[0, -1]]
-        shared = min(robot[1], imu[1]) - max(robot[0], imu[0])
-        return float(shared / min(np.ptp(robot), np.ptp(imu)))
-
     def centres(self, time_offset: float) -> Indices:
         """Windows with every sample of both streams, for an offset (IMU - robot stamp), s."""
         covered = self.trajectory.covered(self.grid.t - time_offset)
