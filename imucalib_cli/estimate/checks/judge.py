@@ -71,7 +71,6 @@ _NO_SENSOR: Final = 5.0
 consumer parts are specified to 2 m/s² and 0.7 rad/s."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset with a larger sigma counts as unknown."""
-_SENSOR_PARTS: Final = (slice(0, 3), slice(3, 6))
 OF_ANSWER: Final = frozenset(
     {
         "prior.contradicted",
@@ -231,13 +230,13 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     """Windows that lost their weight, by how much of the motion and of the log they are."""
     fit = evidence.fit
     lost = fit.weights <= 0.0
-    accel, gyro = (np.linalg.norm(fit.residuals.values[:, part], axis=1) for part in _SENSOR_PARTS)
+    accel, gyro = np.linalg.norm(fit.residuals.values.reshape(-1, 2, 3), axis=2).T
     # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
     plain = (accel > 0.1) | (gyro > STANDSTILL_GYRO)
     turning = (fit.residuals.rate**2).sum(axis=1)
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
-    if share > 0.2:
+    if share > 0.2:  # of the motion: the rest does not represent the log
         yield untrusted("windows.motion_left_out", share=share)
     if count > _FEW * len(lost):
         when = fit.model.windowing.grid.t[fit.centres]
@@ -307,7 +306,7 @@ def _gaps(evidence: Evidence) -> Iterator[Finding]:
     shared = float(np.ptp(np.clip(span, grid.t0, grid.t[-1])))
     inside = np.minimum(np.diff(evidence.fit.centres), length).sum() + length
     share = float(inside) * grid.dt / max(shared, grid.dt)
-    if share < 0.5 and any(gaps):
+    if share < 0.5 and any(gaps):  # more is lost than used
         yield warning("windows.between_gaps", share=share, imu=gaps[0], robot=gaps[1])
 
 

@@ -235,7 +235,8 @@ class Segments:
         cross, left, size = self._step(part, cuts)
         gain = squared_distance(size, inverse_of(left) + wander)
         gainful = gain > self._price(part)
-        # Components that only one part of the log shows do not count as changed.
+        # Components that only one part of the log shows do not count as changed: their information
+        # beside the other unknowns is rounding.
         own = np.diagonal(cross[:, part], axis1=1, axis2=2)
         scale = np.sqrt(np.maximum(own, 1e-300))
         seen = np.linalg.eigvalsh(left / (scale[:, :, None] * scale[:, None, :]))[:, 0]

@@ -197,6 +197,7 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
                 heights[place] = logs.likelihood(u)[0]
             best = int(np.argmax(heights))
             u[index - 2] = tried[best]
+            # Values less likely by a factor of e^12 are left out.
             likely = np.flatnonzero(heights > heights[best] - 12.0)
             ends = np.clip([likely[0] - 1, likely[-1] + 1], 0, _TRIED - 1)
             bounds[index] = tried[ends]

@@ -187,8 +187,8 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
         # A smaller share is rounding.
         share = np.maximum(members.sum(axis=1) - vague * np.exp(-2.0 * u), 0.05)
         new = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high)
-        new = np.clip(new, u - 2.0, u + 2.0)
-        settled = bool(np.abs(new - u).max() < 0.02)
+        new = np.clip(new, u - 2.0, u + 2.0)  # no farther in one step
+        settled = bool(np.abs(new - u).max() < 0.02)  # two per cent of each scale
         u = new
         if settled:
             break
