@@ -91,13 +91,12 @@ class Robot:
         Raises:
             InputError: A link is not in the URDF.
         """
-        above_start, above_end = self._ancestors(start), self._ancestors(end)
-        common = next(link for link in above_end if link in above_start)
-        up = above_start[: above_start.index(common)]
-        down = above_end[: above_end.index(common)]
+        from_start, from_end = self._ancestors(start), self._ancestors(end)
+        up = [link for link in from_start if link not in from_end]
+        down = [link for link in reversed(from_end) if link not in from_start]
         return (
             *((self.joint_above[link], True) for link in up),
-            *((self.joint_above[link], False) for link in reversed(down)),
+            *((self.joint_above[link], False) for link in down),
         )
 
     def _ancestors(self, link: str) -> list[str]:
