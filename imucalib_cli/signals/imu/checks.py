@@ -23,6 +23,7 @@ from imucalib_cli.signals.imu.repeats import (
 )
 from imucalib_cli.signals.imu.saturation import saturated
 from imucalib_cli.signals.noise import white_noise
+from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
 from imucalib_cli.signals.turning import AGREE, TURNING
 
@@ -90,10 +91,16 @@ def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
     zero = [sensor for sensor in SENSORS if not imu.of(sensor).any()]
     for sensor in SENSORS if len(imu) else ():
         if sensor in zero:
-            which = "both" if len(zero) == 2 else sensor
             reads = dict.fromkeys("NaN" if each in imu.absent else "zero" for each in zero)
-            told = {"topic": imu.topic, "sensor": which, "count": len(imu), "option": option}
-            raise InputError(untrusted("imu.zero", reads=" or ".join(reads), **told))
+            finding = untrusted(
+                "imu.zero",
+                topic=imu.topic,
+                sensor="both" if len(zero) == 2 else sensor,
+                reads=" or ".join(reads),
+                count=len(imu),
+                option=option,
+            )
+            raise InputError(finding)
         _refuse_axes(imu, sensor, dead_axes(imu.of(sensor)))
 
 
@@ -170,13 +177,15 @@ def beyond_ranges(
 def sensor_faults(
     imu: ImuSamples, turning: Turning | None, accel_ranges: tuple[float, ...] = ()
 ) -> list[Fault]:
-    """Frozen and saturated stretches of an IMU.
+    """Frozen and saturated stretches of an IMU; none in too few samples.
 
     Args:
         imu: In order, SI.
         turning: Of the same IMU; None where no kinematics are known.
         accel_ranges: Full scales of the accelerometer, m/s², as far as they are known.
     """
+    if len(imu) < MIN_IMU_SAMPLES:
+        return []
     tops = _not_dead(imu, saturated(imu, turning, accel_ranges))
     cut = {sensor: np.zeros(len(imu), dtype=bool) for sensor in SENSORS}
     cut |= {fault.sensor: fault.rows for fault in tops}
@@ -226,8 +235,7 @@ def _frozen_gyro(imu: ImuSamples, turning: Turning | None) -> Stretches:
         aside[turning.bins_of(t[runs.mask(len(t))])] = True
         if turning.agreement(aside) < AGREE:
             turning = None
-    jumps = jumps_out(gyro, runs, "gyro")
-    which = np.zeros(len(runs), dtype=bool)
+    which = jumps_out(gyro, runs, "gyro")
     for k, (first, end) in enumerate(zip(runs.first, runs.end, strict=True)):
         rate = float(np.linalg.norm(gyro[first] - bias))
         known = np.zeros(0)
@@ -237,7 +245,7 @@ def _frozen_gyro(imu: ImuSamples, turning: Turning | None) -> Stretches:
             off = np.abs(known - rate) > TURNING + _SIMILAR * np.maximum(known, rate)
             which[k] = np.mean(off) > 0.5 or off.sum() >= 4
         else:
-            which[k] = jumps[k] and rate > TURNING
+            which[k] &= rate > TURNING
     return runs.where(which)
 
 
@@ -248,22 +256,16 @@ def _frozen_accel(imu: ImuSamples, turning: Turning | None, stuck: Stretches) ->
         return runs
     if max(white_noise(gyro).max(), white_noise(accel).max()) < ALIVE_NOISE:
         return runs.where(np.zeros(len(runs), dtype=bool))  # a simulation without noise
-    jumps = jumps_out(accel, runs, "accel")
+    which = jumps_out(accel, runs, "accel")
     bias = np.zeros(3) if turning is None else turning.bias
     steps = np.gradient(t)
     rate = np.linalg.norm(gyro - bias, axis=1)
     rate[stuck.mask(len(t))] = 0.0
-    which = np.zeros(len(runs), dtype=bool)
     for k, (first, end) in enumerate(zip(runs.first, runs.end, strict=True)):
         fast = rate[first:end] > TURNING
         turned = float(np.sum((rate * steps)[first:end][fast]))
-        moved = (jumps[k] and fast.mean() > 0.5) or turned > _TURNED
-        which[k] = moved or _together(first, end, stuck)
+        # the gyroscope is frozen at the same time
+        common = np.minimum(end, stuck.end) - np.maximum(first, stuck.first)
+        together = common > 0.5 * np.maximum(end - first, stuck.lengths)
+        which[k] = (which[k] and fast.mean() > 0.5) or turned > _TURNED or together.any()
     return runs.where(which)
-
-
-def _together(first: int, end: int, stuck: Stretches) -> bool:
-    """Whether a run coincides with one of the gyroscope."""
-    common = np.minimum(end, stuck.end) - np.maximum(first, stuck.first)
-    longest = np.maximum(end - first, stuck.lengths)
-    return bool((common > 0.5 * longest).any())
