@@ -1,8 +1,8 @@
-"""Motion of an IMU by its own readings alone, with gravity left in.
+"""Motion of an IMU from its own readings, in a freely falling frame.
 
-The gyroscope integrated once gives the attitude, the force in these axes integrated twice the
-place: the pose in a frame that falls freely. Where it starts, how it is turned and how fast it
-moves at first is arbitrary, and derivative filters do not see any of it.
+The gyroscope is integrated once, which gives the attitude; the specific force in the axes of the
+frame is integrated twice, which gives the position. The initial pose and velocity are arbitrary:
+derivative filters do not depend on them.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 _PLACES: Final = np.arange(-1, 3)
-"""Samples about the interval from 0 to 1 whose cubic stands for the signal in it: that of the
-filters' quadrature (kernels.py), so that noise is the same in what is compared."""
+"""Samples whose cubic approximates the signal in the interval from 0 to 1, as in the filters'
+quadrature (kernels.py): so noise has the same effect on both sides of the comparison."""
 _GAUSS: Final = np.sqrt(3.0) / 6.0
 _STRETCH: Final = 4
-"""Samples that are multiplied one after the other; the products of stretches likewise."""
+"""Samples whose rotations are multiplied one after the other."""
 
 
 def _weights(moments: Floats) -> Floats:
-    """(4,), of the samples at the places, from what powers 0 to 3 of the time become."""
+    """(4,), weights of the samples that give these values for the powers 0 to 3 of time."""
     return np.asarray(np.linalg.solve(np.vander(_PLACES, increasing=True).T, moments))
 
 
@@ -86,7 +86,7 @@ def _quaternions(turns: Floats) -> Floats:
 
 
 def _running_products(turns: Floats) -> Floats:
-    """(N, 4), each quaternion behind all that come before it."""
+    """(N, 4), product of each quaternion and all before it."""
     columns = -(-len(turns) // _STRETCH)
     at_rest = np.tile([0.0, 0.0, 0.0, 1.0], (columns * _STRETCH - len(turns), 1))
     # Stretches side by side, so that one multiplication serves them all.

@@ -1,8 +1,7 @@
 """Compare the angular rate of the parent link with that of the IMU, before any fit.
 
-The norm of the angular rate is the same in every frame, so the two can be compared while the mount
-is unknown. They differ by a time offset, by a factor if units differ, and where one of the two
-streams is held.
+The norm of the angular rate is the same in every frame, so no mount is needed. The two differ by a
+time offset, by a factor if units differ, and where one of the streams is held.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ _EXACTLY_STILL = 1e-6
 """rad/s: positions repeat exactly, up to rounding."""
 _HELD_TURNING = 2.0 * TURNING
 _HELD_SECONDS = 0.5
-"""s and rad/s: the robot's stream is held if it is exactly still so long while the IMU turns so
-fast."""
+"""The robot's stream is held if it is exactly still for this time, s, while the IMU turns faster
+than this rate, rad/s."""
 AGREE = 0.9
 """Correlation of the two rates elsewhere from which the kinematics show faults."""
 _LEAST_BINS = 20
@@ -58,9 +57,9 @@ class RateRatio(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """Mean rates in bins of one length; the IMU's bins are those of its own clock, lag taken off.
+    """Mean rates in bins: bin i is from t0 + i BIN to t0 + (i + 1) BIN on the robot's clock.
 
-    Bin i lies between robot instants t0 + i BIN and t0 + (i + 1) BIN.
+    The IMU's stamps are moved to that clock by the lag.
     """
 
     t0: float
@@ -69,7 +68,7 @@ class Turning:
     measured: Floats
     """(B,), |angular rate| of the IMU, in its own unit, minus its bias; nan where unknown."""
     bias: Floats
-    """(3,), what the IMU says while the link stands still, in its own unit."""
+    """(3,), what the gyroscope measures while the link stands still, in its own unit."""
     lag: float
     """IMU stamp - robot stamp at which the two agree best, s, to half a bin."""
     correlation: float
@@ -101,7 +100,7 @@ class Turning:
         return replace(self, measured=self.measured * factor, bias=self.bias * factor)
 
     def agreement(self, besides: Bools) -> float:
-        """Correlation of the two rates at the lag, some bins left aside; 0 if too few are left."""
+        """Correlation of the two rates in the other bins; 0 if there are too few."""
         both = self.known & ~besides
         a, b = self.derived[both], self.measured[both]
         if len(a) < _LEAST_BINS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
@@ -110,7 +109,7 @@ class Turning:
         return float(np.corrcoef(a, b)[0, 1])
 
     def bins_of(self, t: Floats) -> Indices:
-        """Bins of instants of the IMU's clock; those outside are left out."""
+        """Bins of instants of the IMU's clock; instants outside are left out."""
         bins = np.floor((t - self.lag - self.t0) / BIN).astype(np.intp)
         return np.asarray(bins[(bins >= 0) & (bins < len(self.derived))])
 
@@ -133,8 +132,7 @@ class Turning:
         imu_turns = inner & (self.measured > _HELD_TURNING)
         aside = np.zeros(len(still), dtype=bool)
         found = []
-        stretches = stretches_of(still)
-        for first, end in zip(stretches.first, stretches.end, strict=True):
+        for first, end in stretches_of(still):
             if imu_turns[first:end].sum() * BIN >= _HELD_SECONDS:
                 aside[first:end] = True
                 # The last sample that stood still may lie in the bin after.

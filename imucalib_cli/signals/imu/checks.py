@@ -94,9 +94,9 @@ def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
             reads = dict.fromkeys("NaN" if each in imu.absent else "zero" for each in zero)
             finding = untrusted(
                 "imu.zero",
+                reads=" or ".join(reads),
                 topic=imu.topic,
                 sensor="both" if len(zero) == 2 else sensor,
-                reads=" or ".join(reads),
                 count=len(imu),
                 option=option,
             )
@@ -236,7 +236,7 @@ def _frozen_gyro(imu: ImuSamples, turning: Turning | None) -> Stretches:
         if turning.agreement(aside) < AGREE:
             turning = None
     which = jumps_out(gyro, runs, "gyro")
-    for k, (first, end) in enumerate(zip(runs.first, runs.end, strict=True)):
+    for k, (first, end) in enumerate(runs):
         rate = float(np.linalg.norm(gyro[first] - bias))
         known = np.zeros(0)
         if turning is not None:
@@ -261,7 +261,7 @@ def _frozen_accel(imu: ImuSamples, turning: Turning | None, stuck: Stretches) ->
     steps = np.gradient(t)
     rate = np.linalg.norm(gyro - bias, axis=1)
     rate[stuck.mask(len(t))] = 0.0
-    for k, (first, end) in enumerate(zip(runs.first, runs.end, strict=True)):
+    for k, (first, end) in enumerate(runs):
         fast = rate[first:end] > TURNING
         turned = float(np.sum((rate * steps)[first:end][fast]))
         # the gyroscope is frozen at the same time

@@ -1,4 +1,4 @@
-"""Find saturation: flat tops at the end of a sensor's range that are not from the motion."""
+"""Find saturation: flat tops at the end of a sensor's range that the motion does not cause."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _TOP_RUN = 3
 _TOP_SAMPLES = 6
 _TOP_PLAIN = 20
 _PILED = 2.0
-"""Samples at a limit, relative to those within some noise of it, from which it cuts off."""
+"""Least number of samples at a limit, relative to those just within it."""
 _PILE_NOISE = 3.0
-"""That noise, in standard deviations."""
+"""How far "just within" reaches, standard deviations of the noise."""
 _TOP_STAY = 0.5
 """Least share of samples at the limit whose successor is at the limit too."""
 _TOP_BENDS = 3.0
@@ -55,13 +55,15 @@ def saturated(
     found = []
     for sensor in SENSORS:
         suspects = flat_tops(imu.of(sensor))
-        aside = np.concatenate([top.rows for top in suspects] or [np.zeros(0, np.intp)])
+        if not suspects:
+            continue
+        suspected = imu.t[np.concatenate([top.rows for top in suspects])]
         tops = [
             top
             for top in suspects
             if top.shape == "certain"
             or (
-                _outrun(top, imu.t, imu.t[aside], turning)
+                _outrun(top, imu.t, suspected, turning)
                 if sensor == "gyro"
                 else _ends(top, accel_ranges) or _turns(top, imu.gyro, turning)
             )
@@ -90,11 +92,7 @@ def _turns(top: FlatTop, gyro: Floats, turning: Turning | None) -> bool:
 def _outrun(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | None) -> bool:
     """Whether the kinematics turn faster than the gyroscope measures at its flat top.
 
-    Args:
-        top: Of one axis.
-        t: (N,), s.
-        suspected: Instants of all flat tops, which must not be used to match the two rates.
-        turning: Rates of both.
+    At ``suspected``, the instants of all flat tops, the two rates are not compared.
     """
     if turning is None or turning.correlation < AGREE:
         return top.shape == "abrupt"
@@ -165,14 +163,13 @@ def _flat_rows(channel: Floats, limit: float, noise: float) -> tuple[Indices, Sh
 
 
 def _piles_up(channel: Floats, limit: float, count: int, noise: float) -> bool:
-    """Whether samples stand at a limit and hardly any just within it, as of peaks that are cut off.
+    """Whether many samples are at a limit and few just within it, as in peaks that are cut off.
 
-    The outermost value of what is not cut off is its rarest: noise larger than the quantum spreads
-    it over several. That six samples have it, and not half as many lie within three deviations of
-    the noise, happens by chance about three times in a million where noise and quantum are alike
-    and the tail falls over some quanta (4e5 drawn of each), and never seen otherwise: in a
-    steeper tail the next values hold many more, in a flatter one or at a finer quantum six
-    samples do not share a value.
+    Without a limit the outermost value is the rarest one. That six samples have it and fewer than
+    half as many lie within three deviations of the noise happens by chance three times in a
+    million, if noise and quantum are alike and the tail falls over some quanta (4e5 drawn of
+    each). It was never seen otherwise: in a steeper tail the next values are more frequent, in a
+    flatter one or at a finer quantum six samples do not share a value.
     """
     near = np.count_nonzero(np.abs(channel - limit) <= _PILE_NOISE * noise) - count
     return bool(count >= _PILED * near)

@@ -33,8 +33,7 @@ _LEAST_INTERVAL = 1e-9
 """s, the resolution of stamps."""
 
 _PHASE_SAMPLES = 65
-"""Samples over which the phase of the ticks is averaged: jitter is reduced by 8, drift not yet
-seen."""
+"""Samples over which the phase of the ticks is averaged: jitter falls by 8, drift stays small."""
 _WANDER_SAMPLES = 4 * _PHASE_SAMPLES + 1
 """Samples over which a clock may drift from its mean rate."""
 _MIN_CONCENTRATION = 0.5
@@ -66,7 +65,7 @@ class TidyRows:
         return {name: getattr(self, name) for name in names}
 
     def of(self, values: Floats) -> Floats:
-        """(M, ...), these rows of (N, ...): the same array where they are all, in order."""
+        """(M, ...), these rows of (N, ...); the same array if no row is left out or moved."""
         whole = len(self.rows) == len(values) and not self.backward
         return values if whole else values[self.rows]
 
@@ -99,7 +98,7 @@ def usable_rows(t: Floats, *values: Floats) -> Bools:
 
 
 def _usable(t: Floats, values: tuple[Floats, ...]) -> tuple[Bools, Bools]:
-    """Rows that are finite, and those of them whose stamps belong to the log."""
+    """Two masks: rows that are finite, and finite rows whose stamps belong to the log."""
     finite = np.isfinite(t)
     for each in values:
         finite &= np.isfinite(each).all(axis=1)
