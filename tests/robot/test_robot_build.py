@@ -121,10 +121,7 @@ def test_a_path_may_start_at_any_link(arm: Robot) -> None:
 
 def test_the_publisher_with_most_of_the_needed_joints_drives(arm: Robot) -> None:
     wrong = np.zeros(COUNT)
-    tracks = [
-        joints("/shoulder_only", shoulder=wrong),
-        joints("/all", slide=T, shoulder=SHOULDER),
-    ]
+    tracks = [joints("/shoulder_only", shoulder=wrong), joints("/all", slide=T, shoulder=SHOULDER)]
     path = joint_path(arm, "plate", tracks, world="tail")
     assert [track.name for track in path.tracks] == ["/all"]
 

@@ -12,12 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import JointStep, KinematicPath, PoseStep, Track
-from imucalib_cli.signals.trajectory import (
-    Trajectory,
-    clean_track,
-    continuous,
-    stamped_earlier,
-)
+from imucalib_cli.signals.trajectory import Trajectory, clean_track, continuous, stamped_earlier
 
 Floats = NDArray[np.float64]
 

@@ -44,9 +44,7 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
     findings += [each for each in guess.findings if each.code == "imu.gyro_looks_like"]
     sign = -1.0 if units.sign == "down" else 1.0
     imu = replace(
-        imu,
-        gyro=imu.gyro / KNOWN_RATIOS[gyro_unit].ratio,
-        accel=imu.accel * (sign * accel.value),
+        imu, gyro=imu.gyro / KNOWN_RATIOS[gyro_unit].ratio, accel=imu.accel * (sign * accel.value)
     )
     faults = sensor_faults(imu, None)
     if faults:
