@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.imu.checks import sensor_faults
+from imucalib_cli.signals.imu.faults import Fault, dead_axes, flat_tops, sensor_faults
 from imucalib_cli.signals.imu.repair import rows_at_fault
-from imucalib_cli.signals.imu.repeats import Fault, dead_axes
-from imucalib_cli.signals.imu.saturation import flat_tops
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import gap_breaks

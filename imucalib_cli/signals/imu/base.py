@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.robot.path import Track
-from imucalib_cli.signals.imu.checks import refuse_impossible, sensor_faults
+from imucalib_cli.signals.imu.checks import refuse_impossible
+from imucalib_cli.signals.imu.faults import sensor_faults
 from imucalib_cli.signals.imu.repair import mended_imu, rows_at_fault
 from imucalib_cli.signals.imu.units import KNOWN_RATIOS, accel_factor, guess_units
 from imucalib_cli.signals.turning import TURNING

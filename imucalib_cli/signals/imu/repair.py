@@ -14,12 +14,8 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.imu.checks import (
-    dead_in_motion,
-    refuse_dead,
-    refuse_impossible,
-    sensor_faults,
-)
+from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
+from imucalib_cli.signals.imu.faults import sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
@@ -31,7 +27,7 @@ from imucalib_cli.signals.turning import BIN, compare_turning
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.robot.path import KinematicPath, Track
-    from imucalib_cli.signals.imu.repeats import Fault
+    from imucalib_cli.signals.imu.faults import Fault
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.turning import Turning
 
