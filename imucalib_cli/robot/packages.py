@@ -1,4 +1,4 @@
-"""Packages that a xacro names by $(find PACKAGE), with and without ROS."""
+"""Find packages that a xacro names by $(find PACKAGE), with and without ROS."""
 
 from __future__ import annotations
 
@@ -15,11 +15,9 @@ if TYPE_CHECKING:
 
 _ASKED = ("ament_index_python", "ament_index_python.packages")
 """Modules of ROS that xacro imports to find a package."""
-
-
 _NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
 _HEAD = 1 << 16
-"""Bytes of a package.xml that are looked at: its name stands first."""
+"""Bytes of a package.xml that are searched: its name stands first."""
 
 
 def _name_in(manifest: Path) -> str:
@@ -32,12 +30,12 @@ def _name_in(manifest: Path) -> str:
 
 @contextmanager
 def packages_near(path: Path) -> Iterator[list[str]]:
-    """Let xacro find packages that are not installed in the folders above a file, or beside those.
+    """Let xacro find packages that are not installed, in and beside the folders above a file.
 
-    So lies a package in the sources of a workspace.
+    The sources of a workspace have this layout.
 
     Yields:
-        Names of packages that are not found either way; empty at first.
+        Names of packages that are not found; empty at first.
     """
     missing: list[str] = []
     with suppress(ImportError):
@@ -46,7 +44,7 @@ def packages_near(path: Path) -> Iterator[list[str]]:
     installed: Any = before[_ASKED[1]]
 
     def get_package_share_directory(package: str) -> str:
-        with suppress(LookupError):  # of ROS, for a package that it does not know
+        with suppress(LookupError):  # ROS does not know the package
             if installed is not None:
                 return str(installed.get_package_share_directory(package))
         folders = path.resolve().parents
