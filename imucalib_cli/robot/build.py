@@ -34,7 +34,7 @@ def joint_path(
     """Build the path from ``world`` to ``parent`` through the URDF.
 
     Each joint on the path uses the column of its name, a mimic joint that of the joint it follows.
-    If several tracks have a joint, the one with most of the needed joints is used, then the one
+    If several tracks have a joint, the track with most of the needed joints is used, then the one
     with most samples. Tracks that are not needed are dropped.
 
     Args:
@@ -50,7 +50,11 @@ def joint_path(
     world = robot.root if world is None else world
     route = robot.route(world, parent)
     for joint, _ in route:
-        robot.require_one_axis(joint)
+        if joint.kind in ("floating", "planar"):
+            raise InputError(
+                f"{robot.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
+                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
+            )
     logged = {name for track in tracks for name in track.names}
     drives = {joint: _drive(robot, joint, logged) for joint, _ in route if joint.kind != "fixed"}
     needed = tuple(dict.fromkeys(name for name, _, _ in drives.values()))
@@ -124,7 +128,7 @@ def moving_base_path(
     """Build the path world -> (pose edges) -> ``base`` -> (joints of the URDF) -> ``parent``.
 
     Args:
-        edges: Poses; those between two links of the URDF are left to its joints.
+        edges: Poses; between two links of the URDF its joints are used instead.
         robot: The tree that ``base`` and ``parent`` belong to.
         parent: Link that carries the IMU.
         tracks: As for :func:`joint_path`.

@@ -20,12 +20,12 @@ _HEAD = 1 << 16
 """Bytes of a package.xml that are searched: its name stands first."""
 
 
-def _name_in(manifest: Path) -> str:
-    """The name of a package, which need not be that of its folder; empty if there is none."""
+def _name_in(manifest: Path) -> bytes:
+    """The name of a package, which may differ from its folder's; empty if there is none."""
     with suppress(OSError), manifest.open("rb") as file:
         found = _NAME.search(file.read(_HEAD))
-        return "" if found is None else found[1].decode("utf-8", "replace")
-    return ""
+        return b"" if found is None else found[1]
+    return b""
 
 
 @contextmanager
@@ -54,7 +54,7 @@ def packages_near(path: Path) -> Iterator[list[str]]:
         for folder in folders:
             with suppress(OSError):
                 for manifest in (folder / "package.xml", *sorted(folder.glob("*/package.xml"))):
-                    if _name_in(manifest) == package:
+                    if _name_in(manifest) == package.encode():
                         return str(manifest.parent)
         missing.append(package)
         raise LookupError(package)

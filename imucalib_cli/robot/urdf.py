@@ -86,7 +86,7 @@ class Robot:
         return {joint.child: joint for joint in self.joints}
 
     def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
-        """Joints of any kind between two links, and for each whether the path goes up through it.
+        """Joints of any kind between two links, each with whether the path goes up through it.
 
         Raises:
             InputError: A link is not in the URDF.
@@ -113,17 +113,9 @@ class Robot:
                 f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
             )
 
-    def require_one_axis(self, joint: Joint) -> None:
-        """Raise InputError for a joint without a single position (floating, planar)."""
-        if joint.kind in ("floating", "planar"):
-            raise InputError(
-                f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
-                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
-            )
-
 
 def load_robot(path: Path) -> Robot:
-    """Read a URDF's kinematic tree; of xacro in a file that ends so, what it expands to.
+    """Read the kinematic tree of a URDF, or of a file named .xacro after its expansion.
 
     Raises:
         InputError: The file cannot be read or is no valid URDF; the error names the elements.
@@ -152,10 +144,10 @@ def _expanded(path: Path) -> bytes:
         ) from error
     missing: list[str] = []
     try:
-        # xacro has words of its own for stdout
+        # xacro prints to stdout
         with redirect_stdout(sys.stderr), packages_near(path) as missing:
             text: str = xacro.process_file(str(path)).toxml()
-    # xacro evaluates Python of the file, which may raise anything
+    # xacro evaluates Python code of the file, which may raise anything
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         if missing:

@@ -56,7 +56,9 @@ def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]
     """
     early, late = (_between(gyro, each) for each in (_EARLY, _LATE))
     turns = 0.5 * dt * (early + late) + _GAUSS * dt**2 / 2.0 * cross(early, late)
-    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _running_products(_quaternions(turns))])
+    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
+    quaternions = np.hstack([0.5 * turns * np.sinc(half / np.pi), np.cos(half)])
+    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _running_products(quaternions)])
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     force = np.einsum("nij,nj->ni", matrix_from_quaternion(attitude), accel)
     velocity = _summed(dt * _between(force, _SUM))
@@ -77,12 +79,6 @@ def _between(values: Floats, weights: Floats) -> Floats:
 
 def _summed(steps: Floats) -> Floats:
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
-
-
-def _quaternions(turns: Floats) -> Floats:
-    """(N, 4), x y z w, of rotation vectors (N, 3)."""
-    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.hstack([0.5 * turns * np.sinc(half / np.pi), np.cos(half)])
 
 
 def _running_products(turns: Floats) -> Floats:

@@ -84,29 +84,20 @@ def _sudden(channel: Floats, runs: Stretches, size: Floats) -> Bools:
     found, clean = np.zeros(len(channel), dtype=bool), channel.copy()
     if not len(runs):
         return found
-    edges = np.stack([runs.first, runs.end], axis=1).ravel()
+    places, edges = np.arange(_AROUND), np.stack([runs.first, runs.end], axis=1).ravel()
     sizes = np.maximum.reduceat(np.append(size, 0.0), edges)[::2]
     for _ in range(_ROUNDS):  # a spike shows when another one close by is bridged
         steps = np.pad(np.abs(np.diff(clean)), _AROUND)
+        before = runs.first[:, None] - 1 + places
+        after = np.minimum(runs.end[:, None] + _AROUND + places, len(steps) - 1)
+        around = np.partition(steps[np.hstack([before, after])], -_OTHERS, axis=1)[:, -_OTHERS]
         sudden = np.minimum(*(steps[each + _AROUND - 1] for each in (runs.first, runs.end)))
-        alone = (sudden > _SUDDEN * sizes) & (sudden > _FURTHER * _steps_around(steps, runs))
+        alone = (sudden > _SUDDEN * sizes) & (sudden > _FURTHER * around)
         if not alone.any():
             break
         found |= runs.where(alone).mask(len(channel))
         _bridge(clean, found)
     return found
-
-
-def _steps_around(steps: Floats, runs: Stretches) -> Floats:
-    """(R,), usual step of the samples around each run, without the steps into it and out of it.
-
-    ``steps`` (N + 2 _AROUND - 1,) has _AROUND zeros at either end.
-    """
-    places = np.arange(_AROUND)
-    before = runs.first[:, None] - 1 + places
-    after = np.minimum(runs.end[:, None] + _AROUND + places, len(steps) - 1)
-    around = steps[np.hstack([before, after])]
-    return np.partition(around, -_OTHERS, axis=1)[:, -_OTHERS]
 
 
 def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:

@@ -101,7 +101,7 @@ def clean_track(track: Track) -> CleanTrack:
         InputError: Fewer usable samples than interpolation needs.
     """
     if track not in _CLEANED:
-        _CLEANED[track] = _cleaned(track)
+        _CLEANED[track] = _reckoned(track) if track.kind == "imu" else _cleaned(track)
     return _CLEANED[track]
 
 
@@ -122,8 +122,6 @@ def stamped_earlier(track: Track, seconds: float) -> Track:
 
 
 def _cleaned(track: Track) -> CleanTrack:
-    if track.kind == "imu":
-        return _reckoned(track)
     tidy = tidy_rows(track.t, track.values)
     if len(tidy.rows) < MIN_TRACK_SAMPLES:
         raise InputError(

@@ -142,16 +142,16 @@ class Turning:
 
 
 def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float) -> Turning:
-    """Turning by the kinematics and by the gyroscope, in bins, aligned.
+    """Mean angular rates of the parent link and of the gyroscope, in aligned bins.
 
     Args:
         t: (N,), s, ascending.
         gyro: (N, 3), in any unit.
         trajectory: Of the parent link.
-        most: Largest time offset looked for, s.
+        most: Largest time offset to search, s.
 
     Raises:
-        InputError: The stamps reach over far more time than there are samples for.
+        InputError: The stamps reach over far more time than the samples fill.
     """
     first, last = trajectory.span
     start = min(first, float(t[0]))
@@ -169,7 +169,7 @@ def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float
     known = np.stack([np.isfinite(derived), np.isfinite(measured)])
     lag = None
     if known.sum(axis=1).min() > _LEAST_BINS:
-        # One spike would outshine all motion.
+        # One spike would dominate all motion.
         cut = [np.nanpercentile(x, 99) for x in (derived, measured)]
         lag = best_lag(
             np.minimum(np.where(known[0], derived, 0.0), cut[0]),
@@ -193,7 +193,7 @@ def _derived(trajectory: Trajectory, edges: Floats) -> Floats:
     R = np.full((len(edges), 3, 3), np.nan)
     if inside.any():
         R[inside] = trajectory.poses(edges[inside])[0]
-    # |R1 - R0|² = 8 sin²(angle / 2), which keeps digits where the angle is small.
+    # |R1 - R0|² = 8 sin²(angle / 2), which keeps digits of small angles.
     half = np.sqrt(np.sum((R[1:] - R[:-1]) ** 2, axis=(1, 2)) / 8.0)
     return np.asarray(2.0 * np.arcsin(np.minimum(half, 1.0)) / BIN)
 

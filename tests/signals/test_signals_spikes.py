@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -10,6 +12,9 @@ from scipy.signal import butter, lfilter
 
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.spikes import find_glitches, find_spikes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Floats = NDArray[np.float64]
 
@@ -43,40 +48,20 @@ def test_neighbouring_spikes_are_found() -> None:
     assert find_spikes(values, 0.2)[where].all()
 
 
-def test_white_noise_has_next_to_none() -> None:
-    values = np.random.default_rng(5).normal(size=(200_000, 3))
-    assert not find_spikes(values, 0.0).any()
+def _corners() -> Floats:
+    """Moves with rests between: acceleration starts at a corner, 3 m/s² within 0.2 s."""
+    s = np.clip(np.arange(12000) / 200.0 % 2.0, 0.0, 1.0)
+    return np.asarray(12.0 * (60 * s - 180 * s**2 + 120 * s**3) / 10.0)[:, None]
 
 
-def test_smooth_motion_has_none_even_at_its_corners() -> None:
-    t = np.arange(12000) / 200.0
-    # Starts and stops: acceleration sets in at a corner, 3 m/s² within 0.2 s, and rests between.
-    phase = t % 2.0
-    s = np.clip(phase / 1.0, 0.0, 1.0)
-    quintic = 12.0 * (60 * s - 180 * s**2 + 120 * s**3) / 10.0
-    assert not find_spikes(quintic[:, None], 0.2).any()
-    noisy = quintic + np.random.default_rng(6).normal(scale=0.01, size=len(t))
-    assert find_spikes(noisy[:, None], 0.2).sum() == 0
+def _with(values: Floats, event: Any) -> Floats:
+    """The event is added to y from sample 5000 on."""
+    values[5000 : 5000 + len(event), 1] += event
+    return values
 
 
-def test_a_long_event_is_no_spike() -> None:
-    rng = np.random.default_rng(7)
-    values = _smooth() + rng.normal(scale=0.03, size=(12000, 3))
-    values[5000:5100, 1] += 30.0 * np.hanning(100)
-    assert not find_spikes(values, 0.2)[5005:5095].any()
-
-
-def test_a_burst_of_garbage_is_an_event_and_not_a_row_of_glitches() -> None:
-    values = 0.03 * np.random.default_rng(7).normal(size=(12000, 3))
-    values[5000:5020, 1] += 30.0 * (-1.0) ** np.arange(20)
-    assert not find_spikes(values, 0.2)[4990:5030].any()
-
-
-def test_vibration_while_moving_is_no_spike() -> None:
-    rng = np.random.default_rng(8)
-    values = rng.normal(scale=0.01, size=(12000, 3))
-    values[3000:9000] *= 40.0
-    assert find_spikes(values, 0.02).sum() <= 6
+def _noise(scale: float, n: int = 12000, seed: int = 7) -> Floats:
+    return np.random.default_rng(seed).normal(scale=scale, size=(n, 3))
 
 
 def _strikes(n: int = 30000, rate: float = 500.0) -> Floats:
@@ -94,10 +79,24 @@ def _strikes(n: int = 30000, rate: float = 500.0) -> Floats:
     return np.asarray(low + _smooth(n, rate) + rng.normal(scale=0.03, size=(n, 3)))
 
 
-def test_a_strike_that_the_sensor_itself_smooths_is_no_spike() -> None:
-    strikes = _strikes()
-    assert np.abs(strikes).max() > 50.0
-    assert find_spikes(strikes, 0.2).sum() <= 12  # of a hundred strikes, some thousand samples
+@pytest.mark.parametrize(
+    ("values", "floor", "most"),
+    [
+        (lambda: _noise(1.0, 200_000), 0.0, 0),
+        (_corners, 0.2, 0),
+        (lambda: _corners() + _noise(0.01)[:, :1], 0.2, 0),
+        (lambda: _with(_smooth() + _noise(0.03), 30.0 * np.hanning(100)), 0.2, 0),
+        (lambda: _with(_noise(0.03), 30.0 * (-1.0) ** np.arange(20)), 0.2, 0),
+        (lambda: _noise(0.01) * np.repeat([1.0, 40.0, 1.0], [3000, 6000, 3000])[:, None], 0.02, 6),
+        # of a hundred strikes, some thousand samples
+        (_strikes, 0.2, 12),
+    ],
+    ids=["noise", "corners", "noisy corners", "long event", "garbage", "vibration", "strikes"],
+)
+def test_a_sound_signal_has_next_to_no_spikes(
+    values: Callable[[], Floats], floor: float, most: int
+) -> None:
+    assert find_spikes(values(), floor).sum() <= most
 
 
 @pytest.mark.parametrize(("share", "size", "least"), [(0.002, 10.0, 0.9), (0.02, 30.0, 0.9)])

@@ -46,9 +46,16 @@ _TOP_SAMPLES = 6
 _TOP_PLAIN = 20
 """Least samples of a run at a limit, of all at it, and of all at it if the sensor is noisy."""
 _PILED = 2.0
-"""Least number of samples at a limit, relative to those just within it."""
 _PILE_NOISE = 3.0
-"""How far "just within" reaches, standard deviations of the noise."""
+"""Many samples at a limit and few just within it, as in peaks that are cut off: least ratio of the
+two numbers, and how far "just within" reaches, standard deviations of the noise.
+
+Without a limit the outermost value is the rarest one. That six samples have it and fewer than half
+as many lie just within happens by chance three times in a million, if noise and quantum are alike
+and the tail falls over some quanta (4e5 drawn of each). It was never seen otherwise: in a steeper
+tail the next values are more frequent, in a flatter one or at a finer quantum six samples do not
+share a value.
+"""
 _TOP_STAY = 0.5
 """Least share of samples at the limit whose successor is at the limit too."""
 _TOP_BENDS = 3.0
@@ -350,7 +357,8 @@ def _flat_top(axis: str, channel: Floats, limit: float, noise: float) -> FlatTop
     certain = FlatTop(axis, limit, rows, "certain")
     ends = at | (channel == channel.max()) | (channel == channel.min())
     noisy = noise > ALIVE_NOISE and not repeats_by_chance(channel[:, None], ends)
-    if noisy and _piles_up(channel, limit, len(rows), noise):
+    near = np.count_nonzero(np.abs(channel - limit) <= _PILE_NOISE * noise) - len(rows)
+    if noisy and len(rows) >= _PILED * near:
         return certain
     runs = repeats(at[1:] & at[:-1])
     runs = runs.where((runs.lengths >= _TOP_RUN) & (runs.first >= 3))
@@ -363,16 +371,3 @@ def _flat_top(axis: str, channel: Floats, limit: float, noise: float) -> FlatTop
     bend = np.percentile(np.abs(np.diff(channel, 2)), _TOP_BEND_SHARE)
     abrupt = slope > np.maximum(_TOP_BENDS * bend, _TOP_STEPS * noise)
     return replace(certain, shape="abrupt" if np.mean(abrupt) > 0.5 else "smooth")
-
-
-def _piles_up(channel: Floats, limit: float, count: int, noise: float) -> bool:
-    """Whether many samples are at a limit and few just within it, as in peaks that are cut off.
-
-    Without a limit the outermost value is the rarest one. That six samples have it and fewer than
-    half as many lie within three deviations of the noise happens by chance three times in a
-    million, if noise and quantum are alike and the tail falls over some quanta (4e5 drawn of
-    each). It was never seen otherwise: in a steeper tail the next values are more frequent, in a
-    flatter one or at a finer quantum six samples do not share a value.
-    """
-    near = np.count_nonzero(np.abs(channel - limit) <= _PILE_NOISE * noise) - count
-    return bool(count >= _PILED * near)

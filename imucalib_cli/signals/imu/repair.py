@@ -45,7 +45,7 @@ _MOST_LEAPS = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repaired:
-    """Streams ready for an estimator, and the repairs done so far."""
+    """Streams ready for an estimator, and the repairs so far."""
 
     samples: ImuSamples
     path: KinematicPath
@@ -246,7 +246,7 @@ def _even(
     rows = slice(None) if usable.all() else usable  # a slice copies nothing
     stretches = rate_stretches(t[rows])
     if stretches:
-        rates, starts = zip(*((each.rate, each.start) for each in stretches), strict=True)
+        rates, starts = zip(*stretches, strict=True)
         return t, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
     timed = time_bursts(t[rows], *(each[rows] for each in values))
     if timed is None:

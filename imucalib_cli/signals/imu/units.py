@@ -31,7 +31,7 @@ _MOST_RATE = 40.0
 _FLOATING = 0.05
 """Share of gravity at rest below which the accelerometer does not contain it."""
 _USUAL_RATE = 100.0
-"""Hz, assumed for an IMU whose stamps have no rate."""
+"""Hz, assumed if the stamps have no rate."""
 ACCEL_FACTORS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000.0}
 """Factors from each unit to SI."""
 

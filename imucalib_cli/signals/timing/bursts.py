@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -68,14 +68,13 @@ _RATE_SECONDS = 1.0
 """s, shortest part with its own rate: a queue empties faster."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stretch:
+class Stretch(NamedTuple):
     """A part of a log in which a stream has one rate."""
 
-    start: float
-    """s, stamp of its first sample."""
     rate: float
     """Hz."""
+    start: float
+    """Stamp of its first sample, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,19 +94,14 @@ class BurstTiming:
 
 
 def bunched_share(t: Floats) -> float:
-    """Share of intervals far shorter than the mean one."""
+    """Share of intervals far shorter than the usual one."""
     if len(t) < _LEAST:
         return 0.0
-    steps = np.diff(t)
-    return float(np.mean(steps < SHORT * usual_interval(t, robust=True)))
+    return float(np.mean(np.diff(t) < SHORT * usual_interval(t, robust=True)))
 
 
 def gathered(t: Floats) -> Floats:
-    """Stamps in which each burst has the stamp of its first message: (N,).
-
-    Args:
-        t: (N,), s, finite, in the order of the messages.
-    """
+    """Stamps (N,), s, finite, in the order of the messages: each burst gets its first stamp."""
     short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t, robust=True)
     first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
     return np.asarray(t[first])
@@ -144,13 +138,10 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
 
 
 def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
-    """Parts of the log with different rates, each with even stamps.
+    """Parts of a log with different rates, each with even stamps: at least two, in order.
 
-    Args:
-        t: (N,), s, finite, in the order of the messages.
-
-    Returns:
-        At least two, in order; empty if the rate does not change, or stamps come in bursts.
+    Empty if the rate does not change, or if stamps (N,), s, finite, in the order of the messages,
+    come in bursts.
     """
     t = np.maximum.accumulate(t)
     periods = np.diff(t[::_RATE_SPAN]) / _RATE_SPAN
@@ -177,7 +168,7 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         # Lost messages increase the mean interval and not the median.
         if found and abs(np.log(period * found[-1].rate)) < other:
             continue
-        found.append(Stretch(start=float(t[first]), rate=1.0 / period))
+        found.append(Stretch(1.0 / period, float(t[first])))
     return tuple(found) if len(found) > 1 else ()
 
 
@@ -189,8 +180,7 @@ def _better(plain: BurstTiming | None, other: BurstTiming | None) -> BurstTiming
 
 def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
     """Whether values change as much within bursts as between them."""
-    steps = np.diff(values, axis=0)
-    size = np.abs(steps)
+    size = np.abs(np.diff(values, axis=0))
     # Clip spikes: only motion counts.
     size = np.minimum(size, 3.0 * np.percentile(size, 95, axis=0) + 1e-300)
     scale = np.sqrt(np.mean(size**2, axis=0))

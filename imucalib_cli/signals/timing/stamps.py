@@ -60,7 +60,7 @@ class TidyRows:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """Number of unused rows, and of backward steps of the stamps, by name."""
+        """Numbers of unused rows, and of backward steps of the stamps, by name."""
         names = ("repeated", "backward", "not_finite", "astray")
         return {name: getattr(self, name) for name in names}
 
@@ -73,9 +73,7 @@ class TidyRows:
 def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
     """Rows in time order, without repeated stamps and values that are not finite.
 
-    Args:
-        t: (N,), s, as recorded.
-        values: Each (N, C).
+    Stamps (N,), s, and values, each (N, C), are as recorded.
     """
     finite, usable = _usable(t, values)
     rows = np.flatnonzero(usable)
@@ -122,13 +120,9 @@ def gap_breaks(t: Floats) -> Indices:
 
 
 def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> Bools:
-    """Instants outside of gaps, or at most ``slack`` inside one.
+    """Which instants (M,), s, are outside the gaps of stamps (N,), or at most ``slack``, s, inside.
 
-    Args:
-        at: (M,), s.
-        t: (N,), s, ascending.
-        breaks: Of :func:`gap_breaks`.
-        slack: s.
+    ``breaks`` are those of :func:`gap_breaks`.
     """
     if not len(breaks):
         return np.ones(len(at), dtype=bool)
@@ -143,7 +137,7 @@ def usual_interval(t: Floats, *, robust: bool = False) -> float:
     Args:
         t: (N,), s, N at least 2, in the order of the messages.
         robust: Use the median, which missing messages do not change; else the mean, which batches
-        with one stamp do not change.
+            with one stamp do not change.
     """
     span = min(_SPAN, len(t) - 1)
     took = t[span:] - t[:-span]
