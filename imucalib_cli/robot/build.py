@@ -139,14 +139,8 @@ def moving_base_path(
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
     to_base = frame_path(_outside(edges, set(robot.links)), base, world=world)
-    arm = joint_path(robot, parent, tracks, world=base)
-    steps = _with_later_tracks(arm.steps, len(to_base.tracks))
-    return KinematicPath(
-        world=to_base.world,
-        parent=parent,
-        steps=merge_fixed([*to_base.steps, *steps]),
-        tracks=(*to_base.tracks, *arm.tracks),
-    )
+    path = _joined(to_base, joint_path(robot, parent, tracks, world=base))
+    return replace(path, steps=merge_fixed(path.steps))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,27 +180,28 @@ def base_imu_path(
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
+    to_imu = fixed_inverse(FixedStep(R=base.R_link_imu, p=base.t_link_imu))
+    steps = (PoseStep(track=0), to_imu)
+    path = KinematicPath(world=base.link, parent=base.link, steps=steps, tracks=(base.track,))
     if parent == base.link:
-        rest = KinematicPath(world=parent, parent=parent, steps=(), tracks=())
-    elif robot is not None:
-        rest = joint_path(robot, parent, tracks, world=base.link)
-    else:
-        rest = frame_path(edges, parent, world=base.link)
-    mount = FixedStep(R=base.R_link_imu, p=base.t_link_imu)
-    return KinematicPath(
-        world=base.link,
-        parent=parent,
-        steps=(PoseStep(track=0), fixed_inverse(mount), *_with_later_tracks(rest.steps, 1)),
-        tracks=(base.track, *rest.tracks),
-    )
+        return path
+    if robot is not None:
+        return _joined(path, joint_path(robot, parent, tracks, world=base.link))
+    return _joined(path, frame_path(edges, parent, world=base.link))
 
 
-def _with_later_tracks(steps: Sequence[Step], count: int) -> list[Step]:
-    """Steps whose tracks stand behind ``count`` other tracks."""
-    return [
-        step if isinstance(step, FixedStep) else replace(step, track=step.track + count)
-        for step in steps
+def _joined(first: KinematicPath, second: KinematicPath) -> KinematicPath:
+    """One path and then another; fixed steps are not merged."""
+    moved = [
+        step if isinstance(step, FixedStep) else replace(step, track=step.track + len(first.tracks))
+        for step in second.steps
     ]
+    return KinematicPath(
+        world=first.world,
+        parent=second.parent,
+        steps=(*first.steps, *moved),
+        tracks=(*first.tracks, *second.tracks),
+    )
 
 
 def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:

@@ -130,15 +130,14 @@ class Turning:
         # Half a bin of lag, and motion that begins within one.
         inner = still & np.roll(still, 1) & np.roll(still, -1)
         imu_turns = inner & (self.measured > _HELD_TURNING)
-        aside = np.zeros(len(still), dtype=bool)
-        found = []
-        for first, end in stretches_of(still):
-            if imu_turns[first:end].sum() * BIN >= _HELD_SECONDS:
-                aside[first:end] = True
-                # The last sample that stood still may lie in the bin after.
-                found.append((self.t0 + BIN * float(first), self.t0 + BIN * float(end) + BIN))
-        # Where the rest does not agree either, something else is wrong.
-        return found if self.agreement(aside) > AGREE else []
+        stretches = stretches_of(still)
+        turned = [imu_turns[first:end].sum() * BIN >= _HELD_SECONDS for first, end in stretches]
+        held = stretches.where(np.array(turned, dtype=bool))
+        # If the other bins do not agree either, something else is wrong.
+        if self.agreement(held.mask(len(still))) <= AGREE:
+            return []
+        # The last sample that stood still may lie in the bin after.
+        return [(self.t0 + BIN * first, self.t0 + BIN * end + BIN) for first, end in held]
 
 
 def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float) -> Turning:
