@@ -163,6 +163,8 @@ def test_defaults_and_values_are_as_the_specification_has_them() -> None:
     np.testing.assert_allclose(second.R_origin @ (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), atol=1e-15)
     np.testing.assert_array_equal(second.p_origin, (1.0, 2.0, 3.0))
     assert second.mimic == Mimic(joint="ab", multiplier=-2.0, offset=0.5)
+    plain = read(bc('<mimic joint="ab"/>')).joints[1].mimic
+    assert plain == Mimic(joint="ab", multiplier=1.0, offset=0.0)
     assert (loaded.name, first.kind, second.kind) == ("r", "revolute", "prismatic")
 
 
