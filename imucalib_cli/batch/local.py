@@ -39,10 +39,8 @@ _NEEDED = (
     "imucalib_cli.logs.slow",
     "imucalib_cli.logs.messages.wire",
     "imucalib_cli.results.codec",
-    "lxml.etree",
     "numpy.fft",
     "numpy.random",
-    "yourdfpy",
     "zstandard",
 )
 """What is imported where it is used, and every log uses: a tenth of a second each."""

@@ -34,7 +34,7 @@ def joint_path(
     """Build the path from ``world`` to ``parent`` through the URDF.
 
     Each joint on the path uses the column of its name, a mimic joint that of the joint it follows.
-    If several tracks have a joint, the one with most of the needed joints is used, then the one
+    If several tracks have a joint, the track with most of the needed joints is used, then the one
     with most samples. Tracks that are not needed are dropped.
 
     Args:
@@ -49,37 +49,36 @@ def joint_path(
     """
     world = robot.root if world is None else world
     route = robot.route(world, parent)
-    for joint, _upwards in route:
-        robot.require_one_axis(joint)
+    for joint, _ in route:
+        if joint.kind in ("floating", "planar"):
+            raise InputError(
+                f"{robot.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
+                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
+            )
     logged = {name for track in tracks for name in track.names}
-    drives = {
-        joint.name: _drive(robot, joint, logged)
-        for joint, _upwards in route
-        if joint.kind != "fixed"
-    }
-    needed = tuple(dict.fromkeys(name for name, _multiplier, _offset in drives.values()))
+    drives = {joint: _drive(robot, joint, logged) for joint, _ in route if joint.kind != "fixed"}
+    needed = tuple(dict.fromkeys(name for name, _, _ in drives.values()))
     columns = _columns(robot, needed, tracks)
-    used = sorted({track for track, _column in columns.values()})
+    used = sorted({track for track, _ in columns.values()})
     steps: list[Step] = []
     for joint, upwards in route:
-        motion: list[Step] = []
-        if joint.kind != "fixed":
-            followed, multiplier, offset = drives[joint.name]
-            track, column = columns[followed]
-            sign = -1.0 if upwards else 1.0  # downwards in the tree the motion is inverted
-            motion = [
-                JointStep(
-                    name=joint.name,
-                    kind="prismatic" if joint.kind == "prismatic" else "revolute",
-                    axis=joint.axis,
-                    track=used.index(track),
-                    column=column,
-                    multiplier=sign * multiplier,
-                    offset=sign * offset,
-                )
-            ]
         origin = FixedStep(R=joint.R_origin, p=joint.p_origin)
-        steps += [*motion, fixed_inverse(origin)] if upwards else [origin, *motion]
+        step: list[Step] = [fixed_inverse(origin) if upwards else origin]
+        if joint in drives:
+            driver, multiplier, offset = drives[joint]
+            track, column = columns[driver]
+            sign = -1.0 if upwards else 1.0
+            motion = JointStep(
+                name=joint.name,
+                kind="prismatic" if joint.kind == "prismatic" else "revolute",
+                axis=joint.axis,
+                track=used.index(track),
+                column=column,
+                multiplier=sign * multiplier,
+                offset=sign * offset,
+            )
+            step.insert(0 if upwards else 1, motion)
+        steps += step
     return KinematicPath(
         world=world,
         parent=parent,
@@ -92,8 +91,10 @@ def find_base(edges: Sequence[Edge], robot: Robot) -> Edge | None:
     """Find the edge that connects the robot's base with a frame in which it moves.
 
     Its child is a link of the URDF, its parent is not, and it or an edge above it is dynamic. Edges
-    between two links of the URDF come from a robot_state_publisher and are ignored. None if nothing
-    in the log moves the robot's base.
+    between two links of the URDF come from a robot_state_publisher and are ignored.
+
+    Returns:
+        None if nothing in the log moves the robot's base.
 
     Raises:
         ChoiceError: Several edges qualify; the error lists them.
@@ -127,7 +128,7 @@ def moving_base_path(
     """Build the path world -> (pose edges) -> ``base`` -> (joints of the URDF) -> ``parent``.
 
     Args:
-        edges: Poses; those between two links of the URDF are left to its joints.
+        edges: Poses; between two links of the URDF its joints are used instead.
         robot: The tree that ``base`` and ``parent`` belong to.
         parent: Link that carries the IMU.
         tracks: As for :func:`joint_path`.
@@ -138,25 +139,19 @@ def moving_base_path(
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
     to_base = frame_path(_outside(edges, set(robot.links)), base, world=world)
-    arm = joint_path(robot, parent, tracks, world=base)
-    steps = _moved_on(arm.steps, len(to_base.tracks))
-    return KinematicPath(
-        world=to_base.world,
-        parent=parent,
-        steps=merge_fixed([*to_base.steps, *steps]),
-        tracks=(*to_base.tracks, *arm.tracks),
-    )
+    path = _joined(to_base, joint_path(robot, parent, tracks, world=base))
+    return replace(path, steps=merge_fixed(path.steps))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BaseImu:
-    """An IMU that tells how the link that carries it moves."""
+    """An IMU whose readings give the motion of the link that carries it."""
 
     track: Track
     """Its readings."""
     frame: str
     link: str
-    """That carries it; its own frame where no robot is known."""
+    """The link that carries it; its own frame if no robot is known."""
     R_link_imu: Floats
     """(3, 3)."""
     t_link_imu: Floats
@@ -173,7 +168,7 @@ def base_imu_path(
 ) -> KinematicPath:
     """Build the path freely falling frame -> base IMU -> its link -> ``parent``.
 
-    For people the motion is that against the base IMU's link, by which the path is called.
+    The path's ``world`` is the base IMU's link, since people see the motion relative to it.
 
     Args:
         base: The IMU.
@@ -185,31 +180,32 @@ def base_imu_path(
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
+    to_imu = fixed_inverse(FixedStep(R=base.R_link_imu, p=base.t_link_imu))
+    steps = (PoseStep(track=0), to_imu)
+    path = KinematicPath(world=base.link, parent=base.link, steps=steps, tracks=(base.track,))
     if parent == base.link:
-        behind = KinematicPath(world=parent, parent=parent, steps=(), tracks=())
-    elif robot is not None:
-        behind = joint_path(robot, parent, tracks, world=base.link)
-    else:
-        behind = frame_path(edges, parent, world=base.link)
-    mount = FixedStep(R=base.R_link_imu, p=base.t_link_imu)
-    steps = [PoseStep(track=0), fixed_inverse(mount), *_moved_on(behind.steps, 1)]
+        return path
+    if robot is not None:
+        return _joined(path, joint_path(robot, parent, tracks, world=base.link))
+    return _joined(path, frame_path(edges, parent, world=base.link))
+
+
+def _joined(first: KinematicPath, second: KinematicPath) -> KinematicPath:
+    """One path and then another; fixed steps are not merged."""
+    moved = [
+        step if isinstance(step, FixedStep) else replace(step, track=step.track + len(first.tracks))
+        for step in second.steps
+    ]
     return KinematicPath(
-        world=base.link,
-        parent=parent,
-        steps=tuple(steps),
-        tracks=(base.track, *behind.tracks),
+        world=first.world,
+        parent=second.parent,
+        steps=(*first.steps, *moved),
+        tracks=(*first.tracks, *second.tracks),
     )
 
 
-def _moved_on(steps: Sequence[Step], tracks: int) -> list[Step]:
-    """Steps of a path that comes behind another, which has so many tracks."""
-    return [
-        step if isinstance(step, FixedStep) else replace(step, track=step.track + tracks)
-        for step in steps
-    ]
-
-
 def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:
+    """Edges that do not lie between two links of the robot."""
     return [edge for edge in edges if not (edge.parent in links and edge.child in links)]
 
 
@@ -227,7 +223,7 @@ def is_still(path: KinematicPath) -> bool:
 def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, float]:
     """The joint whose value drives this one, with multiplier and offset.
 
-    A mimic joint that is logged while the joint it follows is not drives itself.
+    A mimic joint drives itself if it is logged and the joint that it follows is not.
     """
     multiplier, offset = 1.0, 0.0
     while joint.mimic is not None and not (
@@ -242,18 +238,16 @@ def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, fl
 def _columns(
     robot: Robot, needed: tuple[str, ...], tracks: Sequence[Track]
 ) -> dict[str, tuple[int, int]]:
-    ranked = sorted(
-        range(len(tracks)),
-        key=lambda index: (
-            -len(set(needed) & set(tracks[index].names)),
-            -len(tracks[index].t),
-        ),
-    )
+    """Track and column of each needed joint."""
+
+    def by_use(index: int) -> tuple[int, int]:
+        return -len(set(needed) & set(tracks[index].names)), -len(tracks[index].t)
+
     columns: dict[str, tuple[int, int]] = {}
-    for index in ranked:
+    for index in sorted(range(len(tracks)), key=by_use):
         for column, name in enumerate(tracks[index].names):
-            if name in needed and name not in columns:
-                columns[name] = (index, column)
+            if name in needed:
+                columns.setdefault(name, (index, column))
     missing = [name for name in needed if name not in columns]
     if missing:
         _raise_missing(robot, missing, tracks)
@@ -268,29 +262,24 @@ def _columns(
 
 def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) -> None:
     known = tuple(dict.fromkeys(name for track in tracks for name in track.names))
-    plural = "s" if len(missing) > 1 else ""
-    listed = ", ".join(f"'{name}'" for name in missing)
+    listed = f"joint{'s' if len(missing) > 1 else ''} " + ", ".join(f"'{name}'" for name in missing)
     if not known:
         raise InputError(
-            f"{robot.source}: the log has no joint states for joint{plural} {listed}: record "
-            "them, or give the parent's pose with --pose-topic"
+            f"{robot.source}: the log has no joint states for {listed}: record them, or give the "
+            "parent's pose with --pose-topic"
         )
-    affix = _affix(missing, known)
+    affix, hint, there = _affix(missing, known), near_matches(missing[0], known), ""
     if affix is not None:
-        raise InputError(
-            f"{robot.source}: no position of joint{plural} {listed} in the log's joint states, "
-            f"{affix}"
-        )
-    hint = near_matches(missing[0], known)
-    there = "" if hint.startswith("; there are") else f" The log has: {', '.join(known[:12])}"
+        hint = f", {affix}"
+    elif not hint.startswith("; there are"):
+        there = f" The log has: {', '.join(known[:12])}"
     raise InputError(
-        f"{robot.source}: no position of joint{plural} {listed} in the log's joint "
-        f"states{hint}{there}"
+        f"{robot.source}: no position of {listed} in the log's joint states{hint}{there}"
     )
 
 
 def _affix(missing: list[str], known: tuple[str, ...]) -> str | None:
-    """The prefix or suffix by which the log's joint names differ from the URDF's, if it is one."""
+    """In words, the prefix or suffix by which the log's joint names differ from the URDF's."""
     for name in filter(None, known):
         is_added = len(name) > len(missing[0])
         whole, part = (name, missing[0]) if is_added else (missing[0], name)

@@ -44,22 +44,19 @@ class Edge:
 
 
 def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
-    """A robot with the frames that the log's static edges hang on its links, by nameless joints.
+    """Add the frames that static edges of the log attach to a robot's links, by nameless joints.
 
-    Frames of the URDF stay as they are, and frames that move or are told differently are left out.
+    Frames of the URDF do not change. Frames that move, or whose poses differ, are left out.
     """
-    told: dict[str, list[Edge]] = {}
-    for edge in edges:
-        told.setdefault(edge.child, []).append(edge)
     links, joints = list(robot.links), list(robot.joints)
-    hanging = {
-        child: some[-1]
-        for child, some in told.items()
-        if child not in links and all(_is_repeated(edge, some[-1]) for edge in some)
+    attached = {
+        child: found[0]
+        for child, found in _tree(edges, None).items()
+        if child not in links and len(found) == 1 and _is_repeated(found[0], found[0])
     }
-    while fitting := [edge for edge in hanging.values() if edge.parent in links]:
+    while fitting := [edge for edge in attached.values() if edge.parent in links]:
         for edge in fitting:
-            del hanging[edge.child]
+            del attached[edge.child]
             links.append(edge.child)
             joints.append(
                 Joint(
@@ -76,15 +73,15 @@ def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
 
 
 Tree = dict[str, list[Edge]]
-"""For each frame the edges with its pose in another; more than one is a conflict."""
+"""Edges to each frame from its parent; more than one is a conflict."""
 
 
 def frame_path(
     edges: Sequence[Edge], parent: str, *, world: str | None = None, robot: Robot | None = None
 ) -> KinematicPath:
-    """Build the path from ``world`` to ``parent`` over pose edges.
+    """Build the path from ``world`` to ``parent`` over pose edges, in either direction.
 
-    Edges of a tree are passed in either direction; static ones become fixed steps.
+    Static edges become fixed steps.
 
     Args:
         edges: Static and dynamic.
@@ -105,21 +102,21 @@ def frame_path(
             raise ChoiceError(
                 f"{option} {frame}: no pose of this frame in the log{near_matches(frame, frames)}"
             )
-    up_from_parent = _ancestors(parent, above)
-    world = up_from_parent[-1] if world is None else world
-    up_from_world = _ancestors(world, above)
-    common = next((frame for frame in up_from_parent if frame in up_from_world), None)
-    if common is None:
+    from_parent = _ancestors(parent, above)
+    root = from_parent[-1]
+    world = root if world is None else world
+    from_world = _ancestors(world, above)
+    if from_world[-1] != root:
         raise ChoiceError(
-            f"frames '{world}' and '{parent}' are in separate trees (roots '{up_from_world[-1]}' "
-            f"and '{up_from_parent[-1]}'): choose --world below '{up_from_parent[-1]}', "
+            f"frames '{world}' and '{parent}' are in separate trees (roots '{from_world[-1]}' "
+            f"and '{root}'): choose --world below '{root}', "
             "or record the transform that joins them"
         )
-    upwards = up_from_world[: up_from_world.index(common)]
-    downwards = up_from_parent[: up_from_parent.index(common)]
     tracks: list[Track] = []
-    steps = [_step(above[frame][0], tracks, inverse=True) for frame in upwards]
-    steps += [_step(above[frame][0], tracks, inverse=False) for frame in reversed(downwards)]
+    up = [frame for frame in from_world if frame not in from_parent]
+    down = [frame for frame in reversed(from_parent) if frame not in from_world]
+    steps = [_step(above[frame][0], tracks, inverse=True) for frame in up]
+    steps += [_step(above[frame][0], tracks, inverse=False) for frame in down]
     return KinematicPath(world=world, parent=parent, steps=merge_fixed(steps), tracks=tuple(tracks))
 
 
@@ -146,13 +143,13 @@ def _tree(edges: Sequence[Edge], robot: Robot | None) -> Tree:
 
 
 def _is_repeated(edge: Edge, known: Edge) -> bool:
-    """Keep one of equal static transforms: they are published again whenever a process starts."""
-    if not (edge.is_static and known.is_static and edge.parent == known.parent):
-        return False
-    return np.array_equal(edge.track.values[-1:], known.track.values[-1:])
+    """Whether two static edges are equal: they are published again whenever a process starts."""
+    both_static = edge.is_static and known.is_static and edge.parent == known.parent
+    return both_static and np.array_equal(edge.track.values[-1:], known.track.values[-1:])
 
 
 def _ancestors(frame: str, above: Tree) -> list[str]:
+    """The frame, its parent, and so on up to the root."""
     path = [frame]
     while path[-1] in above:
         candidates = above[path[-1]]

@@ -43,9 +43,8 @@ def find_mount(
 
     The IMU's frame is ``imu_link`` if given, else the message's ``frame_id``. Its parent is the
     parent of the fixed joint above it. A frame below a moving joint (or the root) is its own
-    parent, with the identity as nominal pose. An explicit ``parent`` has priority; the nominal pose
-    is expressed in it if only fixed joints lie between the two. With a ``parent`` the frame need
-    not be in the URDF.
+    parent, with the identity as nominal pose. An explicit ``parent`` has priority: the nominal pose
+    is in it if only fixed joints lie between the two, and the frame need not be in the URDF.
 
     Raises:
         ChoiceError: The frame is not in the URDF and no parent is named, or a named link is not in
@@ -63,17 +62,16 @@ def find_mount(
     if frame not in robot.links:
         if parent is None:
             said = f"frame '{frame}' is not in {robot.source}" if frame else "frame_id is empty"
-            raise ChoiceError(
-                f"the IMU's {said}: name the link the IMU is bolted to with --parent, one of: "
-                f"{', '.join(robot.links)}; or, if the IMU itself is among these, name it with "
-                "--imu-link",
-                option="--parent",
-                reason=f"the IMU's {said}",
+            listed = ", ".join(robot.links)
+            remedy = (
+                f"name the link the IMU is bolted to with --parent, one of: {listed}; or, "
+                "if the IMU itself is among these, name it with --imu-link"
             )
+            reason = f"the IMU's {said}"
+            raise ChoiceError(f"{reason}: {remedy}", option="--parent", reason=reason)
         return Mount(parent=parent, child=frame or "imu", nominal=None)
     holder = robot.joint_above.get(frame)
-    if holder is not None and holder.kind != "fixed":
-        holder = None
+    holder = holder if holder is not None and holder.kind == "fixed" else None
     if parent == frame and holder is not None:
         raise ChoiceError(
             f"--parent {parent} is the IMU's own frame in {robot.source}: name the link it is "

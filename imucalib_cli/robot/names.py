@@ -1,7 +1,7 @@
 """Names of joints and frames in a log that differ from those of a URDF by a prefix.
 
-Drivers and robot_state_publisher put a prefix before names (tf_prefix, frame_prefix, one for each
-arm), and a URDF of two arms has prefixes that the topics of one arm lack.
+Drivers and robot_state_publisher add a prefix (tf_prefix, frame_prefix, one for each arm), and a
+URDF of two arms has prefixes that the topics of one arm lack.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def frame_name(name: str) -> str:
 
 
 def renamed(names: Collection[str], known: Collection[str], prefix: str) -> dict[str, str]:
-    """Known names of those that differ from one by a prefix, which either may have."""
+    """For each name that differs from a known one by the prefix, on either side, the known name."""
     found = {}
     missing = set(known).difference(names)
     for name in set(names).difference(known):
@@ -39,10 +39,10 @@ def prefixes(names: Collection[str], known: Collection[str], hints: str = "") ->
     """The prefixes by which most names become known ones; several if they do equally well.
 
     Args:
-        names: As the log has them.
-        known: As the URDF has them.
-        hints: Text that names the robot, such as a topic: of prefixes that do equally well, one
-            that it contains is meant.
+        names: Names in the log.
+        known: Names in the URDF.
+        hints: Text that names the robot, such as a topic: of prefixes that do equally well, the
+            one that it contains is used.
 
     Returns:
         Empty if the names need no prefix or none helps.
@@ -61,12 +61,12 @@ def prefixes(names: Collection[str], known: Collection[str], hints: str = "") ->
 
 
 def known_name(name: str, known: Collection[str], hints: str = "") -> str:
-    """The known name that a name is with a prefix; the name itself where it is none.
+    """The known name that a name has behind a prefix; the name itself if there is none.
 
     Args:
         name: As the user types it, perhaps as the log has it.
-        known: As the URDF has them.
-        hints: Text that names the robot: what is no namespace is a prefix only where it has it.
+        known: Names in the URDF.
+        hints: Text that names the robot: it contains the prefix, unless that is a namespace.
     """
     if name in known:
         return name
@@ -79,7 +79,7 @@ def known_name(name: str, known: Collection[str], hints: str = "") -> str:
 
 
 def in_namespace(topics: Collection[str], of: Collection[str]) -> list[str]:
-    """Topics in whose namespace all of some others are; the root is none."""
+    """Topics whose namespace contains all topics ``of``; the root is no namespace."""
     spaces = {topic: topic.rpartition("/")[0] for topic in topics}
     return [
         topic

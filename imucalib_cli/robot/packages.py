@@ -1,4 +1,4 @@
-"""Packages that a xacro names by $(find PACKAGE), with and without ROS."""
+"""Find packages that a xacro names by $(find PACKAGE), with and without ROS."""
 
 from __future__ import annotations
 
@@ -15,29 +15,27 @@ if TYPE_CHECKING:
 
 _ASKED = ("ament_index_python", "ament_index_python.packages")
 """Modules of ROS that xacro imports to find a package."""
-
-
 _NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
 _HEAD = 1 << 16
-"""Bytes of a package.xml that are looked at: its name stands first."""
+"""Bytes of a package.xml that are searched: its name stands first."""
 
 
-def _name_in(manifest: Path) -> str:
-    """The name of a package, which need not be that of its folder; empty if there is none."""
+def _name_in(manifest: Path) -> bytes:
+    """The name of a package, which may differ from its folder's; empty if there is none."""
     with suppress(OSError), manifest.open("rb") as file:
         found = _NAME.search(file.read(_HEAD))
-        return "" if found is None else found[1].decode("utf-8", "replace")
-    return ""
+        return b"" if found is None else found[1]
+    return b""
 
 
 @contextmanager
 def packages_near(path: Path) -> Iterator[list[str]]:
-    """Let xacro find packages that are not installed in the folders above a file, or beside those.
+    """Let xacro find packages that are not installed, in and beside the folders above a file.
 
-    So lies a package in the sources of a workspace.
+    The sources of a workspace have this layout.
 
     Yields:
-        Names of packages that are not found either way; empty at first.
+        Names of packages that are not found; empty at first.
     """
     missing: list[str] = []
     with suppress(ImportError):
@@ -46,7 +44,7 @@ def packages_near(path: Path) -> Iterator[list[str]]:
     installed: Any = before[_ASKED[1]]
 
     def get_package_share_directory(package: str) -> str:
-        with suppress(LookupError):  # of ROS, for a package that it does not know
+        with suppress(LookupError):  # ROS does not know the package
             if installed is not None:
                 return str(installed.get_package_share_directory(package))
         folders = path.resolve().parents
@@ -56,7 +54,7 @@ def packages_near(path: Path) -> Iterator[list[str]]:
         for folder in folders:
             with suppress(OSError):
                 for manifest in (folder / "package.xml", *sorted(folder.glob("*/package.xml"))):
-                    if _name_in(manifest) == package:
+                    if _name_in(manifest) == package.encode():
                         return str(manifest.parent)
         missing.append(package)
         raise LookupError(package)

@@ -1,38 +1,31 @@
-"""A URDF as a tree of links and joints, without anything that kinematics do not need.
-
-Our own check (:mod:`imucalib_cli.robot.urdf_check`) reads the file first and keeps only its
-kinematic elements; yourdfpy parses those. Errors in visuals, meshes, inertias and extensions
-therefore do not matter.
-"""
+"""A URDF as a tree of links and joints, without anything that kinematics do not need."""
 
 from __future__ import annotations
 
 import hashlib
-import importlib.util
-import logging
 import sys
 from collections import Counter
-from contextlib import contextmanager, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import dataclass
-from functools import cache, cached_property
-from io import BytesIO
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, Literal, cast
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.names import frame_name
 from imucalib_cli.robot.packages import packages_near
-from imucalib_cli.robot.urdf_check import check_urdf
+from imucalib_cli.robot.rotations import matrix_from_rpy
+from imucalib_cli.robot.urdf_check import checked_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Container
     from pathlib import Path
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.robot.urdf_xml import Element
 
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
@@ -93,18 +86,17 @@ class Robot:
         return {joint.child: joint for joint in self.joints}
 
     def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
-        """Joints of any kind between two links, and for each whether the path goes up through it.
+        """Joints of any kind between two links, each with whether the path goes up through it.
 
         Raises:
             InputError: A link is not in the URDF.
         """
-        above_start, above_end = self._ancestors(start), self._ancestors(end)
-        common = next(link for link in above_end if link in above_start)
-        up = above_start[: above_start.index(common)]
-        down = above_end[: above_end.index(common)]
+        from_start, from_end = self._ancestors(start), self._ancestors(end)
+        up = [link for link in from_start if link not in from_end]
+        down = [link for link in reversed(from_end) if link not in from_start]
         return (
             *((self.joint_above[link], True) for link in up),
-            *((self.joint_above[link], False) for link in reversed(down)),
+            *((self.joint_above[link], False) for link in down),
         )
 
     def _ancestors(self, link: str) -> list[str]:
@@ -121,17 +113,9 @@ class Robot:
                 f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
             )
 
-    def require_one_axis(self, joint: Joint) -> None:
-        """Raise InputError for a joint without a single position (floating, planar)."""
-        if joint.kind in ("floating", "planar"):
-            raise InputError(
-                f"{self.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
-                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
-            )
-
 
 def load_robot(path: Path) -> Robot:
-    """Read a URDF's kinematic tree; of xacro in a file that ends so, what it expands to.
+    """Read the kinematic tree of a URDF, or of a file named .xacro after its expansion.
 
     Raises:
         InputError: The file cannot be read or is no valid URDF; the error names the elements.
@@ -160,10 +144,10 @@ def _expanded(path: Path) -> bytes:
         ) from error
     missing: list[str] = []
     try:
-        # xacro has words of its own for stdout
+        # xacro prints to stdout
         with redirect_stdout(sys.stderr), packages_near(path) as missing:
             text: str = xacro.process_file(str(path)).toxml()
-    # xacro evaluates Python of the file, which may raise anything
+    # xacro evaluates Python code of the file, which may raise anything
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         if missing:
@@ -198,19 +182,15 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
     Raises:
         InputError: It is no valid URDF; the error names the elements.
     """
-    kinematics = check_urdf(data, path)
-    with _quiet():
-        model = _yourdfpy().URDF.load(
-            BytesIO(kinematics), build_scene_graph=False, load_meshes=False
-        )
-    links = tuple(frame_name(link.name) for link in model.robot.links)
+    name, link_elements, joint_elements = checked_urdf(data, path)
+    links = tuple(map(frame_name, link_elements))
     if len(set(links)) < len(links):
         twice = Counter(links).most_common(1)[0][0]
         raise InputError(f"{path}: links '{twice}' and '/{twice}' are one frame: rename one")
-    joints = tuple(_joint(joint) for joint in model.robot.joints)
+    joints = tuple(_joint(*item, joint_elements) for item in joint_elements.items())
     children = {joint.child for joint in joints}
     return Robot(
-        name=model.robot.name,
+        name=name,
         root=next(link for link in links if link not in children),
         links=links,
         joints=joints,
@@ -220,64 +200,28 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
     )
 
 
-class _NoMeshes(ModuleType):
-    """Placeholder for trimesh's types in yourdfpy's annotations."""
-
-    def __getattr__(self, name: str) -> type:
-        return object
-
-
-@cache
-def _yourdfpy() -> Any:
-    # Import a private copy of yourdfpy with a stand-in for trimesh that has only its
-    # transformations: meshes and scenes are not used, and importing them takes 0.5 s and 70 MB.
-    # sys.modules is restored, so that other users of yourdfpy in this process get all of it.
-    ours = ("yourdfpy", "trimesh")
-
-    def taken_out() -> dict[str, ModuleType]:
-        names = [name for name in sys.modules if name.partition(".")[0] in ours]
-        return {name: sys.modules.pop(name) for name in names}
-
-    with _quiet():
-        spec = importlib.util.find_spec("trimesh")
-        before = taken_out()
-        if spec is not None:
-            standing_in = _NoMeshes("trimesh")
-            standing_in.__path__ = list(spec.submodule_search_locations or ())
-            sys.modules["trimesh"] = standing_in
-        try:
-            return importlib.import_module("yourdfpy")
-        finally:
-            taken_out()
-            sys.modules.update(before)
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep yourdfpy and trimesh from writing to stderr: our own check reports errors."""
-    loggers = [logging.getLogger(name) for name in ("yourdfpy", "trimesh")]
-    before = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        for logger, level in zip(loggers, before, strict=True):
-            logger.setLevel(level)
-
-
-def _joint(parsed: Any) -> Joint:
-    origin = np.eye(4) if parsed.origin is None else np.asarray(parsed.origin, dtype=np.float64)
-    axis = np.asarray(parsed.axis, dtype=np.float64)
+def _joint(name: str, element: Element, joints: Container[str]) -> Joint:
+    axis = _numbers(element.value("axis", "xyz", "1 0 0"))
     norm = float(np.sqrt(axis @ axis))
-    mimic = parsed.mimic
+    mimic = None
+    followed = element.value("mimic", "joint")
+    if followed in joints:  # otherwise the joint has a position of its own, or none
+        multiplier, offset = (
+            float(element.value("mimic", attribute, default))
+            for attribute, default in (("multiplier", "1"), ("offset", "0"))
+        )
+        mimic = Mimic(joint=followed, multiplier=multiplier, offset=offset)
     return Joint(
-        name=parsed.name,
-        kind=cast("JointKind", parsed.type),
-        parent=frame_name(parsed.parent),
-        child=frame_name(parsed.child),
-        R_origin=np.ascontiguousarray(origin[:3, :3]),
-        p_origin=np.ascontiguousarray(origin[:3, 3]),
+        name=name,
+        kind=cast("JointKind", element.attributes["type"]),
+        parent=frame_name(element.value("parent", "link")),
+        child=frame_name(element.value("child", "link")),
+        R_origin=matrix_from_rpy(_numbers(element.value("origin", "rpy", "0 0 0"))) + 0.0,
+        p_origin=_numbers(element.value("origin", "xyz", "0 0 0")),
         axis=axis / norm if norm > 0.0 else axis,
-        mimic=mimic and Mimic(joint=mimic.joint, multiplier=mimic.multiplier, offset=mimic.offset),
+        mimic=mimic,
     )
+
+
+def _numbers(text: str) -> Floats:
+    return np.array([float(word) for word in text.split()])

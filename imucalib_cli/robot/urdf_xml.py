@@ -1,7 +1,7 @@
-"""A URDF's XML as elements, without expansion of entities; only a joint's content is kept.
+"""Read a URDF's XML as elements, without expanding entities; only a joint's content is kept.
 
-Expat's events are used directly, so that a DOCTYPE (entity bombs, external entities) is refused at
-its start, before anything in it is expanded.
+Expat's events are used directly. A DOCTYPE (entity bombs, external entities) is therefore refused
+at its start, before anything in it is expanded.
 """
 
 from __future__ import annotations
@@ -38,6 +38,11 @@ class Element:
     def findall(self, tag: str) -> list[Element]:
         """All children of this tag."""
         return [child for child in self.children if child.tag == tag]
+
+    def value(self, tag: str, attribute: str, default: str = "") -> str:
+        """An attribute of the first child of this tag; the default if either is missing."""
+        child = self.find(tag)
+        return default if child is None else child.attributes.get(attribute, default)
 
 
 def parse_xml(data: bytes, path: Path | str) -> Element:
@@ -79,7 +84,7 @@ class _Reader:
         self._parser = expat.ParserCreate()
         self._parser.StartElementHandler = self._start
         self._parser.EndElementHandler = self._end
-        self._parser.StartDoctypeDeclHandler = self._doctype
+        self._parser.StartDoctypeDeclHandler = self._refuse_doctype
 
     def read(self, data: bytes) -> Element:
         self._parser.Parse(data, True)
@@ -113,7 +118,7 @@ class _Reader:
     def _end(self, _tag: str) -> None:
         self._stack.pop()
 
-    def _doctype(self, *_args: object) -> None:
+    def _refuse_doctype(self, *_args: object) -> None:
         raise self._refused(
             "has a DOCTYPE, which a URDF does not need and which may hide entities: remove it"
         )

@@ -1,8 +1,8 @@
-"""Motion of an IMU by its own readings alone, with gravity left in.
+"""Motion of an IMU from its own readings, in a freely falling frame.
 
-The gyroscope integrated once gives the attitude, the force in these axes integrated twice the
-place: the pose in a frame that falls freely. Where it starts, how it is turned and how fast it
-moves at first is arbitrary, and derivative filters do not see any of it.
+The gyroscope is integrated once, which gives the attitude; the specific force in the axes of the
+frame is integrated twice, which gives the position. The initial pose and velocity are arbitrary:
+derivative filters do not depend on them.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 _PLACES: Final = np.arange(-1, 3)
-"""Samples about the interval from 0 to 1 whose cubic stands for the signal in it: that of the
-filters' quadrature (kernels.py), so that noise is the same in what is compared."""
+"""Samples whose cubic approximates the signal in the interval from 0 to 1, as in the filters'
+quadrature (kernels.py): so noise has the same effect on both sides of the comparison."""
 _GAUSS: Final = np.sqrt(3.0) / 6.0
 _STRETCH: Final = 4
-"""Samples that are multiplied one after the other; the products of stretches likewise."""
+"""Samples whose rotations are multiplied one after the other."""
 
 
 def _weights(moments: Floats) -> Floats:
-    """(4,), of the samples at the places, from what powers 0 to 3 of the time become."""
+    """(4,), weights of the samples that give these values for the powers 0 to 3 of time."""
     return np.asarray(np.linalg.solve(np.vander(_PLACES, increasing=True).T, moments))
 
 
@@ -56,7 +56,9 @@ def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]
     """
     early, late = (_between(gyro, each) for each in (_EARLY, _LATE))
     turns = 0.5 * dt * (early + late) + _GAUSS * dt**2 / 2.0 * cross(early, late)
-    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _running_products(_quaternions(turns))])
+    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
+    quaternions = np.hstack([0.5 * turns * np.sinc(half / np.pi), np.cos(half)])
+    attitude = np.concatenate([[[0.0, 0.0, 0.0, 1.0]], _running_products(quaternions)])
     attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
     force = np.einsum("nij,nj->ni", matrix_from_quaternion(attitude), accel)
     velocity = _summed(dt * _between(force, _SUM))
@@ -79,14 +81,8 @@ def _summed(steps: Floats) -> Floats:
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
 
 
-def _quaternions(turns: Floats) -> Floats:
-    """(N, 4), x y z w, of rotation vectors (N, 3)."""
-    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.hstack([0.5 * turns * np.sinc(half / np.pi), np.cos(half)])
-
-
 def _running_products(turns: Floats) -> Floats:
-    """(N, 4), each quaternion behind all that come before it."""
+    """(N, 4), product of each quaternion and all before it."""
     columns = -(-len(turns) // _STRETCH)
     at_rest = np.tile([0.0, 0.0, 0.0, 1.0], (columns * _STRETCH - len(turns), 1))
     # Stretches side by side, so that one multiplication serves them all.

@@ -24,7 +24,7 @@ _POINTS = 4
 _MOST_EMPTY = 20.0
 """Longest grid, relative to the samples' own duration."""
 _ALWAYS_HELD = 1e5
-"""A grid of so many intervals is always accepted: it needs little memory."""
+"""Intervals of a grid that is always accepted, since it needs little memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,10 +76,8 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
     grid = t[0] + dt * np.arange(count)
     nearest = np.clip(np.searchsorted(t, grid - 0.5 * dt), 0, len(t) - 1)
     on_grid = np.abs(t[nearest] - grid) < EXACT_SECONDS
-    values = np.hstack([gyro, accel])
-    breaks = gap_breaks(t)
-    placed = values[nearest]
-    off = np.flatnonzero(~on_grid)
+    values, breaks = np.hstack([gyro, accel]), gap_breaks(t)
+    placed, off = values[nearest], np.flatnonzero(~on_grid)
     if len(off):
         placed[off] = lagrange(t, values, grid[off], points=_POINTS, breaks=breaks)
     return ImuGrid(

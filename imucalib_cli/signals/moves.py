@@ -20,7 +20,7 @@ _QUICK = 0.02
 _SMOOTH = 0.5
 """Correlation of neighbouring values above which it is motion and not noise."""
 _TAILS = (1.0, 99.0)
-"""Percentiles between which values are used: single glitches are not motion."""
+"""Percentiles that bound the values used: single glitches are not motion."""
 _LEAST_ROWS = 8
 
 
@@ -34,7 +34,7 @@ def track_moves(track: Track, *, large: bool = False) -> bool:
     if track.kind == "joints":
         # A track may hold revolute or prismatic joints: 0.005 is 0.3 deg or 5 mm.
         columns = [(column, 1) for column in track.values.T]
-    elif track.kind == "imu":  # it would not be one that tells a motion if it stood still
+    elif track.kind == "imu":  # a base IMU is one that turns
         return True
     else:
         quaternion = track.values[:, 3:]
@@ -54,7 +54,7 @@ def track_moves(track: Track, *, large: bool = False) -> bool:
 
 
 def _moves(t: Floats, values: Floats, wander: float, shake: float) -> bool:
-    """Whether a value moves: far, or little and quickly."""
+    """Whether a value moves: over a long way, or over a short way and quickly."""
     finite = np.isfinite(values) & np.isfinite(t)
     t, values = t[finite], values[finite]
     if len(values) < 2:

@@ -30,8 +30,7 @@ def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = Fa
     Returns:
         (C,), in the unit of the values.
     """
-    off = np.abs(deviation_from_neighbours(values))
-    off = off if rows is None else off[rows]
+    off = np.abs(deviation_from_neighbours(values))[slice(None) if rows is None else rows]
     if calmest:
         low = np.percentile(off, _CALMEST_PERCENT, axis=0)
         return np.asarray(low / (_CALMEST_DEVIATION * NOISE_OF_DEVIATION))
@@ -51,20 +50,15 @@ def quantum(values: Floats) -> Floats:
 
 
 def deviation_from_neighbours(values: Floats) -> Floats:
-    """Distance of each sample from the cubic through the two on either side.
+    """Distance of each sample from the cubic through the two on either side, in their shape.
 
-    Smooth motion does not contribute; for unit white noise its standard deviation is 1.394.
-
-    Args:
-        values: (N,) or (N, C), evenly spaced.
-
-    Returns:
-        As the values.
+    Smooth motion does not contribute; for unit white noise the standard deviation is 1.394.
+    Samples are (N,) or (N, C), evenly spaced.
     """
-    return np.asarray(np.apply_along_axis(_deviation, 0, values))
 
+    def deviation(x: Floats) -> Floats:
+        padded = np.pad(x, 2, mode="reflect", reflect_type="odd")
+        near, far = padded[1:-3] + padded[3:-1], padded[:-4] + padded[4:]
+        return np.asarray(x - (4.0 * near - far) / 6.0)
 
-def _deviation(x: Floats) -> Floats:
-    padded = np.pad(x, 2, mode="reflect", reflect_type="odd")
-    near, far = padded[1:-3] + padded[3:-1], padded[:-4] + padded[4:]
-    return np.asarray(x - (4.0 * near - far) / 6.0)
+    return np.asarray(np.apply_along_axis(deviation, 0, values))

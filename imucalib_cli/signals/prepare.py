@@ -16,13 +16,13 @@ from imucalib_cli.signals.spikes import find_spikes
 from imucalib_cli.signals.timing.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.signals.samples import ImuSamples
 
 
 MIN_IMU_SAMPLES = 50
-SPIKE_FLOOR_ACCEL = 0.2
-SPIKE_FLOOR_GYRO = 0.02
+_SPIKE_FLOOR_ACCEL = 0.2
+_SPIKE_FLOOR_GYRO = 0.02
 """m/s² and rad/s: a single sample off by less does not change a result."""
 _MOST_REFINE = 10
 
@@ -40,7 +40,7 @@ class CleanImu:
     tidy: TidyRows
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
-        """Even grid with the shorter interval of the two streams.
+        """Even grid with the shorter interval of the IMU and the robot, s.
 
         If joints are faster than the IMU, a coarser grid would lose samples that average encoder
         noise.
@@ -74,23 +74,16 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
             f"{MIN_IMU_SAMPLES}: record a longer log, or try --clock log if its stamps repeat"
         )
     t = tidy.of(imu.t)
-    sensors = []
-    spikes = np.zeros(len(t), dtype=bool)
-    for values, floor in (
-        (tidy.of(imu.gyro), SPIKE_FLOOR_GYRO),
-        (tidy.of(imu.accel), SPIKE_FLOOR_ACCEL),
-    ):
-        bad, bridged = find_spikes(values, floor), values
-        if bad.any():
-            bridged = values.copy()
-            bridged[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
-        sensors.append(bridged)
-        spikes |= bad
-    return CleanImu(
-        t=t,
-        ticks=constant_rate_ticks(t),
-        gyro=sensors[0],
-        accel=sensors[1],
-        spikes=int(spikes.sum()),
-        tidy=tidy,
-    )
+    gyro, gyro_spikes = _bridged(t, tidy.of(imu.gyro), _SPIKE_FLOOR_GYRO)
+    accel, accel_spikes = _bridged(t, tidy.of(imu.accel), _SPIKE_FLOOR_ACCEL)
+    spikes = int((gyro_spikes | accel_spikes).sum())
+    return CleanImu(t, constant_rate_ticks(t), gyro, accel, spikes, tidy)
+
+
+def _bridged(t: Floats, values: Floats, floor: float) -> tuple[Floats, Bools]:
+    """Values with spikes interpolated, and which rows are spikes."""
+    bad = find_spikes(values, floor)
+    if bad.any():
+        values = values.copy()
+        values[bad] = lagrange(t[~bad], values[~bad], t[bad], points=4)
+    return values, bad

@@ -30,7 +30,7 @@ class ImuSamples:
     topic: str = ""
     """For messages."""
     absent: tuple[Sensor, ...] = ()
-    """Sensors that are NaN throughout in the log; here they are zero."""
+    """Sensors that the log has only as NaN; here they are zero."""
 
     def __len__(self) -> int:
         return len(self.t)

@@ -20,15 +20,14 @@ _MAX_RUN = 3
 _BLOCK = 256
 """Samples over which noise is taken as constant: vibration varies with motion."""
 _AROUND = 8
-"""Samples on either side of a spike that tell how far the signal steps by itself."""
+"""Samples on either side of a spike by which it is judged how far the signal steps without it."""
 _OTHERS = 3
-"""Rank of the step there that counts: a single spike close by makes the two largest."""
+"""Rank of the step that counts there: a single spike close by makes the two largest."""
 _FURTHER = 4.0
-"""A spike is off by so many of these steps. A strike takes several samples to come and to go, as
-every sensor's filter does: its samples are as far from each other as from their neighbours' cubic.
-"""
+"""Least step into and out of a spike, relative to that step. A strike rises and falls over several
+samples, as every sensor's filter does: it steps as far between its samples."""
 _SUDDEN = 0.5
-"""Least step into and out of a spike, relative to what it is off by."""
+"""Least step into and out of a spike, relative to its size."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Longest span of a sample's neighbours, relative to the median span."""
@@ -48,18 +47,18 @@ def find_spikes(values: Floats, floor: float) -> Bools:
         (N,), True where any channel holds a spike.
     """
     found = np.zeros(len(values), dtype=bool)
-    if len(values) < 4 * _BLOCK // 8:
+    if len(values) < _BLOCK // 2:
         return found
     for channel in values.T:
         found |= _channel_spikes(channel, floor)
-    return _short_runs(found)
+    runs = stretches_of(found)
+    return found & ~runs.where(runs.lengths > _MAX_RUN).mask(len(found))
 
 
 def _channel_spikes(channel: Floats, floor: float) -> Bools:
-    found = np.zeros(len(channel), dtype=bool)
     work = channel.copy()
     apart = _distance_from_both_sides(channel)
-    found |= apart > np.maximum(_THRESHOLD * _local_scale(apart), floor)
+    found = apart > np.maximum(_THRESHOLD * _local_scale(apart), floor)
     _bridge(work, found)
     limit = np.maximum(_THRESHOLD * _local_scale(np.abs(deviation_from_neighbours(channel))), floor)
     # A spike also spoils the prediction of its neighbours: take the worst of each
@@ -74,50 +73,31 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
         _bridge(work, found)
     # Samples between two spikes may be marked too: those close to the interpolation are fine.
     size = np.abs(channel - work)
-    runs = stretches_of(found & (size > limit))
-    return _sudden(channel, runs, _largest(size, runs))
+    return _sudden(channel, stretches_of(found & (size > limit)), size)
 
 
-def _largest(values: Floats, runs: Stretches) -> Floats:
-    """(R,), largest value of each run."""
-    if not len(runs):
-        return np.zeros(0)
-    edges = np.stack([runs.first, runs.end], axis=1).ravel()
-    return np.asarray(np.maximum.reduceat(np.append(values, 0.0), edges)[::2])
+def _sudden(channel: Floats, runs: Stretches, size: Floats) -> Bools:
+    """(N,), samples of runs that step away and back at once, further than samples near by.
 
-
-def _sudden(channel: Floats, runs: Stretches, sizes: Floats) -> Bools:
-    """(N,), samples of those runs that go there and back at once, and farther than others near by.
-
-    Args:
-        channel: (N,).
-        runs: Of samples that are off.
-        sizes: (R,), what each is off by.
+    ``size`` (N,) is the distance of each sample from the interpolation.
     """
     found, clean = np.zeros(len(channel), dtype=bool), channel.copy()
-    for _ in range(_ROUNDS):  # of two spikes close by the one is seen where the other is bridged
+    if not len(runs):
+        return found
+    places, edges = np.arange(_AROUND), np.stack([runs.first, runs.end], axis=1).ravel()
+    sizes = np.maximum.reduceat(np.append(size, 0.0), edges)[::2]
+    for _ in range(_ROUNDS):  # a spike shows when another one close by is bridged
         steps = np.pad(np.abs(np.diff(clean)), _AROUND)
+        before = runs.first[:, None] - 1 + places
+        after = np.minimum(runs.end[:, None] + _AROUND + places, len(steps) - 1)
+        around = np.partition(steps[np.hstack([before, after])], -_OTHERS, axis=1)[:, -_OTHERS]
         sudden = np.minimum(*(steps[each + _AROUND - 1] for each in (runs.first, runs.end)))
-        alone = (sudden > _SUDDEN * sizes) & (sudden > _FURTHER * _steps_around(steps, runs))
+        alone = (sudden > _SUDDEN * sizes) & (sudden > _FURTHER * around)
         if not alone.any():
             break
         found |= runs.where(alone).mask(len(channel))
         _bridge(clean, found)
     return found
-
-
-def _steps_around(steps: Floats, runs: Stretches) -> Floats:
-    """(R,), how far samples around each run step, without the steps into it and out of it.
-
-    Args:
-        steps: (N + 2 _AROUND - 1,), sizes of all steps between zeros.
-        runs: Of samples.
-    """
-    places = np.arange(_AROUND)
-    before = runs.first[:, None] - 1 + places
-    after = np.minimum(runs.end[:, None] + _AROUND + places, len(steps) - 1)
-    around = steps[np.hstack([before, after])]
-    return np.partition(around, -_OTHERS, axis=1)[:, -_OTHERS]
 
 
 def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
@@ -131,7 +111,7 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
         floor: Jump below which nothing is marked, in the unit of the values.
 
     Returns:
-        (N,), True where any channel leaps.
+        (N,), True where any channel jumps.
     """
     found = np.zeros(len(t), dtype=bool)
     for _ in range(_ROUNDS):
@@ -146,7 +126,7 @@ def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
 def _leaps(t: Floats, values: Floats, floor: float) -> Bools:
     """The worst of each neighbourhood, by the cubic across it and the parabolas on both sides."""
     found = np.zeros(len(t), dtype=bool)
-    if len(t) < 2 * _BLOCK // 8:
+    if len(t) < _BLOCK // 4:
         return found
     for channel in values.T:  # one channel at a time, to save memory
         found |= _channel_leaps(t, channel, floor)
@@ -198,11 +178,10 @@ def _bridge(work: Floats, found: Bools) -> None:
 
 
 def _distance_from_both_sides(x: Floats) -> Floats:
-    """Distance from the parabola through the three before or the three after: the lesser.
+    """Smaller distance from the parabolas through the three samples before and the three after.
 
-    In a run of spikes the cubic across a sample may be close, and the cubic of good neighbours far.
-    Samples in a run of up to three, and only they, are far from both parabolas; a corner of the
-    motion is close to one of them.
+    Samples in a run of up to three spikes, and only they, are far from both parabolas. A corner of
+    the motion is close to one of them.
     """
     padded = np.pad(x, 3, mode="reflect", reflect_type="odd")
     before = 3.0 * (padded[2:-4] - padded[1:-5]) + padded[:-6]
@@ -216,13 +195,7 @@ def _local_scale(off: Floats) -> Floats:
     size = len(off) // blocks
     local = np.median(off[: blocks * size].reshape(blocks, size), axis=1) * MAD_TO_STD
     local = np.maximum(local, np.median(off) * MAD_TO_STD)
-    # Vibration may begin anywhere within a block: use the larger noise of the neighbouring blocks.
+    # Vibration may begin within a block: use the largest noise of neighbouring blocks.
     edges = np.pad(local, 1, mode="edge")
     local = np.maximum.reduce([edges[:-2], local, edges[2:]])
     return np.asarray(local[np.minimum(np.arange(len(off)) // size, blocks - 1)])
-
-
-def _short_runs(found: Bools) -> Bools:
-    """Keep runs of at most _MAX_RUN samples; a longer one is motion, not a glitch."""
-    runs = stretches_of(found)
-    return found & ~runs.where(runs.lengths > _MAX_RUN).mask(len(found))

@@ -1,4 +1,4 @@
-"""Stretches: runs of neighbouring samples with a property."""
+"""Stretches of neighbouring samples that have a property in common."""
 
 from __future__ import annotations
 
@@ -8,18 +8,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.arrays import Bools, Indices
 
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Stretches from a row up to, but excluding, another; in order."""
+    """Stretches of rows in order, each from its first row to the one before its end."""
 
     first: Indices
     end: Indices
 
     def __len__(self) -> int:
         return len(self.first)
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        return zip(self.first.tolist(), self.end.tolist(), strict=True)
 
     @property
     def lengths(self) -> Indices:

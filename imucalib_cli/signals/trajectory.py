@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 from weakref import WeakKeyDictionary
@@ -44,20 +44,28 @@ _LEAST_JUMP = _TURN - 1.0
 
 @dataclass(frozen=True, eq=False)
 class CleanTrack:
-    """One track, sorted, with its gaps; quaternions have one sign."""
+    """One track in order of time; quaternions have one sign."""
 
     name: str
     t: Floats
     values: Floats
-    breaks: Indices
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
     held: bool = False
     """Values were repeated until the next change; only the changes are kept."""
     readings: ImuGrid | None = None
-    """Of an IMU by which the values are reckoned."""
+    """Readings of the IMU from which the values are computed, if they are."""
     spikes: int = 0
     """Samples of that IMU that were bridged."""
+
+    @cached_property
+    def breaks(self) -> Indices:
+        """Indices of the first samples after each gap."""
+        return gap_breaks(self.t)
+
+    def on_ticks(self) -> CleanTrack:
+        """The track on its constant-rate clock, if it has one."""
+        return self if self.ticks is None else replace(self, t=self.ticks.t)
 
     @cached_property
     def interval(self) -> float:
@@ -71,7 +79,7 @@ class CleanTrack:
         A quantised encoder at rest shows no noise.
         """
         variance = np.zeros(self.values.shape[1])
-        if self.readings is not None:  # a reckoned pose wanders, and no sample stands off
+        if self.readings is not None:  # the error of a computed pose drifts from sample to sample
             return variance
         for channel, values in enumerate(self.values.T):
             speed = np.abs(np.gradient(values))
@@ -80,19 +88,6 @@ class CleanTrack:
             if active.sum() >= 8:
                 variance[channel] = white_noise(values[:, None], active)[0] ** 2
         return variance
-
-
-def _rate_reach(track: CleanTrack) -> int:
-    """Samples on either side for the difference of a rate."""
-    return max(round(_RATE_SECONDS / track.interval), 1)
-
-
-def _with_rates(track: CleanTrack, stamps: Floats, part: slice) -> Floats:
-    """Values of some samples, and their rates by differences over a long span."""
-    values, index, reach = track.values[part], np.arange(len(stamps)), _rate_reach(track)
-    later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
-    rates = (values[later] - values[earlier]) / (stamps[later] - stamps[earlier])[:, None]
-    return np.hstack([values, rates])
 
 
 _CLEANED: WeakKeyDictionary[Track, CleanTrack] = WeakKeyDictionary()
@@ -106,7 +101,7 @@ def clean_track(track: Track) -> CleanTrack:
         InputError: Fewer usable samples than interpolation needs.
     """
     if track not in _CLEANED:
-        _CLEANED[track] = _cleaned(track)
+        _CLEANED[track] = _reckoned(track) if track.kind == "imu" else _cleaned(track)
     return _CLEANED[track]
 
 
@@ -127,8 +122,6 @@ def stamped_earlier(track: Track, seconds: float) -> Track:
 
 
 def _cleaned(track: Track) -> CleanTrack:
-    if track.kind == "imu":
-        return _reckoned(track)
     tidy = tidy_rows(track.t, track.values)
     if len(tidy.rows) < MIN_TRACK_SAMPLES:
         raise InputError(
@@ -140,23 +133,19 @@ def _cleaned(track: Track) -> CleanTrack:
     held = len(changes) < len(t)
     if held:
         t, values = t[changes], values[changes]
-    return CleanTrack(track.name, t, values, gap_breaks(t), constant_rate_ticks(t), held)
+    return CleanTrack(track.name, t, values, constant_rate_ticks(t), held)
 
 
 def _reckoned(track: Track) -> CleanTrack:
-    """The motion that an IMU tells by itself: one frame for the whole log, but for its gaps."""
-    imu = ImuSamples(
-        t=track.t, gyro=track.values[:, :3], accel=track.values[:, 3:], topic=track.name
-    )
-    clean = clean_imu(imu)
-    grid = clean.grid(0.0, use_ticks=clean.ticks is not None)
+    """Motion of an IMU from its own readings; between two gaps of the log it is in one frame."""
+    gyro, accel = track.values[:, :3], track.values[:, 3:]
+    clean = clean_imu(ImuSamples(t=track.t, gyro=gyro, accel=accel, topic=track.name))
+    grid = clean.grid(0.0, use_ticks=True)
     values = np.hstack(dead_reckon(grid.gyro, grid.accel, grid.dt)[::-1])
-    t = grid.t[grid.usable]
     return CleanTrack(
         name=track.name,
-        t=t,
+        t=grid.t[grid.usable],
         values=values[grid.usable],
-        breaks=gap_breaks(t),
         ticks=None,
         readings=grid,
         spikes=clean.spikes,
@@ -220,11 +209,11 @@ class Trajectory:
     tracks: tuple[CleanTrack, ...]
     use_ticks: bool = False
     """Use each track's constant-rate clock instead of its stamps, if it has one."""
-    _breaks: tuple[Indices, ...] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        breaks = tuple(gap_breaks(self._stamps(track)) for track in self.tracks)
-        object.__setattr__(self, "_breaks", breaks)
+    @cached_property
+    def _used(self) -> tuple[CleanTrack, ...]:
+        """The tracks on the stamps that are used."""
+        return tuple(map(CleanTrack.on_ticks, self.tracks)) if self.use_ticks else self.tracks
 
     @classmethod
     def of(cls, path: KinematicPath) -> Trajectory:
@@ -238,9 +227,6 @@ class Trajectory:
     def with_ticks(self, use_ticks: bool) -> Trajectory:
         """The same trajectory with constant-rate stamps, or with recorded stamps."""
         return self if use_ticks == self.use_ticks else replace(self, use_ticks=use_ticks)
-
-    def _stamps(self, track: CleanTrack) -> Floats:
-        return track.ticks.t if self.use_ticks and track.ticks is not None else track.t
 
     @property
     def has_jitter(self) -> bool:
@@ -257,7 +243,7 @@ class Trajectory:
 
     @property
     def base_readings(self) -> ImuGrid | None:
-        """Of the IMU that tells how the base moves, if one does."""
+        """Readings of the IMU that gives the motion of the base, if there is one."""
         return next((track.readings for track in self.tracks if track.readings is not None), None)
 
     @property
@@ -268,16 +254,14 @@ class Trajectory:
     @property
     def span(self) -> tuple[float, float]:
         """First and last instant, s, at which every track has samples."""
-        stamps = [self._stamps(track) for track in self.tracks]
-        return max(t[0] for t in stamps), min(t[-1] for t in stamps)
+        return max(track.t[0] for track in self._used), min(track.t[-1] for track in self._used)
 
     def covered(self, t: Floats) -> Bools:
         """Whether every track has samples around each instant: within its time and not in a gap."""
         result = np.ones(len(t), dtype=bool)
-        for track, breaks in zip(self.tracks, self._breaks, strict=True):
-            stamps = self._stamps(track)
-            result &= (t >= stamps[0]) & (t <= stamps[-1])
-            result &= outside_gaps(t, stamps, breaks)
+        for track in self._used:
+            result &= (t >= track.t[0]) & (t <= track.t[-1])
+            result &= outside_gaps(t, track.t, track.breaks)
         return result
 
     def nearest_covered(self, t: Floats) -> Floats:
@@ -294,28 +278,16 @@ class Trajectory:
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of each track at instants (M,), s: (M, J) or (M, 7)."""
         return tuple(
-            lagrange(self._stamps(track), track.values, t, breaks=breaks)
-            for track, breaks in zip(self.tracks, self._breaks, strict=True)
+            lagrange(track.t, track.values, t, breaks=track.breaks) for track in self._used
         )
 
     def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
         """Values of each track at instants (M,), s, and their rates, smoothed over some samples."""
-        values: list[Floats] = []
-        rates: list[Floats] = []
-        for track, breaks in zip(self.tracks, self._breaks, strict=True):
-            part = self._samples_around(track, t)
-            stamps = self._stamps(track)[part]
-            inside = breaks[(breaks > part.start) & (breaks < part.stop)] - part.start
-            both = lagrange(stamps, _with_rates(track, stamps, part), t, breaks=inside)
-            for found, half in zip((values, rates), np.split(both, 2, axis=1), strict=True):
-                found.append(half)
-        return tuple(values), tuple(rates)
-
-    def _samples_around(self, track: CleanTrack, t: Floats) -> slice:
-        """Samples from which values and rates at some instants are computed."""
-        first, last = np.searchsorted(self._stamps(track), [t.min(), t.max()])
-        reach = _rate_reach(track) + MIN_TRACK_SAMPLES
-        return slice(max(int(first) - reach, 0), min(int(last) + reach, len(track.t)))
+        both = [
+            _values_and_rates(track, round(_RATE_SECONDS / stamped.interval), t)
+            for track, stamped in zip(self._used, self.tracks, strict=True)
+        ]
+        return tuple(values for values, _ in both), tuple(rates for _, rates in both)
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
@@ -328,4 +300,18 @@ class Trajectory:
     @property
     def gaps(self) -> int:
         """Gaps of all tracks."""
-        return sum(len(breaks) for breaks in self._breaks)
+        return sum(len(track.breaks) for track in self._used)
+
+
+def _values_and_rates(track: CleanTrack, reach: int, t: Floats) -> tuple[Floats, Floats]:
+    """Values at instants, and rates by differences over ``reach`` samples on either side."""
+    reach = max(reach, 1)
+    first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
+    around = reach + MIN_TRACK_SAMPLES
+    part = slice(max(first - around, 0), min(last + around, len(track.t)))
+    stamps, values, index = track.t[part], track.values[part], np.arange(len(track.t[part]))
+    later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
+    rates = (values[later] - values[earlier]) / (stamps[later] - stamps[earlier])[:, None]
+    breaks = track.breaks[(track.breaks > part.start) & (track.breaks < part.stop)] - part.start
+    found = lagrange(stamps, np.hstack([values, rates]), t, breaks=breaks)
+    return found[:, : values.shape[1]], found[:, values.shape[1] :]

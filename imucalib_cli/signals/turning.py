@@ -1,8 +1,7 @@
 """Compare the angular rate of the parent link with that of the IMU, before any fit.
 
-The norm of the angular rate is the same in every frame, so the two can be compared while the mount
-is unknown. They differ by a time offset, by a factor if units differ, and where one of the two
-streams is held.
+The norm of the angular rate is the same in every frame, so no mount is needed. The two differ by a
+time offset, by a factor if units differ, and where one of the streams is held.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ _EXACTLY_STILL = 1e-6
 """rad/s: positions repeat exactly, up to rounding."""
 _HELD_TURNING = 2.0 * TURNING
 _HELD_SECONDS = 0.5
-"""s and rad/s: the robot's stream is held if it is exactly still so long while the IMU turns so
-fast."""
+"""The robot's stream is held if it is exactly still for this time, s, while the IMU turns faster
+than this rate, rad/s."""
 AGREE = 0.9
 """Correlation of the two rates elsewhere from which the kinematics show faults."""
 _LEAST_BINS = 20
@@ -58,9 +57,9 @@ class RateRatio(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Turning:
-    """Mean rates in bins of one length; the IMU's bins are those of its own clock, lag taken off.
+    """Mean rates in bins: bin i is from t0 + i BIN to t0 + (i + 1) BIN on the robot's clock.
 
-    Bin i lies between robot instants t0 + i BIN and t0 + (i + 1) BIN.
+    The IMU's stamps are moved to that clock by the lag.
     """
 
     t0: float
@@ -69,7 +68,7 @@ class Turning:
     measured: Floats
     """(B,), |angular rate| of the IMU, in its own unit, minus its bias; nan where unknown."""
     bias: Floats
-    """(3,), what the IMU says while the link stands still, in its own unit."""
+    """(3,), what the gyroscope measures while the link stands still, in its own unit."""
     lag: float
     """IMU stamp - robot stamp at which the two agree best, s, to half a bin."""
     correlation: float
@@ -101,7 +100,7 @@ class Turning:
         return replace(self, measured=self.measured * factor, bias=self.bias * factor)
 
     def agreement(self, besides: Bools) -> float:
-        """Correlation of the two rates at the lag, some bins left aside; 0 if too few are left."""
+        """Correlation of the two rates in the other bins; 0 if there are too few."""
         both = self.known & ~besides
         a, b = self.derived[both], self.measured[both]
         if len(a) < _LEAST_BINS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
@@ -110,7 +109,7 @@ class Turning:
         return float(np.corrcoef(a, b)[0, 1])
 
     def bins_of(self, t: Floats) -> Indices:
-        """Bins of instants of the IMU's clock; those outside are left out."""
+        """Bins of instants of the IMU's clock; instants outside are left out."""
         bins = np.floor((t - self.lag - self.t0) / BIN).astype(np.intp)
         return np.asarray(bins[(bins >= 0) & (bins < len(self.derived))])
 
@@ -131,29 +130,27 @@ class Turning:
         # Half a bin of lag, and motion that begins within one.
         inner = still & np.roll(still, 1) & np.roll(still, -1)
         imu_turns = inner & (self.measured > _HELD_TURNING)
-        aside = np.zeros(len(still), dtype=bool)
-        found = []
         stretches = stretches_of(still)
-        for first, end in zip(stretches.first, stretches.end, strict=True):
-            if imu_turns[first:end].sum() * BIN >= _HELD_SECONDS:
-                aside[first:end] = True
-                # The last sample that stood still may lie in the bin after.
-                found.append((self.t0 + BIN * float(first), self.t0 + BIN * float(end) + BIN))
-        # Where the rest does not agree either, something else is wrong.
-        return found if self.agreement(aside) > AGREE else []
+        turned = [imu_turns[first:end].sum() * BIN >= _HELD_SECONDS for first, end in stretches]
+        held = stretches.where(np.array(turned, dtype=bool))
+        # If the other bins do not agree either, something else is wrong.
+        if self.agreement(held.mask(len(still))) <= AGREE:
+            return []
+        # The last sample that stood still may lie in the bin after.
+        return [(self.t0 + BIN * first, self.t0 + BIN * end + BIN) for first, end in held]
 
 
 def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float) -> Turning:
-    """Turning by the kinematics and by the gyroscope, in bins, aligned.
+    """Mean angular rates of the parent link and of the gyroscope, in aligned bins.
 
     Args:
         t: (N,), s, ascending.
         gyro: (N, 3), in any unit.
         trajectory: Of the parent link.
-        most: Largest time offset looked for, s.
+        most: Largest time offset to search, s.
 
     Raises:
-        InputError: The stamps reach over far more time than there are samples for.
+        InputError: The stamps reach over far more time than the samples fill.
     """
     first, last = trajectory.span
     start = min(first, float(t[0]))
@@ -171,7 +168,7 @@ def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float
     known = np.stack([np.isfinite(derived), np.isfinite(measured)])
     lag = None
     if known.sum(axis=1).min() > _LEAST_BINS:
-        # One spike would outshine all motion.
+        # One spike would dominate all motion.
         cut = [np.nanpercentile(x, 99) for x in (derived, measured)]
         lag = best_lag(
             np.minimum(np.where(known[0], derived, 0.0), cut[0]),
@@ -195,7 +192,7 @@ def _derived(trajectory: Trajectory, edges: Floats) -> Floats:
     R = np.full((len(edges), 3, 3), np.nan)
     if inside.any():
         R[inside] = trajectory.poses(edges[inside])[0]
-    # |R1 - R0|² = 8 sin²(angle / 2), which keeps digits where the angle is small.
+    # |R1 - R0|² = 8 sin²(angle / 2), which keeps digits of small angles.
     half = np.sqrt(np.sum((R[1:] - R[:-1]) ** 2, axis=(1, 2)) / 8.0)
     return np.asarray(2.0 * np.arcsin(np.minimum(half, 1.0)) / BIN)
 

@@ -24,7 +24,7 @@ from tests.processes import python
 from tests.results.test_results_documents import make_result
 
 ROOT = Path(__file__).parents[2]
-HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
+HEAVY = ("numpy", "scipy", "rosbags", "yaml", "mujoco", "cv2", "matplotlib")
 
 
 def test_help_imports_nothing_heavy() -> None:

@@ -1,7 +1,6 @@
 """Paths from joints, frames and a moving base; expected poses by scipy and by hand."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
-from imucalib_cli.robot.urdf import Robot, load_robot
+from imucalib_cli.robot.urdf import parse_robot
 
 if not hasattr(transform, "RigidTransform"):
     pytest.skip("RigidTransform, the truth here, needs scipy 1.16", allow_module_level=True)
@@ -36,12 +35,7 @@ ARM = """<robot name="arm">
   <origin rpy="0 1 0"/><axis xyz="1 0 0"/></joint>
 </robot>"""
 
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Robot:
-    source = tmp_path / "arm.urdf"
-    source.write_text(ARM)
-    return load_robot(source)
+ROBOT = parse_robot(ARM.encode(), "arm.urdf")
 
 
 def joints(name: str, **columns: Floats) -> Track:
@@ -63,12 +57,8 @@ def standing(parent: str, child: str, seed: int) -> tuple[Edge, RigidTransform]:
     return replace(edge, is_static=True), transform[-1]
 
 
-def poses(path: KinematicPath) -> tuple[Floats, Floats]:
-    return path.poses(tuple(track.values for track in path.tracks))
-
-
 def assert_path_is(path: KinematicPath, expected: RigidTransform) -> None:
-    R, p = poses(path)
+    R, p = path.poses(tuple(track.values for track in path.tracks))
     np.testing.assert_allclose(R, expected.rotation.as_matrix().reshape(-1, 3, 3), atol=1e-13)
     np.testing.assert_allclose(p, expected.translation.reshape(-1, 3), atol=1e-13)
 
@@ -92,40 +82,37 @@ def arm_plate(shoulder: Floats) -> RigidTransform:
 SHOULDER = np.array([0.3, -1.0, 2.0, 0.7])
 
 
-def test_a_mimic_joint_follows_the_joint_it_names(arm: Robot) -> None:
-    path = joint_path(arm, "plate", [joints("/j", slide=T, shoulder=SHOULDER)])
+def test_a_mimic_joint_follows_the_joint_it_names() -> None:
+    path = joint_path(ROBOT, "plate", [joints("/j", slide=T, shoulder=SHOULDER)])
     assert (path.world, path.parent) == ("base", "plate")
     assert_path_is(path, arm_plate(SHOULDER))
     kinds = [type(step) for step in path.steps]
     assert kinds == [FixedStep, JointStep, FixedStep, JointStep, FixedStep]
 
 
-def test_a_mimic_joint_logged_without_its_model_drives_itself(arm: Robot) -> None:
-    path = joint_path(arm, "lower", [joints("/j", elbow=SHOULDER)], world="upper")
+def test_a_mimic_joint_logged_without_its_model_drives_itself() -> None:
+    path = joint_path(ROBOT, "lower", [joints("/j", elbow=SHOULDER)], world="upper")
     assert_path_is(path, shift(0.4, 0, 0) * turn("y", SHOULDER))
 
 
-def test_a_path_may_start_at_any_link(arm: Robot) -> None:
+def test_a_path_may_start_at_any_link() -> None:
     slide = np.array([0.1, 0.2, -0.3, 0.4])
     tracks = [
         joints("/unused", wheel=T),
         joints("/a", shoulder=SHOULDER),
         joints("/b", slide=slide),
     ]
-    path = joint_path(arm, "plate", tracks, world="tail")
+    path = joint_path(ROBOT, "plate", tracks, world="tail")
     along = np.column_stack((slide, np.zeros((COUNT, 2))))
     base_tail = turn("y", 1.0) * RigidTransform.from_translation(along)
     assert_path_is(path, base_tail.inv() * arm_plate(SHOULDER))
     assert [track.name for track in path.tracks] == ["/a", "/b"]
 
 
-def test_the_publisher_with_most_of_the_needed_joints_drives(arm: Robot) -> None:
+def test_the_publisher_with_most_of_the_needed_joints_drives() -> None:
     wrong = np.zeros(COUNT)
-    tracks = [
-        joints("/shoulder_only", shoulder=wrong),
-        joints("/all", slide=T, shoulder=SHOULDER),
-    ]
-    path = joint_path(arm, "plate", tracks, world="tail")
+    tracks = [joints("/shoulder_only", shoulder=wrong), joints("/all", slide=T, shoulder=SHOULDER)]
+    path = joint_path(ROBOT, "plate", tracks, world="tail")
     assert [track.name for track in path.tracks] == ["/all"]
 
 
@@ -141,11 +128,9 @@ def test_the_publisher_with_most_of_the_needed_joints_drives(arm: Robot) -> None
         ([joints("/j", shoulder=np.full(COUNT, np.nan))], "/j: joint 'shoulder' .*not finite"),
     ],
 )
-def test_joints_the_log_lacks_are_told_with_what_it_has(
-    arm: Robot, tracks: list[Track], said: str
-) -> None:
+def test_joints_the_log_lacks_are_told_with_what_it_has(tracks: list[Track], said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
-        joint_path(arm, "plate", tracks)
+        joint_path(ROBOT, "plate", tracks)
     assert "\n" not in str(caught.value)
 
 
@@ -157,19 +142,16 @@ def test_joints_the_log_lacks_are_told_with_what_it_has(
         (("houlder", "lide"), "without the prefix 's' .'lide'.: take it off the URDF"),
     ],
 )
-def test_names_that_differ_by_one_end_are_told_so(
-    arm: Robot, names: tuple[str, ...], told: str
-) -> None:
+def test_names_that_differ_by_one_end_are_told_so(names: tuple[str, ...], told: str) -> None:
     track = joints("/joint_states", **dict.fromkeys(names, T))
     with pytest.raises(InputError, match=f"no position of joints .* {told}.*--joint-topic$"):
-        joint_path(arm, "plate", [track], world="tail")
+        joint_path(ROBOT, "plate", [track], world="tail")
 
 
-def test_floating_joints_on_the_way_ask_for_a_pose_stream(tmp_path: Path) -> None:
-    source = tmp_path / "arm.urdf"
-    source.write_text(ARM.replace('type="prismatic"', 'type="floating"'))
+def test_floating_joints_on_the_way_ask_for_a_pose_stream() -> None:
+    floating = parse_robot(ARM.replace('"prismatic"', '"floating"').encode(), "arm.urdf")
     with pytest.raises(InputError, match=r"joint 'slide' is floating.*--pose-topic"):
-        joint_path(load_robot(source), "tail", [joints("/j", slide=T)])
+        joint_path(floating, "tail", [joints("/j", slide=T)])
 
 
 def test_frames_are_passed_up_and_down_from_the_root_by_default() -> None:
@@ -188,9 +170,9 @@ def test_frames_are_passed_up_and_down_from_the_root_by_default() -> None:
     assert [type(step) for step in path.steps] == [PoseStep, PoseStep]
 
 
-def test_fixed_joints_of_the_urdf_fill_gaps_of_the_frames(arm: Robot) -> None:
+def test_fixed_joints_of_the_urdf_fill_gaps_of_the_frames() -> None:
     world_lower, T_world_lower = moving("world", "lower", 5)
-    path = frame_path([world_lower], "plate", robot=arm)
+    path = frame_path([world_lower], "plate", robot=ROBOT)
     assert path.world == "world"
     assert_path_is(path, T_world_lower * shift(0, 0, 0.1) * turn("z", 1.0))
 
@@ -242,47 +224,47 @@ def test_edges_that_give_no_path_are_told() -> None:
             frame_path(edges, "b")
 
 
-def test_a_moving_base_carries_the_joints(arm: Robot) -> None:
+def test_a_moving_base_carries_the_joints() -> None:
     odom_base, T_odom_base = moving("odom", "base", 13)
     repeated, _ = moving("base", "upper", 14)  # robot_state_publisher
     edges = [repeated, odom_base]
-    base = find_base(edges, arm)
+    base = find_base(edges, ROBOT)
     assert base is odom_base
     tracks = [joints("/j", shoulder=SHOULDER)]
-    path = moving_base_path(edges, arm, "plate", tracks, base=base.child)
+    path = moving_base_path(edges, ROBOT, "plate", tracks, base=base.child)
     assert (path.world, path.parent) == ("odom", "plate")
     assert [track.kind for track in path.tracks] == ["pose", "joints"]
     assert_path_is(path, T_odom_base * arm_plate(SHOULDER))
 
 
-def test_motion_capture_of_any_link_is_a_base(arm: Robot) -> None:
+def test_motion_capture_of_any_link_is_a_base() -> None:
     mocap_marker, T_mocap_marker = moving("mocap", "marker", 15)
     marker_upper, T_marker_upper = standing("marker", "upper", 16)
     edges = [mocap_marker, marker_upper]
-    base = find_base(edges, arm)
+    base = find_base(edges, ROBOT)
     assert base is marker_upper
-    path = moving_base_path(edges, arm, "base", [joints("/j", shoulder=SHOULDER)], base="upper")
+    path = moving_base_path(edges, ROBOT, "base", [joints("/j", shoulder=SHOULDER)], base="upper")
     base_upper = shift(0, 0, 0.5) * turn("x", 0.1) * turn("z", SHOULDER)
     assert_path_is(path, T_mocap_marker * T_marker_upper * base_upper.inv())
 
 
-def test_a_robot_that_stands_has_no_base(arm: Robot) -> None:
+def test_a_robot_that_stands_has_no_base() -> None:
     repeated, _ = moving("base", "upper", 17)
     bolted, _ = standing("map", "base", 18)
     elsewhere, _ = moving("map", "ball", 19)
-    assert find_base([repeated, bolted, elsewhere], arm) is None
+    assert find_base([repeated, bolted, elsewhere], ROBOT) is None
 
 
-def test_several_bases_are_a_choice(arm: Robot) -> None:
+def test_several_bases_are_a_choice() -> None:
     edges = [moving("odom", "base", 20, "/odom")[0], moving("mocap", "plate", 21, "/mocap")[0]]
     with pytest.raises(
         ChoiceError, match="'base' in 'odom' by /odom, 'plate' in 'mocap' by /mocap"
     ):
-        find_base(edges, arm)
+        find_base(edges, ROBOT)
 
 
-def test_a_path_on_which_nothing_moves_is_still(arm: Robot) -> None:
+def test_a_path_on_which_nothing_moves_is_still() -> None:
     still = np.full(COUNT, 0.3)
-    assert is_still(joint_path(arm, "plate", [joints("/j", slide=T, shoulder=still)]))
-    assert not is_still(joint_path(arm, "plate", [joints("/j", slide=still, shoulder=T)]))
-    assert is_still(joint_path(arm, "plate", [], world="lower"))
+    assert is_still(joint_path(ROBOT, "plate", [joints("/j", slide=T, shoulder=still)]))
+    assert not is_still(joint_path(ROBOT, "plate", [joints("/j", slide=still, shoulder=T)]))
+    assert is_still(joint_path(ROBOT, "plate", [], world="lower"))

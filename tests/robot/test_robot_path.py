@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Track
-from imucalib_cli.robot.urdf import Robot, load_robot
+from imucalib_cli.robot.urdf import Robot, load_robot, parse_robot
 
 Floats = NDArray[np.float64]
 DATA = Path(__file__).parent / "data"
@@ -139,13 +139,9 @@ def _words(numbers: tuple[float, ...]) -> str:
 
 @given(random_urdf(), st.integers(0, 1000))
 @settings(max_examples=60, deadline=None)
-def test_random_trees_are_where_pinocchio_puts_them(
-    tmp_path_factory: pytest.TempPathFactory, tree: tuple[str, str, str], seed: int
-) -> None:
+def test_random_trees_are_where_pinocchio_puts_them(tree: tuple[str, str, str], seed: int) -> None:
     urdf, world, tip = tree
-    source = tmp_path_factory.mktemp("tree") / "robot.urdf"
-    source.write_text(urdf)
-    robot = load_robot(source)
+    robot = parse_robot(urdf.encode(), "robot.urdf")
     values = positions(robot, 3, seed)
     R, p = by_us(robot, values, world, tip, seed)
     # pinocchio is told every joint: without its mimic option a mimic joint is an ordinary one.
@@ -157,16 +153,9 @@ def test_random_trees_are_where_pinocchio_puts_them(
 def test_pose_steps_and_their_inverses_are_scipys_products() -> None:
     rng = np.random.default_rng(5)
     count = 5000  # more than one block
-    first, second, fixed = (
-        Rotation.random(count, rng=rng),
-        Rotation.random(count, rng=rng),
-        Rotation.random(rng=rng),
-    )
-    p_first, p_second, p_fixed = (
-        rng.normal(size=(count, 3)),
-        rng.normal(size=(count, 3)),
-        rng.normal(size=3),
-    )
+    first, second = (Rotation.random(count, rng=rng) for _ in range(2))
+    p_first, p_second = rng.normal(size=(2, count, 3))
+    fixed, p_fixed = Rotation.random(rng=rng), rng.normal(size=3)
     values = (
         np.column_stack((p_first, first.as_quat() * rng.uniform(0.5, 2.0, (count, 1)))),
         np.column_stack((p_second, -second.as_quat())),

@@ -1,21 +1,23 @@
-"""What is refused of a URDF and what is not; expected faults are written by hand."""
+"""Which URDFs are refused and which are read; expected faults are written by hand."""
 
 import itertools
+import os
 import sys
+import threading
+import time
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import trimesh
 import yourdfpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot import urdf_xml
-from imucalib_cli.robot.urdf import Mimic, load_robot
+from imucalib_cli.robot.urdf import Mimic, Robot, load_robot, parse_robot
 from tests.processes import python
 
 DATA = Path(__file__).parent / "data"
@@ -25,10 +27,8 @@ AB = '<joint name="ab" type="revolute"><parent link="a"/><child link="b"/></join
 BC = '<joint name="bc" type="revolute"><parent link="b"/><child link="c"/></joint>'
 
 
-def write(tmp_path: Path, text: str | bytes) -> Path:
-    source = tmp_path / "robot.urdf"
-    source.write_bytes(text if isinstance(text, bytes) else text.encode())
-    return source
+def read(text: str | bytes) -> Robot:
+    return parse_robot(text if isinstance(text, bytes) else text.encode(), "robot.urdf")
 
 
 def robot(body: str) -> str:
@@ -107,28 +107,25 @@ def bc(rest: str, kind: str = "revolute") -> str:
     ],
     ids=itertools.count(),
 )
-def test_faults_are_told_in_one_line_with_file_and_element(
-    tmp_path: Path, text: str | bytes, said: str
-) -> None:
-    source = write(tmp_path, text)
+def test_faults_are_told_in_one_line_with_file_and_element(text: str | bytes, said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
-        load_robot(source)
+        read(text)
     told = str(caught.value)
-    assert told.startswith(f"{source}: ")
+    assert told.startswith("robot.urdf: ")
     assert "\n" not in told
     assert len(told) < 2000
 
 
-def test_several_faults_are_told_at_once_with_their_lines(tmp_path: Path) -> None:
+def test_several_faults_are_told_at_once_with_their_lines() -> None:
     bad = "\n".join(joint(f"j{k}", "bogus", "a", "b") for k in range(5))
     with pytest.raises(InputError, match=r"line 2: .*; line 3: .*; line 4: .*; and 2 more faults"):
-        load_robot(write(tmp_path, robot(LINKS + "\n" + bad)))
+        read(robot(LINKS + "\n" + bad))
 
 
-def test_size_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_size_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(urdf_xml, "SIZE_LIMIT", 20)
     with pytest.raises(InputError, match="are no URDF"):
-        load_robot(write(tmp_path, robot(LINKS + AB + BC)))
+        read(robot(LINKS + AB + BC))
 
 
 def test_a_missing_file_or_a_folder_is_told(tmp_path: Path) -> None:
@@ -137,7 +134,7 @@ def test_a_missing_file_or_a_folder_is_told(tmp_path: Path) -> None:
             load_robot(source)
 
 
-def test_what_is_not_kinematics_does_not_matter(tmp_path: Path) -> None:
+def test_what_is_not_kinematics_does_not_matter() -> None:
     noise = """
     <link name="d"><inertial><mass value="heavy"/><inertia ixx="?"/></inertial>
       <visual><geometry><mesh filename="package://none/x.dae" scale="$(arg s)"/></geometry></visual>
@@ -147,18 +144,18 @@ def test_what_is_not_kinematics_does_not_matter(tmp_path: Path) -> None:
     """
     body = LINKS + AB + BC + noise + joint("cd", "floating", "c", "d")
     text = f'<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">{body}</robot>'
-    loaded = load_robot(write(tmp_path, text))
+    loaded = read(text)
     assert loaded.links == ("a", "b", "c", "d")
     assert [joint.name for joint in loaded.joints] == ["ab", "bc", "cd"]
     assert loaded.root == "a"
 
 
-def test_defaults_and_values_are_as_the_specification_has_them(tmp_path: Path) -> None:
+def test_defaults_and_values_are_as_the_specification_has_them() -> None:
     rest = (
         '<origin rpy="0 0 1.5707963267948966" xyz="1 2 3"/><axis xyz="0 3 4"/>'
         '<mimic joint="ab" multiplier="-2" offset="0.5"/>'
     )
-    loaded = load_robot(write(tmp_path, bc(rest, "prismatic")))
+    loaded = read(bc(rest, "prismatic"))
     first, second = loaded.joints
     np.testing.assert_array_equal(first.axis, (1.0, 0.0, 0.0))
     np.testing.assert_array_equal(first.R_origin, np.eye(3))
@@ -166,12 +163,14 @@ def test_defaults_and_values_are_as_the_specification_has_them(tmp_path: Path) -
     np.testing.assert_allclose(second.R_origin @ (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), atol=1e-15)
     np.testing.assert_array_equal(second.p_origin, (1.0, 2.0, 3.0))
     assert second.mimic == Mimic(joint="ab", multiplier=-2.0, offset=0.5)
+    plain = read(bc('<mimic joint="ab"/>')).joints[1].mimic
+    assert plain == Mimic(joint="ab", multiplier=1.0, offset=0.0)
     assert (loaded.name, first.kind, second.kind) == ("r", "revolute", "prismatic")
 
 
-def test_utf_16_is_read(tmp_path: Path) -> None:
+def test_utf_16_is_read() -> None:
     text = '<?xml version="1.0" encoding="utf-16"?>' + robot(LINKS + AB + BC)
-    assert load_robot(write(tmp_path, text.encode("utf-16"))).links == ("a", "b", "c")
+    assert read(text.encode("utf-16")).links == ("a", "b", "c")
 
 
 def test_route_goes_up_and_down_past_the_common_link() -> None:
@@ -186,19 +185,31 @@ def test_route_goes_up_and_down_past_the_common_link() -> None:
 def test_loading_is_silent_and_lazy() -> None:
     code = (
         "import sys; from pathlib import Path; import imucalib_cli.robot.urdf as u\n"
-        "assert not {'yourdfpy', 'trimesh', 'scipy'} & set(sys.modules)\n"
         f"u.load_robot(Path({str(DATA / 'panda.urdf')!r}))\n"
-        "assert not {'trimesh', 'scipy', 'networkx'} & set(sys.modules)\n"
+        "assert 'scipy' not in sys.modules\n"
     )
     done = python("-W", "error", "-c", code)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_who_imports_yourdfpy_beside_us_has_all_of_it() -> None:
-    load_robot(DATA / "panda.urdf")
-    model = yourdfpy.URDF.load(str(DATA / "panda.urdf"), load_meshes=False)
-    assert isinstance(model.scene, trimesh.Scene)
-    assert sys.modules["trimesh"] is trimesh
+@pytest.mark.parametrize("file", ["panda", "ur10e"])
+def test_joints_are_those_that_yourdfpy_reads(file: str) -> None:
+    loaded = load_robot(DATA / f"{file}.urdf")
+    model = yourdfpy.URDF.load(str(DATA / f"{file}.urdf"), load_meshes=False).robot
+    assert loaded.links == tuple(link.name for link in model.links)
+    for ours, theirs in zip(loaded.joints, model.joints, strict=True):
+        assert (ours.name, ours.kind, ours.parent, ours.child) == (
+            *(theirs.name, theirs.type, theirs.parent, theirs.child),
+        )
+        origin = np.eye(4) if theirs.origin is None else theirs.origin
+        np.testing.assert_allclose(ours.R_origin, origin[:3, :3], atol=1e-15)
+        np.testing.assert_array_equal(ours.p_origin, origin[:3, 3])
+        np.testing.assert_allclose(ours.axis, theirs.axis)
+        follows = theirs.mimic
+        assert ours.mimic == (
+            follows
+            and Mimic(joint=follows.joint, multiplier=follows.multiplier, offset=follows.offset)
+        )
 
 
 @given(
@@ -210,14 +221,13 @@ def test_who_imports_yourdfpy_beside_us_has_all_of_it() -> None:
 )
 @settings(max_examples=150, deadline=None)
 def test_damaged_files_are_read_or_refused_never_a_traceback(
-    tmp_path_factory: pytest.TempPathFactory, damage: list[tuple[int, int, bytes]]
+    damage: list[tuple[int, int, bytes]],
 ) -> None:
     data = (DATA / "panda.urdf").read_bytes()
     for place, removed, inserted in damage:
         data = data[: place % len(data)] + inserted + data[place % len(data) + removed :]
-    source = write(tmp_path_factory.mktemp("damaged"), data)
     try:
-        loaded = load_robot(source)
+        loaded = read(data)
     except InputError as error:
         assert "\n" not in str(error)  # noqa: PT017 - either outcome is right
     else:
@@ -263,11 +273,10 @@ def test_a_urdf_may_come_from_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
     assert load_robot(Path("-")).links == ("a",)
 
 
-def test_who_mimics_a_joint_that_is_not_there_moves_by_itself(tmp_path: Path) -> None:
+def test_a_mimic_of_no_joint_moves_by_itself() -> None:
     """As in published URDFs of hands; only a path through such a joint needs its position."""
-    path = tmp_path / "robot.urdf"
-    path.write_text(bc('<mimic joint="no"/>'))
-    assert load_robot(path).joint_by_name["bc"].mimic is None
+    for mimic in ('<mimic joint="no"/>', "<mimic/>"):
+        assert read(bc(mimic)).joint_by_name["bc"].mimic is None
 
 
 def test_xacro_finds_packages_in_the_folders_about_it(tmp_path: Path) -> None:
@@ -293,3 +302,59 @@ def test_xacro_finds_packages_in_the_folders_about_it(tmp_path: Path) -> None:
     top.write_text(text.format("missing_parts"))
     with pytest.raises(InputError, match="package 'missing_parts' is neither installed nor"):
         load_robot(top)
+
+
+PATIENCE = 5.0
+"""s of processor time; each takes a tenth of it."""
+
+
+def refusal(text: str) -> str:
+    """The refusal, or nothing; in good time either way."""
+    begin, told = time.process_time(), ""
+    try:
+        read(text)
+    except InputError as error:
+        told = str(error)
+    assert time.process_time() - begin < PATIENCE
+    assert "\n" not in told
+    assert len(told) < 2000
+    return told
+
+
+def chain(count: int, *, inside: str = "", kind: str = "revolute") -> str:
+    """Links in a row; ``inside`` goes into each joint, with {k} for the number before its own."""
+    rows = [
+        f'<link name="n{k}"/><joint name="j{k}" type="{kind}"><parent link="n{k - 1}"/>'
+        f'<child link="n{k}"/>{inside.format(k=k - 1) if k > 1 else ""}</joint>'
+        for k in range(1, count)
+    ]
+    return f'<robot name="x"><link name="n0"/>{"".join(rows)}</robot>'
+
+
+@pytest.mark.parametrize("where", ["<robot name='x'><link name='a'/>{}</robot>",
+                                   "<robot name='x'><link name='a'>{}</link></robot>"])  # fmt: skip
+def test_too_many_elements_are_refused(where: str) -> None:
+    assert "more than 200000 elements" in refusal(where.format("<a/>" * 250_000))
+
+
+def test_long_chains_and_long_mimicry_are_read_in_time() -> None:
+    assert refusal(chain(1500)) == ""
+    assert refusal(chain(1500, inside='<mimic joint="j{k}"/>')) == ""
+    ring = chain(1500, inside='<mimic joint="j{k}"/>').replace(
+        '<child link="n1"/>', '<child link="n1"/><mimic joint="j1499"/>', 1
+    )
+    assert "mimics itself in the end" in refusal(ring)
+    loop = chain(1500).replace('<parent link="n0"/>', '<parent link="n1499"/>', 1)
+    assert "closes a loop" in refusal(loop)
+
+
+def test_an_endless_device_is_refused_and_a_pipe_is_read(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="are no URDF"):
+        load_robot(Path("/dev/zero"))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    # As a shell's <(xacro robot.xacro) gives it.
+    writer = threading.Thread(target=pipe.write_text, args=(chain(3),), daemon=True)
+    writer.start()
+    assert load_robot(pipe).links == ("n0", "n1", "n2")
+    writer.join()

@@ -1,23 +1,31 @@
-"""Faults put into readings of which all else is known."""
+"""Faults put into readings of which all else is known, and values of no IMU."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.imu.checks import sensor_faults
-from imucalib_cli.signals.imu.repair import clear_of
-from imucalib_cli.signals.imu.repeats import dead_axes
-from imucalib_cli.signals.imu.saturation import flat_tops
+from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.signals.imu.checks import refuse_impossible
+from imucalib_cli.signals.imu.faults import Fault, dead_axes, flat_tops, sensor_faults
+from imucalib_cli.signals.imu.repair import rows_at_fault
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import gap_breaks
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import Turning, compare_turning
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, make_log
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from tests.conftest import LogWriter
 
 Floats = NDArray[np.float64]
 
@@ -32,13 +40,13 @@ def clean() -> Log:
     return make_log(time_offset=0.2)
 
 
+def _rounded(values: Floats, quantum: float) -> Floats:
+    return np.asarray(np.round(values / quantum) * quantum if quantum else values)
+
+
 def _sensed(log: Log, densities: tuple[float, float], quanta: tuple[float, float]) -> Log:
-    noisy = log.noisy(1, densities).imu if densities[0] else log.imu
-    gyro, accel = (
-        np.round(values / quantum) * quantum if quantum else values
-        for values, quantum in ((noisy.gyro, quanta[0]), (noisy.accel, quanta[1]))
-    )
-    return log.with_imu(noisy.t, gyro, accel)
+    imu = log.noisy(1, densities).imu if densities[0] else log.imu
+    return log.with_imu(imu.t, _rounded(imu.gyro, quanta[0]), _rounded(imu.accel, quanta[1]))
 
 
 def _turning(log: Log) -> Turning:
@@ -77,17 +85,10 @@ def test_a_sensor_that_freezes_in_motion_is_found(
     first, end = 1100, 1500
     gyro, accel = imu.gyro.copy(), imu.accel.copy()
     gyro[first:end], accel[first:end] = gyro[first], accel[first]
-    for frozen_gyro, frozen_accel in ((gyro, accel), (gyro, imu.accel), (imu.gyro, accel)):
-        log = clean.with_imu(imu.t, frozen_gyro, frozen_accel)
-        faults = sensor_faults(log.imu, _turning(log))
-        assert {fault.sensor for fault in faults} == {
-            name
-            for name, given, sound in (
-                ("gyro", frozen_gyro, imu.gyro),
-                ("accel", frozen_accel, imu.accel),
-            )
-            if given is not sound
-        }
+    for frozen in ({"gyro": gyro, "accel": accel}, {"gyro": gyro}, {"accel": accel}):
+        found = replace(imu, **frozen)
+        faults = sensor_faults(found, _turning(replace(clean, imu=found)))
+        assert {fault.sensor for fault in faults} == set(frozen)
         for fault in faults:
             assert (fault.kind, fault.axes) == ("frozen", "xyz")
             assert fault.rows[first:end].all()
@@ -143,8 +144,7 @@ def _struck(quantum: float = 0.0, seed: int = 4) -> Floats:
         length = int(rng.integers(3, 7))
         size = rng.exponential(60.0) * rng.normal(size=3)
         accel[start : start + length] += np.outer(np.hanning(length + 2)[1:-1], size)
-    accel += rng.normal(scale=0.05, size=accel.shape)
-    return np.asarray(np.round(accel / quantum) * quantum if quantum else accel)
+    return _rounded(accel + rng.normal(scale=0.05, size=accel.shape), quantum)
 
 
 @pytest.mark.parametrize("quantum", [0.0, 8 * 9.80665 / 32768])
@@ -175,8 +175,7 @@ def test_the_largest_value_of_a_sound_sensor_is_no_limit(motion: str, quantum: f
         "strikes": 20.0 * _struck()[: len(t)],
         "turns": 9.8 * np.cos(np.cumsum(0.01 * rng.normal(size=(len(t), 3)), axis=0)),
     }[motion] + rng.normal(size=(len(t), 3))
-    values = np.round(values / quantum) * quantum if quantum else values
-    assert not [top for top in flat_tops(values) if top.shape == "certain"]
+    assert not [top for top in flat_tops(_rounded(values, quantum)) if top.shape == "certain"]
 
 
 def test_a_steady_rotation_is_not_saturation() -> None:
@@ -204,14 +203,15 @@ def test_dead_axes_are_told_from_axes_at_rest() -> None:
     assert dead_axes(values * (1, 1, 0)) == "yz"
     planar = np.stack([np.zeros(2000), np.zeros(2000), np.sin(np.arange(2000) / 50)], axis=1)
     assert dead_axes(planar) == ""
-    assert dead_axes(np.round(planar / 0.01) * 0.01) == ""
+    assert dead_axes(_rounded(planar, 0.01)) == ""
 
 
-def test_no_window_reaches_over_what_is_left_out() -> None:
-    t = np.arange(2000) / 1000.0
+def test_no_window_crosses_rows_that_are_left_out() -> None:
+    t, zeros = np.arange(2000) / 1000.0, np.zeros((2000, 3))
     rows = np.zeros(2000, dtype=bool)
     rows[500:503] = True  # 3 ms: alone it would be bridged
-    out = clear_of(t, rows)
+    fault = Fault("gyro", "frozen", rows, "xyz", np.zeros(3))
+    out = rows_at_fault(ImuSamples(t=t, gyro=zeros, accel=zeros), [fault])
     assert out[500:503].all()
     assert out.sum() < 40
     assert len(gap_breaks(t[~out])) == 1
@@ -236,24 +236,71 @@ def test_clocks_that_do_not_match_are_no_fault_of_the_robot(clean: Log) -> None:
     assert turning.held_robot() == []
 
 
-TWO_G = 2 * 9.80665
-QUANTUM = TWO_G / 32768
-
-
 def test_a_gentle_flat_top_is_saturation_only_at_a_known_range() -> None:
     """It ends so gently that the values do not tell."""
-    t = np.arange(4000) / 200.0
+    t, top, quantum = np.arange(4000) / 200.0, 2 * 9.80665, MPU[1]
     # Barely beyond the range, so that the slope before the flat top is that of any motion.
-    swing = 1.004 * TWO_G * np.sin(2 * np.pi * 0.5 * t)
+    swing = 1.004 * top * np.sin(2 * np.pi * 0.5 * t)
     rest = 0.3 * np.sin(1.3 * t), 9.8 + 0.2 * np.cos(0.7 * t)
-    accel = np.stack([np.clip(swing, -TWO_G, TWO_G), *rest], axis=1)
-    accel = np.round(accel / QUANTUM) * QUANTUM
+    accel = _rounded(np.stack([np.clip(swing, -top, top), *rest], axis=1), quantum)
     gyro = 0.01 * np.stack([np.sin(0.4 * t), np.cos(0.3 * t), np.sin(0.2 * t)], axis=1)
     imu = ImuSamples(t=t, gyro=gyro, accel=accel)
     assert sensor_faults(imu, None) == []
-    (fault,) = sensor_faults(imu, None, (TWO_G, 2 * TWO_G))
+    (fault,) = sensor_faults(imu, None, (top, 2 * top))
     assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
-    assert fault.value == pytest.approx([-TWO_G, TWO_G], rel=1e-4)
-    assert fault.rows.sum() == (np.abs(swing) >= TWO_G - QUANTUM / 2).sum()
+    assert fault.value == pytest.approx([-top, top], rel=1e-4)
+    assert fault.rows.sum() == (np.abs(swing) >= top - quantum / 2).sum()
     # At another range the same top is the motion's.
-    assert sensor_faults(imu, None, (3 * TWO_G,)) == []
+    assert sensor_faults(imu, None, (3 * top,)) == []
+
+
+def _imu(gyro: float = 0.1, accel: float = 9.8, *, share: float = 1.0) -> ImuSamples:
+    """A level IMU of which a share of the rows says these values instead."""
+    count = 1000
+    stream = ImuSamples(
+        topic="/imu",
+        t=np.arange(count, dtype=np.float64) * 0.01,
+        gyro=np.full((count, 3), 0.1),
+        accel=np.tile([0.0, 0.0, 9.8], (count, 1)),
+    )
+    rows = np.random.default_rng(0).permutation(count)[: round(share * count)]
+    stream.gyro[rows, 0] = gyro
+    stream.accel[rows, 2] = accel
+    return stream
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"gyro": 1.01e3}, "gyro is beyond 1000 rad/s in 1000 of 1000 messages"),
+        ({"gyro": -1e8}, "gyro is beyond 1000 rad/s"),
+        ({"accel": 1e8}, "accel is beyond 100000 m/s²"),
+        ({"accel": -1.01e5, "share": 0.6}, "accel is beyond 100000 m/s² in 600 of 1000"),
+    ],
+)
+def test_values_of_no_imu_are_refused(values: dict[str, float], says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        refuse_impossible(_imu(**values))
+    assert str(caught.value).startswith(f"/imu: {says}")
+    refuse_impossible(_imu(**values | {"share": 0.001}))  # the estimator interpolates
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spike", [1e7, 1e160, 1e300])
+def test_impossible_spikes_end_in_a_result_or_a_sentence(
+    spike: float, log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log_writer.imu(seconds=8.0).joints(seconds=8.0)
+    imus = [message for topic, _, _, message in log_writer.messages if topic == "/imu/data"]
+    for message in imus[50::200]:
+        message.linear_acceleration.x = spike
+    request = CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf)
+    outcome = calibrate(request)
+    if spike > 1e9:  # left out where the log is read
+        told = [w for each in outcome.results for w in each.diagnostics.warnings]
+        assert any(w.startswith("/imu/data: 4 messages whose values are not finite") for w in told)
+    for failure in outcome.failures:
+        assert isinstance(failure, ImucalibError)
+    for result in outcome.results:
+        assert np.isfinite(result.pose.t).all()
+    assert len(outcome.results) + len(outcome.failures) == 1

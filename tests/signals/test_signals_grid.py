@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import imu_grid
 from imucalib_cli.signals.timing.stamps import EXACT_SECONDS
+from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.signals.turning import compare_turning
 
 Floats = NDArray[np.float64]
 
@@ -86,3 +89,16 @@ def test_a_finer_grid_keeps_the_samples_and_fills_in(refine: int) -> None:
     np.testing.assert_array_equal(grid.gyro[::refine], gyro)
     np.testing.assert_allclose(grid.accel, _signal(grid.t)[1], atol=1e-6)
     assert len(grid.usable) == 999 * refine + 1
+
+
+def test_stamps_that_reach_over_years_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the samples are stamped with the time since boot: no grid of terabytes."""
+    t, values = np.arange(1000) / 100, np.zeros((1000, 3))
+    t[500:] += 1.7e9
+    with pytest.raises(InputError, match=r"reach over 1\.7e\+09 s, of which its 1000 samples fill"):
+        imu_grid(t, values, values)
+    monkeypatch.setattr(Trajectory, "span", (0.0, 10.0), raising=False)
+    with pytest.raises(InputError, match="cannot fill"):
+        compare_turning(t, values, object.__new__(Trajectory), 1.0)
+    t[500:] -= 1.7e9 - 60.0
+    assert imu_grid(t, values, values).gaps == 1

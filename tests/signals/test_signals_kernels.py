@@ -84,14 +84,8 @@ FUNCTIONS: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] 
     # f and its second derivative, none of which a cubic over the window resembles.
     "fast wave": (lambda s: np.sin(0.9 * s + 0.3), lambda s: -0.81 * np.sin(0.9 * s + 0.3)),
     "exponential": (lambda s: np.exp(0.4 * s), lambda s: 0.16 * np.exp(0.4 * s)),
-    "corner in velocity's slope": (
-        lambda s: abs(s - 1.7) ** 3,
-        lambda s: 6.0 * abs(s - 1.7),
-    ),
-    "step in acceleration": (
-        lambda s: max(s + 2.2, 0.0) ** 2,
-        lambda s: 2.0 if s > -2.2 else 0.0,
-    ),
+    "corner in velocity's slope": (lambda s: abs(s - 1.7) ** 3, lambda s: 6.0 * abs(s - 1.7)),
+    "step in acceleration": (lambda s: max(s + 2.2, 0.0) ** 2, lambda s: 2.0 if s > -2.2 else 0.0),
 }
 
 

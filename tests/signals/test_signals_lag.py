@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from imucalib_cli.signals.timing.lag import best_lag
+from imucalib_cli.signals.timing.lag import Lag, best_lag
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 
 def _series(seed: int, n: int, shift: int) -> tuple[Floats, Floats]:
@@ -21,13 +22,18 @@ def _series(seed: int, n: int, shift: int) -> tuple[Floats, Floats]:
     return long[500 : 500 + n], 1.7 * long[500 - shift : 500 - shift + n] + 0.4
 
 
+def _lag(reference: Floats, series: Floats, most: int, usable: Bools | None = None) -> Lag:
+    usable = np.ones((2, len(series)), dtype=bool) if usable is None else usable
+    lag = best_lag(reference, series, usable, most)
+    assert lag is not None
+    return lag
+
+
 @given(st.integers(-200, 200), st.integers(0, 1000))
 @settings(deadline=None, max_examples=40)
 def test_shifts_of_either_sign_are_found(shift: int, seed: int) -> None:
     reference, series = _series(seed, 1500, shift)
-    everything = np.ones((2, 1500), dtype=bool)
-    lag = best_lag(reference, series, everything, 200)
-    assert lag is not None
+    lag = _lag(reference, series, 200)
     assert lag.samples == shift
     assert lag.correlation == pytest.approx(1.0, abs=0.02)
     assert lag.runner_up < 0.8
@@ -40,8 +46,7 @@ def test_holes_with_garbage_in_them_do_not_matter() -> None:
     usable[0, 300:450] = usable[1, 900:1100] = False
     reference = np.where(usable[0], reference, 1e4)
     series = np.where(usable[1], series, -1e5)
-    lag = best_lag(reference, series, usable, 200)
-    assert lag is not None
+    lag = _lag(reference, series, 200, usable)
     assert (lag.samples, lag.at_edge) == (-37, False)
     assert lag.correlation > 0.95
 
@@ -49,28 +54,15 @@ def test_holes_with_garbage_in_them_do_not_matter() -> None:
 def test_noise_does_not_move_the_peak() -> None:
     reference, series = _series(2, 3000, 88)
     series = series + 0.3 * series.std() * np.random.default_rng(3).normal(size=3000)
-    lag = best_lag(reference, series, np.ones((2, 3000), dtype=bool), 200)
-    assert lag is not None
+    lag = _lag(reference, series, 200)
     assert abs(lag.samples - 88) <= 1
     assert 0.8 < lag.correlation < 1.0
 
 
-def test_a_shift_beyond_the_search_is_no_clear_peak() -> None:
-    reference, series = _series(4, 3000, 300)
-    lag = best_lag(reference, series, np.ones((2, 3000), dtype=bool), 200)
-    assert lag is not None
-    assert lag.correlation < 0.5
-
-
-def test_the_best_shift_at_the_edge_is_said() -> None:
+def test_a_shift_beyond_the_search_is_no_clear_peak_or_at_the_edge() -> None:
+    assert _lag(*_series(4, 3000, 300), 200).correlation < 0.5
     t = np.linspace(-1, 1, 800)
-    lag = best_lag(
-        np.exp(-((t / 0.2) ** 2)),
-        np.exp(-(((t - 0.3) / 0.2) ** 2)),
-        np.ones((2, 800), dtype=bool),
-        60,
-    )
-    assert lag is not None
+    lag = _lag(np.exp(-((t / 0.2) ** 2)), np.exp(-(((t - 0.3) / 0.2) ** 2)), 60)
     assert (lag.samples, lag.at_edge) == (60, True)
 
 
@@ -90,8 +82,7 @@ def test_a_shift_between_samples_is_found_to_a_fraction(shift: float) -> None:
             np.sin(x / 9.0) + np.sin(x / 17.3 + 1.0) + np.exp(-(((x - 700) / 30) ** 2))
         )
 
-    lag = best_lag(signal(i), signal(i - shift), np.ones((2, 1500), dtype=bool), 40)
-    assert lag is not None
+    lag = _lag(signal(i), signal(i - shift), 40)
     assert lag.samples + lag.between == pytest.approx(shift, abs=0.1)
     assert abs(lag.between) <= 0.5
 
@@ -107,8 +98,7 @@ def test_half_of_the_shorter_series_must_overlap(ends: str) -> None:
     if ends == "start":
         usable = usable[:, ::-1]
         reference, series = reference[::-1], series[::-1]
-    lag = best_lag(reference, series, usable, 390)
-    assert lag is not None
+    lag = _lag(reference, series, 390, usable)
     shifted = np.arange(400) + lag.samples
     inside = (shifted >= 0) & (shifted < 400)
     meeting = usable[1, shifted[inside]] & usable[0, np.arange(400)[inside]]

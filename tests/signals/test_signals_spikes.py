@@ -1,6 +1,8 @@
-"""Spikes the test put in, and signals in which there are none."""
+"""Spikes and glitches the test put in, and signals in which there are none."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,10 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter
 
 from imucalib_cli.signals.noise import deviation_from_neighbours
-from imucalib_cli.signals.spikes import find_spikes
+from imucalib_cli.signals.spikes import find_glitches, find_spikes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Floats = NDArray[np.float64]
 
@@ -43,40 +48,20 @@ def test_neighbouring_spikes_are_found() -> None:
     assert find_spikes(values, 0.2)[where].all()
 
 
-def test_white_noise_has_next_to_none() -> None:
-    values = np.random.default_rng(5).normal(size=(200_000, 3))
-    assert not find_spikes(values, 0.0).any()
+def _corners() -> Floats:
+    """Moves with rests between: acceleration starts at a corner, 3 m/s² within 0.2 s."""
+    s = np.clip(np.arange(12000) / 200.0 % 2.0, 0.0, 1.0)
+    return np.asarray(12.0 * (60 * s - 180 * s**2 + 120 * s**3) / 10.0)[:, None]
 
 
-def test_smooth_motion_has_none_even_at_its_corners() -> None:
-    t = np.arange(12000) / 200.0
-    # Starts and stops: acceleration sets in at a corner, 3 m/s² within 0.2 s, and rests between.
-    phase = t % 2.0
-    s = np.clip(phase / 1.0, 0.0, 1.0)
-    quintic = 12.0 * (60 * s - 180 * s**2 + 120 * s**3) / 10.0
-    assert not find_spikes(quintic[:, None], 0.2).any()
-    noisy = quintic + np.random.default_rng(6).normal(scale=0.01, size=len(t))
-    assert find_spikes(noisy[:, None], 0.2).sum() == 0
+def _with(values: Floats, event: Any) -> Floats:
+    """The event is added to y from sample 5000 on."""
+    values[5000 : 5000 + len(event), 1] += event
+    return values
 
 
-def test_a_long_event_is_no_spike() -> None:
-    rng = np.random.default_rng(7)
-    values = _smooth() + rng.normal(scale=0.03, size=(12000, 3))
-    values[5000:5100, 1] += 30.0 * np.hanning(100)
-    assert not find_spikes(values, 0.2)[5005:5095].any()
-
-
-def test_a_burst_of_garbage_is_an_event_and_not_a_row_of_glitches() -> None:
-    values = 0.03 * np.random.default_rng(7).normal(size=(12000, 3))
-    values[5000:5020, 1] += 30.0 * (-1.0) ** np.arange(20)
-    assert not find_spikes(values, 0.2)[4990:5030].any()
-
-
-def test_vibration_while_moving_is_no_spike() -> None:
-    rng = np.random.default_rng(8)
-    values = rng.normal(scale=0.01, size=(12000, 3))
-    values[3000:9000] *= 40.0
-    assert find_spikes(values, 0.02).sum() <= 6
+def _noise(scale: float, n: int = 12000, seed: int = 7) -> Floats:
+    return np.random.default_rng(seed).normal(scale=scale, size=(n, 3))
 
 
 def _strikes(n: int = 30000, rate: float = 500.0) -> Floats:
@@ -94,10 +79,24 @@ def _strikes(n: int = 30000, rate: float = 500.0) -> Floats:
     return np.asarray(low + _smooth(n, rate) + rng.normal(scale=0.03, size=(n, 3)))
 
 
-def test_a_strike_that_the_sensor_itself_smooths_is_no_spike() -> None:
-    strikes = _strikes()
-    assert np.abs(strikes).max() > 50.0
-    assert find_spikes(strikes, 0.2).sum() <= 12  # of a hundred strikes, some thousand samples
+@pytest.mark.parametrize(
+    ("values", "floor", "most"),
+    [
+        (lambda: _noise(1.0, 200_000), 0.0, 0),
+        (_corners, 0.2, 0),
+        (lambda: _corners() + _noise(0.01)[:, :1], 0.2, 0),
+        (lambda: _with(_smooth() + _noise(0.03), 30.0 * np.hanning(100)), 0.2, 0),
+        (lambda: _with(_noise(0.03), 30.0 * (-1.0) ** np.arange(20)), 0.2, 0),
+        (lambda: _noise(0.01) * np.repeat([1.0, 40.0, 1.0], [3000, 6000, 3000])[:, None], 0.02, 6),
+        # of a hundred strikes, some thousand samples
+        (_strikes, 0.2, 12),
+    ],
+    ids=["noise", "corners", "noisy corners", "long event", "garbage", "vibration", "strikes"],
+)
+def test_a_sound_signal_has_next_to_no_spikes(
+    values: Callable[[], Floats], floor: float, most: int
+) -> None:
+    assert find_spikes(values(), floor).sum() <= most
 
 
 @pytest.mark.parametrize(("share", "size", "least"), [(0.002, 10.0, 0.9), (0.02, 30.0, 0.9)])
@@ -120,3 +119,53 @@ def test_deviation_is_blind_to_cubics_and_as_large_as_said_for_noise() -> None:
     expected = np.sqrt(1 + 34 / 36)
     assert deviation_from_neighbours(noise).std() == pytest.approx(expected, rel=0.01)
     assert expected == pytest.approx(1.394, abs=1e-3)
+
+
+def _moving(rate: float, *, noise: float = 1e-4, jitter: float = 0.0) -> tuple[Floats, ...]:
+    rng = np.random.default_rng(0)
+    t = np.arange(int(30 * rate)) / rate
+    t = t + jitter / rate * rng.uniform(-0.5, 0.5, len(t))
+    phases = np.array([0.0, 1.0, 2.0])
+    values = np.sin(2.0 * t[:, None] + phases) + 0.3 * np.sin(7.0 * t[:, None] * phases)
+    return t, values + noise * rng.normal(size=values.shape)
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
+@pytest.mark.parametrize("jitter", [0.0, 0.6])
+def test_leaps_are_found_and_nothing_else(rate: float, jitter: float) -> None:
+    t, values = _moving(rate, jitter=jitter)
+    placed = np.array([3, 40, 42, 200, 201 + 10, len(t) - 4])
+    assert not find_glitches(t, values, 0.01).any()
+    for size in (0.1, 2 * np.pi):
+        spoilt = values.copy()
+        spoilt[placed, placed % 3] += size
+        np.testing.assert_array_equal(np.flatnonzero(find_glitches(t, spoilt, 0.01)), placed)
+
+
+def test_holes_corners_and_steps_are_no_leaps() -> None:
+    t, values = _moving(50.0)
+    keep = np.ones(len(t), dtype=bool)
+    keep[np.random.default_rng(1).choice(len(t), 60, replace=False)] = False
+    keep[400:450] = False
+    assert not find_glitches(t[keep], values[keep], 0.01).any()
+    # A move that starts and stops at once, a zigzag of a fast arm, an encoder that slips.
+    still = np.clip(np.abs(np.mod(t, 4.0) - 2.0) - 0.5, 0.0, 1.0)[:, None] * 2.0
+    assert not find_glitches(t, still, 0.01).any()
+    assert not find_glitches(t, values + (t > 10.0)[:, None] * 0.3, 0.01).any()
+
+
+def test_coarse_encoders_and_noise_are_no_leaps() -> None:
+    t, values = _moving(50.0, noise=0.005)
+    assert find_glitches(t, values, 0.01).mean() < 0.002
+    assert not find_glitches(t, np.round(values / 0.01) * 0.01, 0.01).any()
+
+
+def test_motion_too_quick_for_its_rate_is_no_leap() -> None:
+    """Quintic moves of half a second seen 15 times a second: lively, and sound."""
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 60.0, 1.0 / 15.0)
+    values = np.zeros((len(t), 3))
+    for start in np.arange(1.0, 58.0, 1.1):
+        x = np.clip((t - start) / 0.5, 0.0, 1.0)[:, None]
+        values += rng.uniform(-1.0, 1.0, 3) * x**3 * (10 - x * (15 - 6 * x))
+    assert not find_glitches(t, values, 0.01).any()

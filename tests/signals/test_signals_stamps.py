@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.signals.timing.stamps import constant_rate_ticks, gap_breaks, gap_limit, tidy_rows
+from imucalib_cli.signals.timing.stamps import (
+    Ticks,
+    constant_rate_ticks,
+    gap_breaks,
+    gap_limit,
+    tidy_rows,
+)
 
 Floats = NDArray[np.float64]
 
@@ -18,11 +24,8 @@ def test_rows_come_in_order_once_and_finite() -> None:
     tidy = tidy_rows(t, values)
     np.testing.assert_array_equal(tidy.rows, [0, 1, 4, 3, 7, 9])
     assert (tidy.repeated, tidy.backward, tidy.not_finite) == (2, 1, 2)
-
-
-def test_of_repeated_stamps_the_first_row_stays() -> None:
-    tidy = tidy_rows(np.array([0.2, 0.1, 0.2, 0.1]), np.zeros((4, 1)))
-    np.testing.assert_array_equal(tidy.rows, [1, 0])
+    first_of_repeated = tidy_rows(np.array([0.2, 0.1, 0.2, 0.1]), np.zeros((4, 1)))
+    np.testing.assert_array_equal(first_of_repeated.rows, [1, 0])
 
 
 @pytest.mark.parametrize("t", [np.zeros(0), np.full(3, np.nan)])
@@ -56,12 +59,17 @@ def _jittered(
     return true[kept], stamps[kept]
 
 
+def _ticks(stamps: Floats) -> Ticks:
+    ticks = constant_rate_ticks(stamps)
+    assert ticks is not None
+    return ticks
+
+
 @pytest.mark.parametrize("dropouts", [0.0, 0.02, 0.1])
 @pytest.mark.parametrize("jitter", [2e-5, 5e-4])
 def test_ticks_behind_jitter_are_found(jitter: float, dropouts: float) -> None:
     true, stamps = _jittered(1, jitter=jitter, dropouts=dropouts)
-    ticks = constant_rate_ticks(stamps)
-    assert ticks is not None
+    ticks = _ticks(stamps)
     error = ticks.t - true
     # A line through 8000 stamps: its phase is known to 2 jitter / sqrt(N) even at the ends.
     assert np.abs(error).max() < 6 * jitter / np.sqrt(len(true))
@@ -72,48 +80,39 @@ def test_ticks_behind_jitter_are_found(jitter: float, dropouts: float) -> None:
 
 def test_ticks_of_a_clock_that_drifts_are_followed() -> None:
     true, stamps = _jittered(2, jitter=5e-4, drift=1e-3, dropouts=0.02)
-    ticks = constant_rate_ticks(stamps)
-    assert ticks is not None
-    error = ticks.t - true
-    assert np.sqrt(np.mean(error**2)) < 5e-4 / 8
+    assert np.sqrt(np.mean((_ticks(stamps).t - true) ** 2)) < 5e-4 / 8
 
 
 def test_a_stamp_so_late_that_its_tick_is_taken_gets_the_next() -> None:
     true, stamps = _jittered(3, jitter=3e-4)
     stamps[4000] += 0.0035
     assert stamps[4000] < stamps[4001]
-    ticks = constant_rate_ticks(stamps)
-    assert ticks is not None
-    assert np.abs(ticks.t - true).max() < 1e-4
+    assert np.abs(_ticks(stamps).t - true).max() < 1e-4
 
 
 def test_a_gap_of_whole_seconds_does_not_lose_count() -> None:
     true, stamps = _jittered(4, jitter=5e-4)
     kept = (true < 11.0) | (true > 14.2)
-    ticks = constant_rate_ticks(stamps[kept])
-    assert ticks is not None
-    assert np.abs(ticks.t - true[kept]).max() < 1e-4
+    assert np.abs(_ticks(stamps[kept]).t - true[kept]).max() < 1e-4
 
 
-def test_exact_stamps_need_no_ticks() -> None:
-    true, _ = _jittered(5, jitter=0.0)
-    assert constant_rate_ticks(true) is None
-    assert constant_rate_ticks(np.round(true * 1e6) / 1e6) is None
-
-
-@pytest.mark.parametrize("step", [2e-5, 2e-4])
-def test_a_timer_that_wanders_has_no_ticks(step: float) -> None:
-    """Each interval off on its own: the stamps say when, and there is no clock behind them."""
+def _wandering(step: float) -> Floats:
     rng = np.random.default_rng(6)
-    t = np.cumsum(0.005 + rng.normal(scale=step, size=6000))
-    assert constant_rate_ticks(t) is None
+    return np.cumsum(0.005 + rng.normal(scale=step, size=6000))
 
 
-def test_bursts_have_no_ticks() -> None:
-    # A transport that delivers four samples at a time: stamps tell nothing about each.
-    t = np.repeat(np.arange(1500) * 0.02, 4) + np.tile([0.0, 1e-5, 2e-5, 3e-5], 1500)
-    assert constant_rate_ticks(t) is None
-
-
-def test_too_few_stamps_have_no_ticks() -> None:
-    assert constant_rate_ticks(_jittered(7, jitter=5e-4, n=100)[1]) is None
+@pytest.mark.parametrize(
+    "stamps",
+    [
+        _jittered(5, jitter=0.0)[0],
+        np.round(_jittered(5, jitter=0.0)[0] * 1e6) / 1e6,
+        _wandering(2e-5),
+        _wandering(2e-4),
+        # a transport that delivers four samples at a time: the stamps say nothing about each
+        np.repeat(np.arange(1500) * 0.02, 4) + np.tile([0.0, 1e-5, 2e-5, 3e-5], 1500),
+        _jittered(7, jitter=5e-4, n=100)[1],
+    ],
+    ids=["exact", "rounded", "timer wanders a little", "timer wanders", "bursts", "too few"],
+)
+def test_stamps_without_a_constant_clock_behind_jitter_have_no_ticks(stamps: Floats) -> None:
+    assert constant_rate_ticks(stamps) is None

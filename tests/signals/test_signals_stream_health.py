@@ -1,46 +1,32 @@
-"""How good the stamps of a stream are, how much of a log it is there for, and units at rest."""
+"""How good the stamps of a stream are, and how much of a log it covers."""
 
 from __future__ import annotations
-
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.signals.imu.stream_health import missing_parts, stamp_health
-from imucalib_cli.signals.imu.units import guess_units
-from imucalib_cli.signals.samples import ImuSamples
 
 START = 1_700_000_000_000_000_000
+COUNTS = ("gaps", "duplicates", "backwards", "zeros", "bursts")
 
 
-def test_regular_stamps_are_healthy() -> None:
-    health = stamp_health(START + np.arange(1000) * 5_000_000)
-    assert health.rate_hz == pytest.approx(200)
-    assert health.duration == pytest.approx(4.995)
-    assert health.jitter == 0
-    assert (health.gaps, health.duplicates, health.backwards, health.zeros, health.bursts) == (
-        *(0, 0, 0, 0, 0),
-    )
-
-
-def test_each_fault_is_counted() -> None:
+def test_each_fault_is_counted_and_regular_stamps_have_none() -> None:
     stamps = START + np.arange(1000) * 5_000_000
+    sound = stamp_health(stamps)
+    assert sound.duration == pytest.approx(4.995)
+    assert sound.jitter == 0
+    assert [getattr(sound, name) for name in COUNTS] == [0] * 5
     stamps[500:] += 200_000_000  # a gap of 205 ms
     stamps[100] = stamps[99]  # a duplicate
     stamps[200] = stamps[199] - 1000  # backwards
     stamps[300] = stamps[299] + 100_000  # a burst
     stamps[400] = 0
     health = stamp_health(stamps)
+    assert sound.rate_hz == health.rate_hz == pytest.approx(200)
     assert health.count == 1000
-    assert health.rate_hz == pytest.approx(200)
     assert health.longest_gap == pytest.approx(0.205)
-    assert health.gaps == 1
-    assert health.duplicates == 1
-    assert health.backwards == 1
-    assert health.bursts == 1
-    assert health.zeros == 1
+    assert [getattr(health, name) for name in COUNTS] == [1] * 5
 
 
 def test_jitter_is_that_of_the_intervals() -> None:
@@ -59,64 +45,11 @@ def test_the_rate_of_bunched_stamps_is_that_of_the_messages(apart: int) -> None:
     assert health.duplicates + health.bursts == 1800
 
 
-def test_units_are_guessed_though_messages_come_in_bursts() -> None:
-    sound = imu(1.0, 1.0)
-    index = np.arange(len(sound))
-    bunched = replace(sound, t=(index // 10 + 1) * 0.1 + index % 10 * 1e-9)
-    assert guess_units(bunched).accel_at_rest == pytest.approx(9.81, abs=0.02)
-
-
 @pytest.mark.parametrize("stamps", [[], [START], [0, 0, 0], [START, START]])
 def test_too_few_stamps_have_no_rate(stamps: list[int]) -> None:
     health = stamp_health(np.array(stamps, dtype=np.int64))
     assert health.rate_hz == 0
     assert health.count == len(stamps)
-
-
-def imu(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuSamples:
-    """Ten seconds of shaking, two of rest, in SI times the scales."""
-    rng = np.random.default_rng(2)
-    count = 1200
-    shake = np.where(np.arange(count) < 1000, 1.0, 0.0)[:, None]
-    accel = np.array([0.0, 0.0, gravity]) + shake * rng.normal(scale=4.0, size=(count, 3))
-    gyro = shake * rng.normal(scale=1.0, size=(count, 3))
-    noise = rng.normal(scale=0.01, size=(2, count, 3))
-    return ImuSamples(
-        topic="/imu",
-        t=np.arange(count, dtype=np.float64) * 0.01,
-        gyro=(gyro + noise[0]) * gyro_scale,
-        accel=(accel + noise[1]) * accel_scale,
-    )
-
-
-@pytest.mark.parametrize(
-    ("stream", "accel", "gyro", "warnings"),
-    [
-        (imu(1.0, 1.0), "m/s²", "rad/s", 0),
-        (imu(1 / 9.80665, 1.0), "g", "rad/s", 1),
-        (imu(1000 / 9.80665, 57.29578), "mg", "deg/s", 2),
-        (imu(1.0, 1.0, gravity=0.0), "m/s², no gravity", "rad/s", 1),
-        (imu(0.4, 1.0), "unknown", "rad/s", 1),
-    ],
-)
-def test_units_are_guessed_at_rest(
-    stream: ImuSamples, accel: str, gyro: str, warnings: int
-) -> None:
-    guess = guess_units(stream)
-    assert guess.accel_unit == accel
-    assert guess.gyro_unit == gyro
-    assert len(guess.warnings) == warnings
-    assert all("/imu" in each for each in guess.warnings)
-
-
-def test_rest_is_found_though_most_is_motion() -> None:
-    assert guess_units(imu(1.0, 1.0)).accel_at_rest == pytest.approx(9.81, abs=0.02)
-
-
-def test_empty_imu_has_unknown_units() -> None:
-    empty: Any = np.empty((0, 3))
-    stream = ImuSamples(topic="/imu", t=np.empty(0), gyro=empty, accel=empty)
-    assert guess_units(stream).accel_unit == "unknown"
 
 
 T = np.arange(0.0, 60.0, 0.01)

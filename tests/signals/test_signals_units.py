@@ -1,6 +1,8 @@
-"""What the ratio of two rates of turning is taken for."""
+"""Units found at rest and by the ratio of two angular rates."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,9 +47,19 @@ def test_joints_that_turn_many_times_are_rather_in_degrees() -> None:
     assert (found.unit, found.value, found.finding) == ("rad/s", 1.0, None)
 
 
-@pytest.mark.parametrize("ratio", [1.0 / DEG, 8.0, 0.1])
-def test_rates_that_agree_poorly_tell_another_link_and_no_unit(ratio: float) -> None:
-    found = gyro_factor(resting(G), turning(ratio, correlation=0.8), "auto", most_angle=2.0)
+@pytest.mark.parametrize(
+    ("ratio", "differs"),
+    [
+        (1.0 / DEG, {"correlation": 0.8}),
+        (8.0, {"correlation": 0.8}),
+        (0.1, {"correlation": 0.8}),
+        (8.0, {"scatter": 0.4}),
+    ],
+)
+def test_rates_that_agree_poorly_or_in_no_constant_factor_show_no_unit(
+    ratio: float, differs: dict[str, float]
+) -> None:
+    found = gyro_factor(resting(G), turning(ratio, **differs), "auto", most_angle=2.0)
     assert (found.unit, found.finding) == ("rad/s", None)
 
 
@@ -63,11 +75,6 @@ def test_another_constant_factor_is_told_with_its_deviation(ratio: float) -> Non
     # of the faster half of 400 bins, whose median scatters sqrt(pi / 2) as much as their mean
     assert std == pytest.approx(1.2533 * 0.05 * ratio / np.sqrt(200), rel=0.2)
     assert abs(factor - ratio) < 4.0 * std
-
-
-def test_a_factor_that_is_not_constant_is_no_unit() -> None:
-    found = gyro_factor(resting(G), turning(8.0, scatter=0.4), "auto", most_angle=2.0)
-    assert (found.unit, found.finding) == ("rad/s", None)
 
 
 @pytest.mark.parametrize(
@@ -129,3 +136,51 @@ def test_an_imu_that_is_never_still_is_not_judged_as_if_it_were(size: float, uni
 
 def test_an_imu_at_rest_of_half_of_gravity_has_no_known_unit() -> None:
     assert guess_units(resting(0.5 * G)).accel_unit == "unknown"
+
+
+def shaken(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuSamples:
+    """Ten seconds of shaking, two of rest, in SI times the scales."""
+    rng = np.random.default_rng(2)
+    count = 1200
+    shake = np.where(np.arange(count) < 1000, 1.0, 0.0)[:, None]
+    accel = np.array([0.0, 0.0, gravity]) + shake * rng.normal(scale=4.0, size=(count, 3))
+    gyro = shake * rng.normal(scale=1.0, size=(count, 3))
+    noise = rng.normal(scale=0.01, size=(2, count, 3))
+    return ImuSamples(
+        topic="/imu",
+        t=np.arange(count, dtype=np.float64) * 0.01,
+        gyro=(gyro + noise[0]) * gyro_scale,
+        accel=(accel + noise[1]) * accel_scale,
+    )
+
+
+@pytest.mark.parametrize(
+    ("stream", "accel", "gyro", "warnings"),
+    [
+        (shaken(1.0, 1.0), "m/s²", "rad/s", 0),
+        (shaken(1 / 9.80665, 1.0), "g", "rad/s", 1),
+        (shaken(1000 / 9.80665, 57.29578), "mg", "deg/s", 2),
+        (shaken(1.0, 1.0, gravity=0.0), "m/s², no gravity", "rad/s", 1),
+        (shaken(0.4, 1.0), "unknown", "rad/s", 1),
+    ],
+)
+def test_units_are_guessed_at_rest(
+    stream: ImuSamples, accel: str, gyro: str, warnings: int
+) -> None:
+    guess = guess_units(stream)
+    assert guess.accel_unit == accel
+    assert guess.gyro_unit == gyro
+    assert len(guess.warnings) == warnings
+    assert all("/imu" in each for each in guess.warnings)
+
+
+def test_rest_is_found_though_most_is_motion_and_messages_come_in_bursts() -> None:
+    sound = shaken(1.0, 1.0)
+    index = np.arange(len(sound))
+    bunched = replace(sound, t=(index // 10 + 1) * 0.1 + index % 10 * 1e-9)
+    for samples in (sound, bunched):
+        assert guess_units(samples).accel_at_rest == pytest.approx(9.81, abs=0.02)
+
+
+def test_units_of_no_samples_are_unknown() -> None:
+    assert guess_units(resting(G).at(np.arange(0))).accel_unit == "unknown"

@@ -86,9 +86,8 @@ class ImuModel:
 
     def noise(self, sensor: Sensor) -> float:
         """One-sided density, m/s²/sqrt(Hz) or rad/s/sqrt(Hz)."""
-        if sensor == "accel":
-            return self.accel_noise_ug * 1e-6 * _SI["accel"]
-        return self.gyro_noise_deg * _SI["gyro"]
+        figure = self.accel_noise_ug * 1e-6 if sensor == "accel" else self.gyro_noise_deg
+        return figure * _SI[sensor]
 
     def ranges(self, sensor: Sensor) -> tuple[float, ...]:
         """Full scales that can be chosen, ascending, m/s² or rad/s."""
@@ -101,11 +100,11 @@ class ImuModel:
 
     def bias_sigma(self, sensor: Sensor) -> float | None:
         """Standard deviation of the constant bias over parts and power cycles, m/s² or rad/s."""
-        if sensor == "accel":
-            figure, kind = self.accel_bias_mg, self.accel_bias_kind
-            unit = 1e-3 * _SI["accel"]
-        else:
-            figure, kind, unit = self.gyro_bias_deg, self.gyro_bias_kind, _SI["gyro"]
+        figure, kind, unit = (
+            (self.accel_bias_mg, self.accel_bias_kind, 1e-3 * _SI["accel"])
+            if sensor == "accel"
+            else (self.gyro_bias_deg, self.gyro_bias_kind, _SI["gyro"])
+        )
         if figure is None:
             return None
         return figure * unit / (imu_assumptions().sigmas_of_max if kind == "max" else 1.0)
@@ -135,10 +134,11 @@ class ImuModel:
         C). The time at which it reaches the stability is an assumption, in
         configs/imus/_assumptions.yaml.
         """
-        if sensor == "accel":
-            figure, unit = self.accel_bias_instability_ug, 1e-6 * _SI["accel"]
-        else:
-            figure, unit = self.gyro_bias_instability_deg_h, _SI["gyro"] / 3600.0
+        figure, unit = (
+            (self.accel_bias_instability_ug, 1e-6 * _SI["accel"])
+            if sensor == "accel"
+            else (self.gyro_bias_instability_deg_h, _SI["gyro"] / 3600.0)
+        )
         if figure is None:
             return None
         return figure * unit * math.sqrt(3.0 / imu_assumptions().bias_instability_time)

@@ -12,14 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import Finding, Severity, reasons, untrusted, warning, warnings
+from imucalib_cli.findings import Finding, Severity, untrusted, warning
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.signals.imu.checks import (
-    dead_in_motion,
-    refuse_dead,
-    refuse_impossible,
-    sensor_faults,
-)
+from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
+from imucalib_cli.signals.imu.faults import sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
@@ -31,14 +27,15 @@ from imucalib_cli.signals.turning import BIN, compare_turning
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.signals.imu.faults import Fault
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.turning import Turning
 
 _MOST_LOST = 0.5
 """If this share of the rotation is left out, the remaining data do not represent the log."""
 _FAR_BETTER = 0.5
-"""Recorded stamps are kept if they leave less than so many times the rotation unexplained that even
-ticks leave."""
+"""Recorded stamps are kept if they reduce the unexplained rotation to this share of what even ticks
+give."""
 _SAME = 1e-6
 _LEAP = 0.01
 """rad or m: a single message that jumps by more and back is faster than any robot."""
@@ -48,7 +45,7 @@ _MOST_LEAPS = 0.05
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repaired:
-    """Streams ready for an estimator, and the repairs done so far."""
+    """Streams ready for an estimator, and the repairs so far."""
 
     samples: ImuSamples
     path: KinematicPath
@@ -67,16 +64,6 @@ class Repaired:
     """Findings that do not matter if the fit is good, and are the likely cause if it is poor."""
     contradicted: tuple[Finding, ...] = ()
     """Findings about units that the user states and the data contradict."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Repairs, in words."""
-        return warnings(self.findings)
-
-    @property
-    def distrust(self) -> tuple[str, ...]:
-        """Reasons why the remaining data are too few, in words."""
-        return reasons(self.findings)
 
 
 def repair(
@@ -107,37 +94,35 @@ def repair(
     if repaired.turning is None:
         refuse_impossible(imu, "gyro")
         return replace(repaired, samples=imu)
-    repaired = _in_si_units(repaired, units, gravity)
+    repaired = _in_si_units(repaired, repaired.turning, units, gravity)
     repaired = _without_faults(repaired, accel_ranges, max_offset)
     repaired = _without_held_robot(repaired)
     graver_first = sorted(repaired.findings, key=lambda each: each.severity is Severity.WARNING)
     return replace(repaired, findings=tuple(graver_first))
 
 
-def _in_si_units(repaired: Repaired, units: Units, gravity: float) -> Repaired:
-    turning = repaired.turning
-    if turning is None:
-        return repaired
-    imu, suspects = repaired.samples, list(dead_in_motion(repaired.samples, turning))
-    gyro_conversion = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(repaired.path))
-    if not gyro_conversion.is_converted:  # with a conversion the factor is known from the motion
+def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: float) -> Repaired:
+    imu, findings = repaired.samples, list(repaired.findings)
+    suspects = list(dead_in_motion(imu, turning))
+    gyro = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(repaired.path))
+    if not gyro.is_converted:  # with a conversion the factor is known from the motion
         refuse_impossible(imu, "gyro")
-    accel_conversion = accel_factor(imu, units.accel, gravity=gravity)
-    findings = list(repaired.findings)
-    for each in (gyro_conversion, accel_conversion):
+    accel = accel_factor(imu, units.accel, gravity=gravity)
+    for each in (gyro, accel):
         if each.finding is not None and not each.contradicted:
             (findings if each.is_converted else suspects).append(each.finding)
-    gyro = imu.gyro * gyro_conversion.value if gyro_conversion.is_converted else imu.gyro
-    accel = imu.accel * accel_conversion.value if accel_conversion.is_converted else imu.accel
+    in_si = accel.convert(imu.accel)
     return replace(
         repaired,
-        samples=replace(imu, gyro=gyro, accel=-accel if units.sign == "down" else accel),
-        turning=turning.scaled(gyro_conversion.value),
+        samples=replace(
+            imu, gyro=gyro.convert(imu.gyro), accel=-in_si if units.sign == "down" else in_si
+        ),
+        turning=turning.scaled(gyro.value),
         findings=tuple(findings),
-        gyro_unit=gyro_conversion.unit,
-        accel_unit=accel_conversion.unit,
+        gyro_unit=gyro.unit,
+        accel_unit=accel.unit,
         suspects=tuple(suspects),
-        contradicted=(*gyro_conversion.contradicted, *accel_conversion.contradicted),
+        contradicted=(*gyro.contradicted, *accel.contradicted),
     )
 
 
@@ -154,7 +139,7 @@ def _without_faults(
     if not faults:
         return repaired
     findings = [*repaired.findings, *(fault.finding(imu) for fault in faults)]
-    out = clear_of(imu.t, np.any([fault.rows for fault in faults], axis=0))
+    out = rows_at_fault(imu, faults)
     sound = imu.at(~out)
     if len(sound) < MIN_IMU_SAMPLES:
         raise InputError(
@@ -180,14 +165,12 @@ def _without_held_robot(repaired: Repaired) -> Repaired:
     The joints of one track may be still while others move.
     """
     tracks, turning = repaired.path.tracks, repaired.turning
-    if turning is None:
-        return repaired
     held = [
         stretch
-        for stretch in turning.held_robot()
+        for stretch in ([] if turning is None else turning.held_robot())
         if all(_repeats(track, *stretch) for track in tracks)
     ]
-    if not held:
+    if turning is None or not held:
         return repaired
     names = [track.name for track in tracks]
     findings = [*repaired.findings, warning("robot.held", streams=names, stretches=held)]
@@ -208,16 +191,15 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
             if error.finding is None:
                 raise
             return (error.finding,)
-    tidy, findings = mended_imu(imu, ())
-    faults = sensor_faults(tidy, None) if len(tidy) >= MIN_IMU_SAMPLES else []
-    return (*findings, *(fault.finding(tidy) for fault in faults))
+    tidy, findings = mended_imu(imu)
+    return (*findings, *(fault.finding(tidy) for fault in sensor_faults(tidy, None)))
 
 
 def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> Repaired:
     """Replace bursts by even ticks, unless the motion contradicts it.
 
     Junk messages of a damaged chunk or a driver's buffer arrive at once and look like a burst.
-    Counted as ticks they would shift everything after them.
+    If they were counted as ticks, they would shift everything after them.
     """
     best = _evened(imu, path, max_offset, ())
     as_recorded: tuple[str, ...] = ()
@@ -234,7 +216,7 @@ def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> 
 def _evened(
     imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
 ) -> Repaired:
-    """The streams without bursts, except those named."""
+    """Replace bursts by even ticks in all streams except the named ones."""
     imu, findings = mended_imu(imu, as_recorded)
     tracks = []
     for raw in path.tracks:
@@ -259,35 +241,29 @@ def _unexplained(streams: Repaired) -> float:
 def _even(
     name: str, t: Floats, *values: Floats, as_recorded: tuple[str, ...] = ()
 ) -> tuple[Floats, list[Finding]]:
-    """Stamps without bursts, if they have any, and the finding."""
+    """Stamps without bursts, and a finding if there were bursts or the rate changes."""
     usable = usable_rows(t, *values)
     rows = slice(None) if usable.all() else usable  # a slice copies nothing
     stretches = rate_stretches(t[rows])
     if stretches:
-        rates, starts = zip(*((each.rate, each.start) for each in stretches), strict=True)
+        rates, starts = zip(*stretches, strict=True)
         return t, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
     timed = time_bursts(t[rows], *(each[rows] for each in values))
     if timed is None:
         return t, []
-    share = bunched_share(t[rows])
     even = t.copy()
+    told = {"stream": name, "share": bunched_share(t[rows])}
     if name in as_recorded:
         even[rows] = gathered(t[rows])
-        return even, [warning("stamps.surplus", stream=name, share=share)]
+        return even, [warning("stamps.surplus", **told)]
     even[rows] = timed.t
-    return even, [
-        warning(
-            "stamps.bunched",
-            stream=name,
-            share=share,
-            period=timed.period,
-            batch=timed.batch,
-            lost=timed.lost,
-        )
-    ]
+    told |= {"period": timed.period, "batch": timed.batch, "lost": timed.lost}
+    return even, [warning("stamps.bunched", **told)]
 
 
-def mended_imu(imu: ImuSamples, as_recorded: tuple[str, ...]) -> tuple[ImuSamples, list[Finding]]:
+def mended_imu(
+    imu: ImuSamples, as_recorded: tuple[str, ...] = ()
+) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
     t, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
     tidy = tidy_rows(t, imu.gyro, imu.accel)
@@ -309,7 +285,7 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
         whole[tidy.rows] = values
         track = replace(track, values=whole)
     track = replace(track, t=t)
-    if track.kind == "imu":  # repaired before, and its readings may leap
+    if track.kind == "imu":  # it is repaired already, and its readings may leap
         return track, findings
     leaps = find_glitches(tidy.of(t), values, _LEAP)
     if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
@@ -321,14 +297,14 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
     return replace(track, t=t[keep], values=track.values[keep]), findings
 
 
-def clear_of(t: Floats, rows: Bools) -> Bools:
-    """Rows to leave out so that no window crosses faulty ones: (N,).
+def rows_at_fault(imu: ImuSamples, faults: list[Fault]) -> Bools:
+    """(N,), rows to leave out so that no window crosses a fault; there is at least one fault.
 
     Interpolation would bridge holes shorter than a gap, so holes are widened to gaps.
     """
-    reach = int(np.ceil(gap_limit(t) / (2.0 * float(np.median(np.diff(t)))))) + 1
-    wide = np.convolve(rows, np.ones(2 * reach + 1), mode="same") > 0.5
-    return np.asarray(wide)
+    reach = int(np.ceil(gap_limit(imu.t) / (2.0 * float(np.median(np.diff(imu.t)))))) + 1
+    rows = np.any([fault.rows for fault in faults], axis=0)
+    return np.asarray(np.convolve(rows, np.ones(2 * reach + 1), mode="same") > 0.5)
 
 
 def _repeats(track: Track, start: float, end: float) -> bool:
@@ -346,10 +322,10 @@ def _without(track: Track, stretches: list[tuple[float, float]]) -> Track:
 
 def _most_angle(path: KinematicPath) -> float:
     """Largest range of a revolute joint's positions on a path, rad."""
-    most = 0.0
-    for step in path.steps:
-        if isinstance(step, JointStep) and step.kind == "revolute":
-            values = path.tracks[step.track].values[:, step.column]
-            values = values[np.isfinite(values)]
-            most = max(most, float(np.ptp(values)) if len(values) else 0.0)
-    return most
+    positions = (
+        path.tracks[step.track].values[:, step.column]
+        for step in path.steps
+        if isinstance(step, JointStep) and step.kind == "revolute"
+    )
+    finite = (each[np.isfinite(each)] for each in positions)
+    return max((float(np.ptp(each)) for each in finite if len(each)), default=0.0)

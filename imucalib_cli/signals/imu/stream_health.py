@@ -42,13 +42,13 @@ class StampHealth:
     duration: float
     """First to last plausible stamp, s."""
     rate_hz: float
-    """Hz, 1 / median interval, or the mean rate if stamps are bunched; 0 for fewer than two."""
+    """1 / median interval, or the mean rate if stamps are bunched; 0 for fewer than two."""
     median_interval: float
-    """Largest interval, s."""
+    """s."""
     jitter: float
     """Standard deviation of the intervals, s, from quartiles so that gaps do not count."""
     longest_gap: float
-    """s."""
+    """Largest interval, s."""
     gaps: int
     """Intervals longer than 3 median ones and 10 ms."""
     duplicates: int
@@ -61,11 +61,7 @@ class StampHealth:
 
 
 def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
-    """Describe stamps.
-
-    Args:
-        stamp_ns: (N,), in the order of the log, ns.
-    """
+    """Describe stamps (N,), ns, in the order of the log."""
     stamps = stamp_ns[stamp_ns > 0]
     steps: Floats = np.diff(stamps) / _NS
     forward = steps[steps > 0]
@@ -101,12 +97,10 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
 def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
     """A finding for each stream that is missing from much of the log.
 
-    Args:
-        streams: Stamps, s, in any order, by the stream's name.
+    ``streams`` are stamps, s, in any order, by the stream's name.
     """
-    ends = np.array([_ends(t) for t in streams.values()])
-    first, last = float(ends[:, 0].min()), float(ends[:, 1].max())
-    whole = last - first
+    firsts, lasts = zip(*map(_ends, streams.values()), strict=True)
+    first, last = min(firsts), max(lasts)
     for name, unordered in streams.items():
         t = np.sort(np.clip(unordered, first, last))
         # The ends of the log bound holes as samples do.
@@ -114,17 +108,11 @@ def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
         hole = max(_HOLE, _HOLE_INTERVALS * float(np.median(steps)))
         missing = np.flatnonzero(steps > hole)
         total = float(steps[missing].sum())
-        if total > _MISSED * whole:
+        if total > _MISSED * (last - first):
             longest = int(missing[np.argmax(steps[missing])])
-            begins = float(t[longest - 1]) - first if longest else 0.0
-            yield warning(
-                "stream.missing",
-                stream=name,
-                missing=total,
-                whole=whole,
-                start=begins,
-                end=begins + steps[longest],
-            )
+            start = float(t[longest - 1]) - first if longest else 0.0
+            told = {"stream": name, "missing": total, "whole": last - first, "start": start}
+            yield warning("stream.missing", **told, end=start + steps[longest])
 
 
 def _ends(t: Floats) -> tuple[float, float]:

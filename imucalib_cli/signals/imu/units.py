@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -15,8 +15,6 @@ from imucalib_cli.signals.timing.stamps import usable_rows
 from imucalib_cli.signals.turning import AGREE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.turning import RateRatio, Turning
@@ -26,16 +24,19 @@ _NEAR = 0.15
 """Relative error of |accel| at rest, or of the ratio of two rates, up to which a unit fits: bias,
 scale errors and motion cause it."""
 _APART = math.sqrt(STANDARD_GRAVITY)
-"""Factor by which a norm in motion may be off gravity's: half way from m/s² to g. An IMU moves all
-the time if its readings vary by more than _NEAR even in the calmest stretches, as in walking."""
+"""Largest ratio of a norm and gravity if the IMU never rests, as in walking: half way from m/s² to
+g. It never rests if its readings vary by more than _NEAR even in the calmest stretches."""
 _MOST_RATE = 40.0
 """rad/s; the range of industrial and MEMS gyroscopes is up to 2000 °/s, 34.9 rad/s."""
 _FLOATING = 0.05
 """Share of gravity at rest below which the accelerometer does not contain it."""
 _USUAL_RATE = 100.0
-"""Hz, assumed for an IMU whose stamps have no rate."""
+"""Hz, assumed if the stamps have no rate."""
 ACCEL_FACTORS = {"m/s2": 1.0, "g": STANDARD_GRAVITY, "mg": STANDARD_GRAVITY / 1000.0}
 """Factors from each unit to SI."""
+
+
+AccelGuess = Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]
 
 
 class KnownRatio(NamedTuple):
@@ -95,6 +96,10 @@ class Factor:
         """Whether the values are converted."""
         return self.value != 1.0
 
+    def convert(self, values: Floats) -> Floats:
+        """Values in SI units; the same array if they are in SI units already."""
+        return values * self.value if self.is_converted else values
+
     @property
     def contradicted(self) -> tuple[Finding, ...]:
         """The finding if the data contradict the unit that the user states; else empty."""
@@ -110,9 +115,9 @@ def gyro_factor(
     Args:
         imu: As read, in order.
         turning: Rates of the robot and of the IMU, as recorded.
-        wanted: What the user says.
-        most_angle: rad, the largest rotation of a joint in the log: joint positions in degrees look
-        like a gyroscope that was converted twice.
+        wanted: The unit that the user states.
+        most_angle: Largest rotation of a joint in the log, rad: joint positions in degrees look
+            like a gyroscope that was converted twice.
 
     Raises:
         InputError: It has no known unit.
@@ -122,45 +127,26 @@ def gyro_factor(
     unit = None if reads is None else _unit_of(reads, turning.correlation)
     if unit == _TWICE and most_angle > _MOST_ANGLE:
         unit = "rad/s"
+    found, told = None, dict[str, Any]()
     if wanted != "auto":
-        stated = KNOWN_RATIOS[wanted].ratio
-        wrong = None
+        expected = KNOWN_RATIOS[wanted].ratio
         if unit not in (None, wanted):
-            wrong = untrusted(
-                "imu.gyro_unit_contradicted",
-                topic=imu.topic,
-                stated=wanted,
-                ratio=reads,
-                expected=stated,
-                unit=unit,
-            )
-        return Factor(unit=wanted, value=1.0 / stated, finding=wrong)
+            told = {"stated": wanted, "ratio": reads, "expected": expected, "unit": unit}
+            found = untrusted("imu.gyro_unit_contradicted", topic=imu.topic, **told)
+        return Factor(unit=wanted, value=1.0 / expected, finding=found)
     if unit not in (None, "rad/s"):
         known = KNOWN_RATIOS[unit]
-        converted = warning(
-            "imu.gyro_unit_converted",
-            topic=imu.topic,
-            ratio=reads,
-            unit=unit,
-            factor=known.factor,
-            keep="rad/s",
-        )
-        return Factor(unit=unit, value=1.0 / known.ratio, finding=converted)
+        told = {"ratio": reads, "unit": unit, "factor": known.factor, "keep": "rad/s"}
+        found = warning("imu.gyro_unit_converted", topic=imu.topic, **told)
+        return Factor(unit=unit, value=1.0 / known.ratio, finding=found)
     if unit is None and ratio is not None and _is_constant(ratio, turning):
-        raise InputError(
-            untrusted(
-                "imu.gyro_factor_unknown",
-                topic=imu.topic,
-                factor=reads,
-                std=ratio.std,
-                known=[f"{each.ratio:.3g} for {name}" for name, each in KNOWN_RATIOS.items()],
-            )
-        )
+        listed = [f"{each.ratio:.3g} for {name}" for name, each in KNOWN_RATIOS.items()]
+        told = {"factor": reads, "std": ratio.std, "known": listed}
+        raise InputError(untrusted("imu.gyro_factor_unknown", topic=imu.topic, **told))
     largest = largest_rate(imu)
     if largest > _MOST_RATE:
-        raise InputError(
-            untrusted("imu.gyro_too_fast", topic=imu.topic, largest=largest, ratio=reads)
-        )
+        told = {"topic": imu.topic, "largest": largest, "ratio": reads}
+        raise InputError(untrusted("imu.gyro_too_fast", **told))
     return Factor(unit="rad/s", value=1.0)
 
 
@@ -182,7 +168,7 @@ def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Facto
 
     Args:
         imu: As read.
-        wanted: What the user says.
+        wanted: The unit that the user states.
         gravity: Norm expected at rest, m/s²; with 0 the unit cannot be found.
 
     Raises:
@@ -191,16 +177,13 @@ def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Facto
     guess = guess_units(imu, gravity or STANDARD_GRAVITY)
     found = "m/s2" if guess.accel_unit == "m/s²" else guess.accel_unit
     at_rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
+    finding = None
     if wanted != "auto":
         factor = ACCEL_FACTORS[wanted]
-        wrong = None
         if gravity > 0.0 and found in ACCEL_FACTORS and found != wanted:
-            times = guess.accel_at_rest * factor / gravity
-            wrong = untrusted(
-                "imu.accel_unit_contradicted", **at_rest, stated=wanted, times=times, unit=found
-            )
-        return Factor(unit=wanted, value=factor, finding=wrong)
-    finding = None
+            told = {"stated": wanted, "times": guess.accel_at_rest * factor / gravity}
+            finding = untrusted("imu.accel_unit_contradicted", **at_rest, **told, unit=found)
+        return Factor(unit=wanted, value=factor, finding=finding)
     if gravity == 0.0:
         if found in ACCEL_FACTORS:
             finding = warning("imu.gravity_unasked", **at_rest, unit=guess.accel_unit)
@@ -221,7 +204,7 @@ class UnitGuess:
 
     accel_at_rest: float = 0.0
     """Median norm over the calmest stretches, in the unit of the log."""
-    accel_unit: Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"] = "unknown"
+    accel_unit: AccelGuess = "unknown"
     gyro_at_rest: float = 0.0
     """Median norm over the calmest stretches, in the unit of the log; it is bias and noise."""
     gyro_largest: float = 0.0
@@ -241,7 +224,7 @@ class UnitGuess:
 def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess:
     """Guess the units of an IMU from its values at rest.
 
-    Used is the calmest tenth of all stretches of 0.5 s, by the deviation of both sensors.
+    Rest is the calmest tenth of all stretches of 0.5 s, by the deviation of both sensors.
 
     Args:
         imu: As read.
@@ -266,27 +249,26 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
         for values in (accel, gyro)
     )
     largest = largest_rate(imu)
-    guess = UnitGuess(
+    unit = _accel_unit(at_rest, gravity, still=bool(shaken < _NEAR * at_rest))
+    findings, told = [], {"topic": imu.topic, "norm": at_rest}
+    if unit in {"g", "mg"}:
+        findings.append(warning("imu.accel_looks_like", **told, unit=unit))
+    elif unit == "m/s², no gravity":
+        findings.append(warning("imu.accel_without_gravity", **told))
+    elif unit == "unknown":
+        findings.append(warning("imu.accel_of_no_unit", **told))
+    in_degrees = largest > _MOST_RATE
+    if in_degrees:
+        told = {"topic": imu.topic, "largest": largest, "unit": "deg/s"}
+        findings.append(warning("imu.gyro_looks_like", **told))
+    return UnitGuess(
         accel_at_rest=at_rest,
-        accel_unit=_accel_unit(at_rest, gravity, still=bool(shaken < _NEAR * at_rest)),
+        accel_unit=unit,
         gyro_at_rest=gyro_at_rest,
         gyro_largest=largest,
-        gyro_unit="deg/s" if largest > _MOST_RATE else "rad/s",
+        gyro_unit="deg/s" if in_degrees else "rad/s",
+        findings=tuple(findings),
     )
-    return replace(guess, findings=tuple(_strange(guess, imu.topic)))
-
-
-def _strange(guess: UnitGuess, topic: str) -> Iterator[Finding]:
-    at_rest = {"topic": topic, "norm": guess.accel_at_rest}
-    if guess.accel_unit in {"g", "mg"}:
-        yield warning("imu.accel_looks_like", **at_rest, unit=guess.accel_unit)
-    elif guess.accel_unit == "m/s², no gravity":
-        yield warning("imu.accel_without_gravity", **at_rest)
-    elif guess.accel_unit == "unknown":
-        yield warning("imu.accel_of_no_unit", **at_rest)
-    if guess.gyro_unit == "deg/s":
-        largest = guess.gyro_largest
-        yield warning("imu.gyro_looks_like", topic=topic, largest=largest, unit=guess.gyro_unit)
 
 
 def largest_rate(imu: ImuSamples) -> float:
@@ -301,9 +283,7 @@ def _relative_deviation(values: Floats) -> Floats:
     return deviation / typical if typical > 0 else deviation
 
 
-def _accel_unit(
-    norm: float, gravity: float, *, still: bool
-) -> Literal["m/s²", "g", "mg", "m/s², no gravity", "unknown"]:
+def _accel_unit(norm: float, gravity: float, *, still: bool) -> AccelGuess:
     """The unit in which a norm is gravity's: nearly, or m/s² roughly if the IMU was never still."""
     if abs(norm / gravity - 1.0) < _NEAR:
         return "m/s²"

@@ -1,20 +1,19 @@
-"""Recover the sampling times of a device whose messages arrive, and are stamped, in bursts.
+"""Recover the sampling times of a device whose messages are stamped in bursts.
 
 A driver may stamp messages on arrival, a USB bus may deliver ten samples at once, a recorder may be
-behind a slow network. Then stamps come in bunches and say little about the sampling times. But the
-device samples at a constant rate and messages keep their order, so the number of a message gives
-its time better than its stamp does: stamp = tick + delay, where the delay is never negative.
-
-The shortest delay cannot be determined from the stamps; it becomes part of the time offset.
+behind a slow network. But the device samples at a constant rate and messages keep their order, so
+the number of a message gives its time better than its stamp does: stamp = tick + delay, where the
+delay is never negative. The shortest delay becomes part of the time offset.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from imucalib_cli.signals.noise import MAD_TO_STD
 from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, usual_interval
@@ -25,9 +24,8 @@ if TYPE_CHECKING:
 _LEAST = 200
 """Least number of samples for a rate."""
 _SAME_STEP = 0.35
-"""Mean square difference of the values over short intervals, divided by that over all intervals: 1
-for a device that samples at a constant rate, near 0 if samples were taken when they were stamped.
-"""
+"""Mean square step of the values over short intervals, divided by that over all intervals: 1 for a
+constant rate, near 0 if samples were taken when they were stamped."""
 _LEAST_BATCH = 3
 _BATCHED = 0.5
 """If this share of the bursts has the same size, the device sends batches."""
@@ -35,7 +33,7 @@ _LOW = 0.1
 """Quantile of the delays used as their lower edge: more stable than the minimum or the mean."""
 _CHUNKS = 48
 _LEAST_CHUNK = 12
-"""Least number of units per chunk."""
+"""Units of arrival per chunk."""
 _STRAIGHT = 1.0
 """Von Neumann's ratio of the chunks about a line: 2 for independent scatter, near 0 for drift."""
 _CHANCE = 4.0
@@ -48,8 +46,8 @@ _CLEARLY = 0.5
 _AVERAGED = 32
 _LEAST_AVERAGED = 16
 _MOST_AVERAGED = 256
-"""If single losses cannot be located: number of units per lower edge between which time is
-interpolated, for delays scattered over one period. Longer delays need more units, losses fewer."""
+"""Units per lower edge if single losses cannot be located, for delays that scatter over one period.
+Longer delays need more units, losses fewer."""
 _PHASES = 40
 _MOST_LOST = 1.15
 """Largest ratio of samples taken to messages received."""
@@ -58,9 +56,7 @@ _PEAK_OVER_REST = 5.0
 """Height of the period's peak in the spectrum of arrivals, relative to independent arrivals and to
 its neighbours: chance reaches 4."""
 _MOST_BINS = 1 << 25
-"""Most samples averaged: an hour at 1 kHz."""
-
-
+"""Largest spectrum: of an hour at 1 kHz."""
 _RATE_SPAN = 64
 """Samples per rate when the rate may change within the log."""
 _RATE_FILTER = 5
@@ -72,14 +68,13 @@ _RATE_SECONDS = 1.0
 """s, shortest part with its own rate: a queue empties faster."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Stretch:
+class Stretch(NamedTuple):
     """A part of a log in which a stream has one rate."""
 
-    start: float
-    """s, stamp of its first sample."""
     rate: float
     """Hz."""
+    start: float
+    """Stamp of its first sample, s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,19 +94,14 @@ class BurstTiming:
 
 
 def bunched_share(t: Floats) -> float:
-    """Share of intervals far shorter than the mean one."""
+    """Share of intervals far shorter than the usual one."""
     if len(t) < _LEAST:
         return 0.0
-    steps = np.diff(t)
-    return float(np.mean(steps < SHORT * usual_interval(t, robust=True)))
+    return float(np.mean(np.diff(t) < SHORT * usual_interval(t, robust=True)))
 
 
 def gathered(t: Floats) -> Floats:
-    """Stamps in which each burst has the stamp of its first message: (N,).
-
-    Args:
-        t: (N,), s, finite, in the order of the messages.
-    """
+    """Stamps (N,), s, finite, in the order of the messages: each burst gets its first stamp."""
     short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t, robust=True)
     first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
     return np.asarray(t[first])
@@ -122,15 +112,13 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
 
     Args:
         t: (N,), s, finite, in the order of the messages, repeated stamps included.
-        values: Each (N, C), used to check that samples are evenly spaced.
+        values: Each (N, C), to check that samples are evenly spaced.
 
     Returns:
-        None if stamps are not bunched, if the rate changes between parts with even stamps, or if
-        the values show that samples were taken when they were stamped.
+        None if stamps are not bunched, or if the values show that samples were taken when they
+        were stamped.
     """
     if bunched_share(t) < BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
-        return None
-    if rate_stretches(t):
         return None
     t = np.maximum.accumulate(t)
     period = usual_interval(t, robust=True)
@@ -150,22 +138,17 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
 
 
 def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
-    """Parts of the log with different rates, each with even stamps.
+    """Parts of a log with different rates, each with even stamps: at least two, in order.
 
-    Args:
-        t: (N,), s, finite, in the order of the messages.
-
-    Returns:
-        At least two, in order; empty if the rate does not change, or stamps come in bursts.
+    Empty if the rate does not change, or if stamps (N,), s, finite, in the order of the messages,
+    come in bursts.
     """
     t = np.maximum.accumulate(t)
     periods = np.diff(t[::_RATE_SPAN]) / _RATE_SPAN
     if len(periods) < 2 * _RATE_SPANS or periods.min() <= 0.0:
         return ()
     padded = np.pad(periods, _RATE_FILTER // 2, mode="edge")
-    level = np.log(
-        np.median(np.lib.stride_tricks.sliding_window_view(padded, _RATE_FILTER), axis=1)
-    )
+    level = np.log(np.median(sliding_window_view(padded, _RATE_FILTER), axis=1))
     other = float(np.log(_OTHER_RATE))
     if np.ptp(level) < other:
         return ()
@@ -185,7 +168,7 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         # Lost messages increase the mean interval and not the median.
         if found and abs(np.log(period * found[-1].rate)) < other:
             continue
-        found.append(Stretch(start=float(t[first]), rate=1.0 / period))
+        found.append(Stretch(1.0 / period, float(t[first])))
     return tuple(found) if len(found) > 1 else ()
 
 
@@ -197,8 +180,7 @@ def _better(plain: BurstTiming | None, other: BurstTiming | None) -> BurstTiming
 
 def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
     """Whether values change as much within bursts as between them."""
-    steps = np.diff(values, axis=0)
-    size = np.abs(steps)
+    size = np.abs(np.diff(values, axis=0))
     # Clip spikes: only motion counts.
     size = np.minimum(size, 3.0 * np.percentile(size, 95, axis=0) + 1e-300)
     scale = np.sqrt(np.mean(size**2, axis=0))
@@ -255,13 +237,9 @@ def _straight(t: Floats, units: _Units, period: float) -> BurstTiming | None:
     return _between(t, units, np.asarray(ticks), 0)
 
 
-def _low_edge(residual: Floats) -> tuple[Floats, Floats]:
+def _low_edge(residual: Floats, size: int = 0) -> tuple[Floats, Floats]:
     """Centres of chunks of the log, and the lower edge of the delays in each."""
-    return _edge_of_chunks(residual, max(len(residual) // _CHUNKS, _LEAST_CHUNK))
-
-
-def _edge_of_chunks(residual: Floats, size: int) -> tuple[Floats, Floats]:
-    size = min(size, len(residual))
+    size = min(size or max(len(residual) // _CHUNKS, _LEAST_CHUNK), len(residual))
     chunks = len(residual) // size
     low = np.quantile(residual[: chunks * size].reshape(chunks, size), _LOW, axis=1)
     centre = np.asarray((np.arange(chunks) + 0.5) * size, dtype=np.float64)
@@ -278,7 +256,7 @@ def _robust_line(x: Floats, y: Floats) -> Floats:
 
 
 def _with_losses(t: Floats, units: _Units, period: float) -> BurstTiming | None:
-    """Ticks where messages are missing; None if arrivals do not show the device's period.
+    """Ticks if messages are missing; None if arrivals do not show the device's period.
 
     Each loss raises the lower edge of arrival - index * period by a whole period.
     """
@@ -304,15 +282,15 @@ def _followed(t: Floats, units: _Units, period: float) -> BurstTiming:
     period = units.samples * period
     index = np.arange(len(units.arrival), dtype=np.float64)
     residual = units.arrival - period * index
-    first = np.interp(index, *_edge_of_chunks(residual, _MOST_AVERAGED // 4))
+    first = np.interp(index, *_low_edge(residual, _MOST_AVERAGED // 4))
     delay = float(np.std(residual - first)) / period
     size = int(np.clip(_AVERAGED * delay, _LEAST_AVERAGED, _MOST_AVERAGED))
-    ticks = period * index + np.interp(index, *_edge_of_chunks(residual, size))
+    ticks = period * index + np.interp(index, *_low_edge(residual, size))
     return _between(t, units, np.asarray(ticks), 0)
 
 
 def _period_in(arrival: Floats, usual: float) -> float | None:
-    """The device's period, s, found although messages are missing; None if it cannot be seen.
+    """The device's period, s, despite missing messages; None if it cannot be seen.
 
     Losses change the count and not the phase, so the period is a peak in the spectrum of arrivals,
     even if delays are a few times as long. It is at most the median interval.
@@ -327,10 +305,8 @@ def _period_in(arrival: Floats, usual: float) -> float | None:
     frequency = np.arange(len(spectrum)) / (size * step)
     band = np.flatnonzero((frequency > 0.998 / usual) & (frequency < _MOST_LOST / usual))
     peak = band[np.argmax(spectrum[band])]
-    height = spectrum[peak]
-    if height < _PEAK_OVER_CHANCE * np.sqrt(len(arrival)):
-        return None
-    if height < _PEAK_OVER_REST * np.median(spectrum[band]):
+    chance = _PEAK_OVER_CHANCE * np.sqrt(len(arrival))
+    if spectrum[peak] < max(chance, _PEAK_OVER_REST * np.median(spectrum[band])):
         return None
     return 1.0 / float(frequency[peak])
 

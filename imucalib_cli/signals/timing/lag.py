@@ -33,8 +33,8 @@ LEAST_OVERLAP = 0.5
 def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
 
-    Only shifts are searched at which at least half of the usable samples of the shorter series
-    overlap usable samples of the other.
+    At a shift that is searched, at least half of the usable samples of the shorter series overlap
+    usable samples of the other.
 
     Args:
         reference: (N,).
@@ -43,7 +43,7 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
         most: Largest |k| searched.
 
     Returns:
-        None if either series is constant, or no shift overlaps so far.
+        None if either series is constant, or no shift has enough overlap.
     """
     most = min(most, len(reference) - 2)
     size = 1 << int(np.ceil(np.log2(len(reference) + most + 1)))
@@ -62,22 +62,19 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
         return None
     score = correlate(a, b) / np.sqrt(np.maximum(energy, 1e-6 * scale))
     least = LEAST_OVERLAP * min(mask_a.sum(), mask_b.sum())
-    enough = np.flatnonzero(correlate(mask_a, mask_b) >= least - 0.5)  # counts, up to rounding
-    if not len(enough):
+    enough = correlate(mask_a, mask_b) >= least - 0.5  # counts, up to rounding
+    if not enough.any():
         return None
-    searched = np.full(len(score), -np.inf)
-    searched[enough] = score[enough]
-    score = searched
+    score = np.where(enough, score, -np.inf)
     peak = int(np.argmax(score))
     inner = np.flatnonzero((score[1:-1] >= score[:-2]) & (score[1:-1] >= score[2:])) + 1
     others = inner[(inner != peak) & np.isfinite(score[inner])]
-    runner_up = float(np.max(score[others], initial=-1.0))
     return Lag(
         samples=peak - most,
         between=_top(score[max(peak - 1, 0) : peak + 2]),
         correlation=float(score[peak]),
-        runner_up=runner_up,
-        at_edge=peak in (enough[0], enough[-1]),
+        runner_up=float(np.max(score[others], initial=-1.0)),
+        at_edge=not (enough[:peak].any() and enough[peak + 1 :].any()),
     )
 
 

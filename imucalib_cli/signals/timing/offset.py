@@ -33,8 +33,8 @@ def coarse_time_offset(
         most: Largest |offset| searched, s.
 
     Returns:
-        IMU stamp - robot stamp, s, to a few milliseconds, and the correlation; zero and None if
-        nothing turns.
+        IMU stamp - robot stamp, s, to a few milliseconds, and the lag; zero and None if nothing
+        turns.
     """
     every = max(round(_STEP_SECONDS / grid.dt), 1)
     step = every * grid.dt
@@ -57,8 +57,7 @@ def coarse_time_offset(
         # |Ro' dR/dt| is sqrt(2) |omega| for any rotation.
         derived[first : first + _BLOCK] = np.linalg.norm(derivative, axis=1) / np.sqrt(2.0)
 
-    measured = np.zeros(len(centres))
-    measured_clean = np.zeros(len(centres), dtype=bool)
+    measured, measured_clean = np.zeros(len(centres)), np.zeros(len(centres), dtype=bool)
     pair = matched_filter(2 * reach * every + 1, 2, 1, grid.dt)
     half = len(pair.average) // 2
     inner = every * (centres - lead - reach)
@@ -67,6 +66,4 @@ def coarse_time_offset(
     measured[inside] = np.linalg.norm(rate, axis=1)
     measured_clean[inside] = all_hold(grid.usable, inner[inside] - half, 2 * half + 1)
     lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
-    if lag is None:
-        return 0.0, None
-    return (lag.samples + lag.between) * step, lag
+    return (0.0 if lag is None else (lag.samples + lag.between) * step), lag

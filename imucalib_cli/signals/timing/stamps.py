@@ -33,8 +33,7 @@ _LEAST_INTERVAL = 1e-9
 """s, the resolution of stamps."""
 
 _PHASE_SAMPLES = 65
-"""Samples over which the phase of the ticks is averaged: jitter is reduced by 8, drift not yet
-seen."""
+"""Samples over which the phase of the ticks is averaged: jitter falls by 8, drift stays small."""
 _WANDER_SAMPLES = 4 * _PHASE_SAMPLES + 1
 """Samples over which a clock may drift from its mean rate."""
 _MIN_CONCENTRATION = 0.5
@@ -61,12 +60,12 @@ class TidyRows:
 
     @property
     def left_out(self) -> dict[str, int]:
-        """Number of unused rows, and of backward steps of the stamps, by name."""
+        """Numbers of unused rows, and of backward steps of the stamps, by name."""
         names = ("repeated", "backward", "not_finite", "astray")
         return {name: getattr(self, name) for name in names}
 
     def of(self, values: Floats) -> Floats:
-        """(M, ...), these rows of (N, ...): the same array where they are all, in order."""
+        """(M, ...), these rows of (N, ...); the same array if no row is left out or moved."""
         whole = len(self.rows) == len(values) and not self.backward
         return values if whole else values[self.rows]
 
@@ -74,9 +73,7 @@ class TidyRows:
 def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
     """Rows in time order, without repeated stamps and values that are not finite.
 
-    Args:
-        t: (N,), s, as recorded.
-        values: Each (N, C).
+    Stamps (N,), s, and values, each (N, C), are as recorded.
     """
     finite, usable = _usable(t, values)
     rows = np.flatnonzero(usable)
@@ -99,7 +96,7 @@ def usable_rows(t: Floats, *values: Floats) -> Bools:
 
 
 def _usable(t: Floats, values: tuple[Floats, ...]) -> tuple[Bools, Bools]:
-    """Rows that are finite, and those of them whose stamps belong to the log."""
+    """Two masks: rows that are finite, and finite rows whose stamps belong to the log."""
     finite = np.isfinite(t)
     for each in values:
         finite &= np.isfinite(each).all(axis=1)
@@ -123,13 +120,9 @@ def gap_breaks(t: Floats) -> Indices:
 
 
 def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> Bools:
-    """Instants outside of gaps, or at most ``slack`` inside one.
+    """Which instants (M,), s, are outside the gaps of stamps (N,), or at most ``slack``, s, inside.
 
-    Args:
-        at: (M,), s.
-        t: (N,), s, ascending.
-        breaks: Of :func:`gap_breaks`.
-        slack: s.
+    ``breaks`` are those of :func:`gap_breaks`.
     """
     if not len(breaks):
         return np.ones(len(at), dtype=bool)
@@ -144,7 +137,7 @@ def usual_interval(t: Floats, *, robust: bool = False) -> float:
     Args:
         t: (N,), s, N at least 2, in the order of the messages.
         robust: Use the median, which missing messages do not change; else the mean, which batches
-        with one stamp do not change.
+            with one stamp do not change.
     """
     span = min(_SPAN, len(t) - 1)
     took = t[span:] - t[:-span]
