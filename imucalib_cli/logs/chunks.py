@@ -225,9 +225,8 @@ class ChunkedFile(ABC):
             DamageError: There is none.
         """
 
-    @staticmethod
     @abstractmethod
-    def find_record(file: BinaryIO, start: int, size: int) -> int | None:
+    def find_record(self, file: BinaryIO, start: int) -> int | None:
         """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
     def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:

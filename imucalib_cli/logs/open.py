@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.bag.file import BagFile
+from imucalib_cli.logs.bag_file import BagFile
 from imucalib_cli.logs.chunks import ChunkedFile, NoIndexError
 from imucalib_cli.logs.csv_file import NAMES, CsvFile
 from imucalib_cli.logs.db3.file import Db3File

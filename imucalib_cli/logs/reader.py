@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import TypeAlias
 
-    from imucalib_cli.arrays import Bytes, Floats, Integers
+    from imucalib_cli.arrays import Bools, Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.table import Kind, Labels, MessageType
@@ -183,6 +183,17 @@ def cut(data: Bytes, starts: Integers, size: int) -> Bytes:
         (len(data) - size + 1, size), dtype=np.uint8, buffer=data.data, strides=(1, 1)
     )
     return windows[starts]
+
+
+def cut_values(
+    data: Bytes, starts: Integers, kind: np.dtype[Any], inside: Bools
+) -> np.ndarray[Any, Any]:
+    """Values of one type at some offsets, (n,); zero where they are not inside the data."""
+    if inside.all():
+        return cut(data, starts, kind.itemsize).view(kind)[:, 0]
+    values = np.zeros(len(starts), dtype=kind)
+    values[inside] = cut(data, starts[inside], kind.itemsize).view(kind)[:, 0]
+    return values
 
 
 @dataclass(frozen=True, eq=False)

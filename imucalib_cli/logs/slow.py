@@ -101,18 +101,15 @@ def _element(
     numbers: dict[str, list[float]] = {}
     for each in fields:
         match each:
-            case messages.Header(path, True):
-                stamp = _stamp(_get(message, f"{path}.stamp"))
-                texts["frame_id"] = _sound(_get(message, f"{path}.frame_id"))
             case messages.Stamp(path, True):
                 stamp = _stamp(_get(message, path))
             case messages.Tick(path):
                 stamp = int(_get(message, path)) * 1_000_000
-            case messages.Text(path, is_name) if each.key:
+            case messages.Text(path, name, is_name) if name:
                 text = _get(message, path)
-                texts[each.key] = _sound(text) if is_name else text
-            case messages.Texts(path) if each.key:
-                texts[each.key] = tuple(map(_sound, _get(message, path)))
+                texts[name] = _sound(text) if is_name else text
+            case messages.Texts(path, name) if name:
+                texts[name] = tuple(map(_sound, _get(message, path)))
             case messages.Numbers(path, _, name) | messages.NumberList(path, name) if name:
                 values = _flatten(_get(message, path))
                 if isinstance(each, messages.Numbers) and len(values) != each.count:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from imucalib_cli.logs.messages import definitions
 from imucalib_cli.logs.messages.table import (
     MESSAGE_TYPES,
-    Header,
     Interfaces,
     MessageType,
     NumberList,
@@ -102,8 +101,7 @@ _SHAPES = (
     _Shape("pose", 1, _pose("frame_id", "", "pose.position", "pose.orientation")),
     # the twins of geometry_msgs and nav_msgs
     *(
-        _Shape("pose", 1, _pose(f"header{frame}", child, position, orientation))
-        for frame in (".frame_id", "")
+        _Shape("pose", 1, _pose("header.frame_id", child, position, orientation))
         for child, position, orientation in (
             ("child_frame_id", "transform.translation", "transform.rotation"),
             ("child_frame_id", "pose.pose.position", "pose.pose.orientation"),
@@ -113,16 +111,15 @@ _SHAPES = (
     ),
 )
 """In the order in which they are tried; of a kind the first that fits counts."""
-_STAMPS = ("header", "header.stamp", "timestamp", "stamp", "time")
+_STAMPS = ("header.stamp", "timestamp", "stamp", "time")
 _FRAMES = ("header.frame_id", "frame_id")
-_STAMPED = (Header, Stamp)
 _MOTORS = "motor_state"
 _AXES = {"gyro": "xyz", "accel": "xyz", "position": "xyz", "quaternion": "xyzw"}
-_FOXGLOVE_POSE = (Stamp("timestamp", is_stamp=False), Text("frame_id", name=""))
+_FOXGLOVE_POSE = (Stamp("timestamp", is_stamp=False), Text("frame_id"))
 _FOXGLOVE_TRANSFORM: Fields = (
     Stamp("timestamp", is_stamp=False),
-    Text("parent_frame_id", name=""),
-    Text("child_frame_id", name=""),
+    Text("parent_frame_id"),
+    Text("child_frame_id"),
     *(Numbers(f"translation.{axis}", 1) for axis in "xyz"),
     *(Numbers(f"rotation.{axis}", 1) for axis in "xyzw"),
 )
@@ -228,7 +225,7 @@ def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
     if not found.kinds:
         return None
     stamp = _stamp_of(at)
-    if "frame_id" not in found.names.values() and not isinstance(at.get(stamp), Header):
+    if "frame_id" not in found.names.values():
         frames = (path for path in _FRAMES if isinstance(at.get(path), Text))
         frame = next(frames, "")
         found.names |= {frame: "frame_id"} if frame else {}
@@ -254,7 +251,7 @@ def _found(at: Mapping[str, Field]) -> _Found:
 
 def _stamp_of(at: Mapping[str, Field]) -> str:
     """Path of the stamp; empty if there is none."""
-    return next((path for path in _STAMPS if isinstance(at.get(path), _STAMPED)), "")
+    return next((path for path in _STAMPS if isinstance(at.get(path), Stamp)), "")
 
 
 def _fit(shape: _Shape, at: Mapping[str, Field]) -> dict[str, str] | None:
@@ -276,8 +273,6 @@ def _places(
     """Paths of the fields that hold something; None if they are not there."""
     axes = [f"{path}.{axis}" for axis in _AXES.get(name, "")] if vectors else []
     match at.get(path):
-        case Header() if name == "frame_id":
-            return ()
         case None if axes and all(isinstance(at.get(each), Numbers) for each in axes):
             return axes
         case Text() if name in {"frame_id", "child_frame_id"}:
@@ -314,7 +309,7 @@ def _named(each: Field, names: Mapping[str, str], stamp: str, prefix: str) -> Fi
     """A field with the name under which it is taken, if it is."""
     path = f"{prefix}{each.path}"
     match each:
-        case Header() | Stamp():
+        case Stamp():
             return replace(each, is_stamp=path == stamp)
         case Text() | Texts() | Numbers() | NumberList():
             return replace(each, name=names.get(path, ""))
@@ -373,7 +368,8 @@ def _with_columns(
         return None
     if known is None or "imu" not in known.kinds:
         stamp = _stamp_of(leaves)
-        plain = tuple(_named(each, {}, stamp, "") for each in fields)
+        names = {"header.frame_id": "frame_id"} if is_binary else {}
+        plain = tuple(_named(each, names, stamp, "") for each in fields)
         plain = plain if stamp else _with_other_stamp(plain)
         known = MessageType({}, plain if is_binary else _in_order(plain, {}), {})
     kept = tuple(_without_joints(each, columns.path, "") for each in known.fields)
@@ -394,6 +390,6 @@ def _without_joints(each: Field, taken: str, prefix: str) -> Field:
             return replace(each, fields=fields)
         case Numbers() | NumberList() if path == taken:
             return replace(each, name="position")
-        case Numbers() | NumberList() | Texts() if each.name in {None, "name", "position"}:
-            return replace(each, name="")
+        case Numbers() | NumberList() | Texts() if each.name in {"name", "position"}:
+            return replace(each)
     return each
