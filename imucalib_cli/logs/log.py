@@ -124,15 +124,19 @@ class Log:
         self._check(wanted)
         _see_one_recording(self._files, wanted)
         collector = Collector(self._columns)
-        tell, total = progress or (lambda _: None), len(self._files)
         for number, file in enumerate(self._files):
             channels = [
                 each.number for each in self._channels(file) if each.name in wanted and each.kinds
             ]
+
+            def tell(share: float, number: int = number) -> None:
+                if progress is not None:
+                    progress((number + share) / len(self._files))
+
             if channels:
                 try:
                     collector.next_file(_bytes_of(file.path))
-                    file.read(channels, collector, lambda x, n=number: tell((n + x) / total))
+                    file.read(channels, collector, tell)
                 except TooMuchError:  # what was read before is used
                     file.losses.append(warning("log.holds_too_much", ratio=MOST_RATIO))
                 except OSError as error:
