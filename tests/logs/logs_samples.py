@@ -1,9 +1,10 @@
-"""Logs for tests, written by rosbags and mcap: none of our own code makes them."""
+"""Logs for tests, written by rosbags and mcap, none of our own code; and reading them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from imucalib_cli.logs.log import LogData, open_log
+
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 for _name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
@@ -24,6 +27,7 @@ for _name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
 BAGS = ("bag-none", "bag-bz2", "bag-lz4")
 MCAPS = ("mcap-none", "mcap-lz4", "mcap-zstd", "mcap-ros1")
 ROSBAG2 = ("db3", "db3-file", "db3-message", "mcap2", "mcap2-file", "mcap2-message")
+CHUNKED = (*BAGS, "mcap-none", "mcap-lz4", "mcap-zstd")
 STORAGES = BAGS + MCAPS + ROSBAG2
 Write = Callable[..., Path]
 START_NS = 1_700_000_000_123_456_789
@@ -51,11 +55,7 @@ class Said:
         if self.raw is not None:
             return self.raw
         little = bytes(ROS2.serialize_cdr(self.message, self.type))
-        return bytes(_with_seq(ROS2.cdr_to_ros1(little, self.type)))
-
-
-def _with_seq(payload: bytes | memoryview) -> bytes:
-    return bytes(payload)
+        return bytes(ROS2.cdr_to_ros1(little, self.type))
 
 
 def write_log(path: Path, said: Iterable[Said], storage: str, chunk_bytes: int = 20_000) -> Path:
@@ -68,6 +68,17 @@ def write_log(path: Path, said: Iterable[Said], storage: str, chunk_bytes: int =
     else:
         _write_rosbag2(path, messages, storage)
     return path
+
+
+def one_file(path: Path) -> Path:
+    """The log itself, which rosbag2 puts into a folder."""
+    return next(path.glob("*.db3")) if path.is_dir() else path
+
+
+def read_all(*paths: Path, csv_columns: tuple[str, ...] = ()) -> LogData:
+    """Every topic with messages that can be read."""
+    log = open_log(paths, csv_columns)
+    return log.read(topic.name for topic in log.topics if topic.kinds and topic.count)
 
 
 def _write_bag(path: Path, messages: list[Said], compression: str, chunk_bytes: int) -> None:
@@ -112,6 +123,21 @@ def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **op
                 sequence=number,
             )
         writer.finish()  # type: ignore[no-untyped-call]
+
+
+def write_payloads(
+    path: Path, payloads: Iterable[bytes], schema: tuple[str, str, bytes], encoding: str
+) -> Path:
+    """An MCAP file of one ``/topic``: payloads in an encoding, of a type by a schema."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="")
+        number = writer.register_schema(*schema)
+        channel = writer.register_channel("/topic", encoding, number)
+        for payload in payloads:
+            writer.add_message(channel, START_NS, payload, START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
 
 
 def _write_mcap(path: Path, messages: list[Said], variant: str, chunk_bytes: int) -> None:
@@ -245,3 +271,12 @@ def mixed_messages(count: int = 300, *, seed: int = 0) -> list[Said]:
         if k % 10 == 0:
             say("/chatter", "std_msgs/msg/String", T["String"](data="x" * 5000))
     return said
+
+
+def said_on(*topics: str, count: int = 300) -> list[Said]:
+    """Those of the mixed messages that are on some topics, or all; what they say is shared."""
+    said = _mixed(count)
+    return [replace(each) for each in said if each.topic in topics or not topics]
+
+
+_mixed = cache(mixed_messages)
