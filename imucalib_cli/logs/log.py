@@ -59,7 +59,7 @@ class Log:
     """An opened recording; holds no open files.
 
     Args:
-        files: Of one recording.
+        files: The files of one recording.
         columns: Which numbers of some topics are joints.
 
     Raises:
@@ -137,7 +137,7 @@ class Log:
                 try:
                     collector.next_file(_bytes_of(file.path))
                     file.read(channels, collector, tell)
-                except TooMuchError:  # what was read before is used
+                except TooMuchError:  # the messages read so far are used
                     file.losses.append(warning("log.holds_too_much", ratio=MOST_RATIO))
                 except OSError as error:
                     raise InputError(
@@ -333,7 +333,7 @@ def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
 
 
 def why_unread(topic: Topic) -> str:
-    """What a user can do about a topic that cannot be read."""
+    """Advice for a topic that cannot be read."""
     if topic.encoding == "protobuf" and not is_installed():
         return f"protobuf is not installed: {EXTRA}"
     return f"choose a topic of {', '.join(sorted(MESSAGE_TYPES))}, or of the same fields"

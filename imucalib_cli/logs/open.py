@@ -53,7 +53,7 @@ def open_files(
         path: A file or folder, or a file behind a URL.
         readers: Formats that may be meant.
         scan_remote: Download a remote file that cannot be read in parts.
-        progress: Called with the share of it that is downloaded, 0 to 1.
+        progress: Called with the downloaded share, 0 to 1.
 
     Raises:
         InputError: Missing, unreadable, empty or not a log.

@@ -19,7 +19,7 @@ _BARE_RUN = 1 << 22
 
 
 def scan(grammar: ChunkedFile, file: BinaryIO) -> Contents:
-    """Scans a file record by record; skips what cannot be a record."""
+    """Scan a file record by record; skip bytes that cannot be a record."""
     return _Scan(grammar, file).run()
 
 

@@ -128,20 +128,20 @@ def _element(
 def _add_structs(
     each: messages.Field, message: Any, texts: Labels, numbers: dict[str, list[float]]
 ) -> None:
-    """Take what a sequence of structs tells."""
+    """Add the values of a sequence of structs."""
     match each:
         case messages.Structs(path, inner):
             for part in _get(message, path):
                 for name, values in _element(part, inner, {}).numbers.items():
                     numbers.setdefault(name, []).extend(values[0])
         case messages.Interfaces(path, names, values):
-            told = [
+            positions = [
                 dict(zip(_get(one, names), _get(one, values), strict=True)).get("position")
                 for one in _get(message, path)
             ]
-            named = zip(texts["name"], told, strict=True)
+            named = zip(texts["name"], positions, strict=True)
             texts["name"] = tuple(name for name, value in named if value is not None)
-            numbers["position"] = [float(value) for value in told if value is not None]
+            numbers["position"] = [float(value) for value in positions if value is not None]
         case messages.Repeat():
             raise WireError("a sequence beside other fields")
 

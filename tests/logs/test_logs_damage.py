@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
@@ -338,40 +336,6 @@ def test_log_without_messages_has_no_topics(content: bytes, tmp_path: Path) -> N
     log = open_log([path])
     assert log.topics == ()
     assert log.findings
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("storage", ["bag-none", "bag-lz4", "mcap-none", "mcap-zstd", "db3"])
-@settings(
-    max_examples=60,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-    derandomize=True,
-)
-@given(data=st.data())
-def test_no_damage_raises_anything_but_our_errors(
-    storage: str, data: st.DataObject, written: Write, tmp_path: Path, damaged: Path
-) -> None:
-    source = tmp_path / f"sound-{storage}"
-    if not source.exists():
-        path = one_file(written(mixed_messages(30), storage, chunk_bytes=4000))
-        source.write_bytes(path.read_bytes())
-    content = bytearray(source.read_bytes())
-    for _ in range(data.draw(st.integers(1, 4))):
-        # Heads, tails and indexes are where lengths live.
-        at = data.draw(
-            st.one_of(
-                st.integers(0, len(content) - 1),
-                st.integers(0, min(600, len(content) - 1)),
-                st.integers(max(0, len(content) - 2500), len(content) - 1),
-            )
-        )
-        size = data.draw(st.sampled_from([1, 1, 2, 4, 8, 50]))
-        fill = data.draw(st.sampled_from([b"\x00", b"\xff", b"\x7f", b"\x01"]))
-        content[at : at + size] = fill * len(content[at : at + size])
-    damaged.write_bytes(content[: data.draw(st.sampled_from([len(content), len(content) // 2]))])
-    with contextlib.suppress(ImucalibError):
-        read_all(damaged)
 
 
 # Small files that unpack to a great deal

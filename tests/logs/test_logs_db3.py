@@ -311,15 +311,6 @@ def test_journal_of_an_unfinished_write_is_taken_in(tmp_path: Path) -> None:
     assert (crashed / "a.db3").read_bytes() == before
 
 
-def test_database_that_vanishes_is_one_line(tmp_path: Path) -> None:
-    _, path = log_of_imu(tmp_path, 30)
-    log = open_log([path])
-    path.unlink()
-    with pytest.raises(InputError, match="cannot be read any more") as caught:
-        log.read(["/imu"])
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize("word", [b"CREATE TABLE", b"messages", b"topic_id", b"INTEGER"])
 def test_a_schema_that_is_no_text_is_one_line(word: bytes, tmp_path: Path) -> None:
     """SQLite quotes what is broken in its message, which Python then cannot decode."""

@@ -197,9 +197,9 @@ class Db3File:
             keep = wanted if payload == "data" else ()
             yield from salvage(self._file, last, keep)
 
-    def _lose(self, what: Finding) -> None:
-        if what not in self.losses:
-            self.losses.append(what)
+    def _lose(self, loss: Finding) -> None:
+        if loss not in self.losses:
+            self.losses.append(loss)
 
 
 def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, Tally] | None:

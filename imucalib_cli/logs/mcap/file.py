@@ -324,7 +324,7 @@ def _plausible(data: Bytes, left: int) -> Integers:
 
 
 def is_record(file: BinaryIO, at: int, size: int) -> bool:
-    """Whether a record is at a position: a chunk by its own lengths, others by what follows."""
+    """Whether a record is at a position: chunks by their lengths, others by the next records."""
     for _ in range(_CHAIN):
         file.seek(at)
         head = file.read(HEAD_ROOM)

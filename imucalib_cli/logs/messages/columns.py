@@ -1,4 +1,4 @@
-"""Which numbers of a message are joints, where the message names none: what the user says."""
+"""The user's choice of the numbers of a message that are joints, where it has no names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class JointColumns:
     path: str
     """Field of the message, by dots."""
     names: tuple[str, ...]
-    """Of the joints; ``-`` for a number that is none."""
+    """Names of the joints; ``-`` for a number that is none."""
     start: int = 0
     """First of the field's numbers."""
     stop: int | None = None
@@ -34,7 +34,7 @@ class JointColumns:
 
 
 def joint_columns(text: str) -> JointColumns:
-    """What a text says.
+    """Parse ``TOPIC:FIELD[start:stop]=name,...``.
 
     Raises:
         ValueError: It is not understood; the error begins with the text.

@@ -86,7 +86,7 @@ class Collector:
     """A :class:`~imucalib_cli.logs.reader.Sink` that decodes.
 
     Args:
-        columns: What the user says of the numbers of a topic, by its name.
+        columns: The joints that the user names among the numbers of a topic, by its name.
     """
 
     def __init__(self, columns: Mapping[str, JointColumns] = MappingProxyType({})) -> None:
@@ -207,8 +207,8 @@ class Collector:
 def imu_streams(data: TopicData) -> tuple[tuple[ImuStream, ...], list[Finding]]:
     """The IMUs of a topic, and findings about rows left out.
 
-    Frames whose messages come at the same time are IMUs that share the topic. Of frames that follow
-    each other, as of a driver that was restarted, the one with most messages is used.
+    Frames whose messages come at the same time are IMUs that share the topic. If frames follow each
+    other, as after a restart of the driver, the one with most messages is used.
     """
     losses: list[Finding] = []
     pieces: dict[str, list[Piece]] = {}

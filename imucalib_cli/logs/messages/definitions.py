@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _DEEPEST = 12
 _MOST_FIELDS = 5000
-"""Limits of what a definition, which may be damaged, spells out to."""
+"""Limits of a definition, which may be damaged, when its structs are spelled out."""
 _PRIMITIVES: dict[str, NumberType] = {
     "float64": "f8",
     "float32": "f4",
@@ -61,7 +61,7 @@ def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ..
 
     Args:
         type_name: Such as sensor_msgs/Imu.
-        encoding: Of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
+        encoding: The encoding of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
         definition: As a log embeds it.
 
     Raises:
@@ -73,7 +73,7 @@ def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ..
 
 @dataclass
 class _Spelling:
-    """What has been spelled out, to end a definition without end."""
+    """State of spelling out a definition, with a limit for one that refers to itself."""
 
     is_cdr: bool
     count: int = 0
@@ -99,11 +99,11 @@ def _of_msg(type_name: str, definition: str, spelling: _Spelling) -> tuple[Field
 
 def _lines(text: str) -> Iterator[tuple[str, str, str]]:
     for line in text.splitlines():
-        told = line.partition("#")[0].strip()
-        known = _FIELD.fullmatch(told)
+        text = line.partition("#")[0].strip()
+        known = _FIELD.fullmatch(text)
         if known is None:
-            if told and "=" not in told:
-                raise DefinitionError(f"'{told}' is no field")
+            if text and "=" not in text:
+                raise DefinitionError(f"'{text}' is no field")
         elif not known["more"].lstrip().startswith("="):  # else a constant
             yield normalise_type(known["type"]), known["array"] or "", known["name"]
 
@@ -166,8 +166,8 @@ def _json_struct(
     if not isinstance(properties, dict):
         return ()
     fields: list[Field] = []
-    for name, told in properties.items():
-        path, described = f"{prefix}{name}", _referred(told, whole)
+    for name, schema_of in properties.items():
+        path, described = f"{prefix}{name}", _referred(schema_of, whole)
         kind = described.get("type")
         if kind == "object":
             parts = described.get("properties") or {}
@@ -191,13 +191,13 @@ def _json_struct(
     return spelling.counted(tuple(fields), depth)
 
 
-def _referred(told: Any, whole: Any) -> dict[str, Any]:
+def _referred(schema: Any, whole: Any) -> dict[str, Any]:
     """A schema, or the one within the whole that it refers to."""
-    if not isinstance(told, dict):
+    if not isinstance(schema, dict):
         return {}
-    reference = told.get("$ref")
+    reference = schema.get("$ref")
     if not isinstance(reference, str):
-        return told
+        return schema
     found = whole
     for name in reference.removeprefix("#").strip("/").split("/"):
         found = found.get(name) if isinstance(found, dict) else None

@@ -21,7 +21,7 @@ def is_installed() -> bool:
 
 
 def is_damaged(type_name: str, definition: str) -> bool:
-    """Whether the descriptors of a type make no class of it."""
+    """Whether the descriptors of a type are damaged."""
     try:
         message_class(type_name, definition)
     except ImucalibError:  # protobuf is not installed

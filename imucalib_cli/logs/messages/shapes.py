@@ -1,8 +1,8 @@
-"""What a message type is, by the shape of its fields, where it is not in the table of types.
+"""Recognise a message type that is not in the table by its fields.
 
-A message with names and as many positions tells joints, whatever its type is called; one with an
-angular velocity and a linear acceleration tells an IMU. :data:`_SHAPES` has the paths that are
-looked for. The same goes for messages in JSON and protobuf.
+A message with names and as many positions has joints, whatever its type is called; one with an
+angular velocity and a linear acceleration is of an IMU. :data:`_SHAPES` lists the paths that are
+looked for, also in messages in JSON and protobuf.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ class _Shape:
     kind: Kind
     rank: int
     takes: Mapping[str, str]
-    """Path of each text and numbers that are taken."""
+    """Path of each text and of the numbers that are read."""
     needs: tuple[str, ...] = ()
-    """Further fields that it is known by."""
+    """Further fields by which it is recognised."""
     texts: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     is_tf: bool = False
 
@@ -143,9 +143,9 @@ def reading_of(
 
     Args:
         type_name: Without ``/msg/``.
-        encoding: Of the messages.
+        encoding: The encoding of the messages.
         definition: As the log embeds it; empty if it does not.
-        columns: Which of its numbers are joints, if the user says so.
+        columns: The joints that the user names among its numbers.
     """
     known = MESSAGE_TYPES.get(type_name)
     if encoding == "text":
@@ -202,11 +202,11 @@ def _standard(type_name: str, encoding: str) -> str:
 
 @dataclass
 class _Found:
-    """What the fields of a message tell."""
+    """The kinds of a message type, and the fields that are read."""
 
     kinds: dict[Kind, int]
     names: dict[str, str]
-    """Of the fields that are taken, by path."""
+    """Names of the fields that are read, by path."""
     texts: dict[str, str | tuple[str, ...]]
     is_tf: bool = False
 
@@ -238,15 +238,15 @@ def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
 
 def _found(at: Mapping[str, Field]) -> _Found:
     """The first shape of each kind that fits."""
-    told = _Found({}, {}, {})
+    found = _Found({}, {}, {})
     for shape in _SHAPES:
-        names = None if shape.kind in told.kinds else _fit(shape, at)
+        names = None if shape.kind in found.kinds else _fit(shape, at)
         if names is not None:
-            told.names |= names
-            told.kinds[shape.kind] = shape.rank
-            told.texts |= shape.texts
-            told.is_tf |= shape.is_tf
-    return told
+            found.names |= names
+            found.kinds[shape.kind] = shape.rank
+            found.texts |= shape.texts
+            found.is_tf |= shape.is_tf
+    return found
 
 
 def _stamp_of(at: Mapping[str, Field]) -> str:
@@ -321,7 +321,7 @@ def _named(each: Field, names: Mapping[str, str], stamp: str, prefix: str) -> Fi
 
 
 def _with_other_stamp(fields: Fields) -> Fields:
-    """A stamp of a struct of one's own, or a counter of ms, where there is no other."""
+    """Find a stamp in a custom struct, or a counter of ms, if there is no other stamp."""
     for number, (one, two) in enumerate(pairwise(fields)):
         match one, two:
             case Numbers(first, 1, "", "i4" | "u4"), Numbers(second, 1, "", "u4"):
@@ -355,12 +355,12 @@ def _leaves(fields: Sequence[Field], prefix: str = "") -> Iterator[tuple[str, Fi
 def _with_columns(
     known: MessageType | None, fields: Fields, columns: JointColumns, *, is_binary: bool
 ) -> MessageType | None:
-    """Take the joints from where the user says; None if the message has no such numbers.
+    """Read the joints that the user names; None if the message has no such numbers.
 
     Args:
-        known: How the message is read else; what it tells of an IMU stays.
+        known: How the message is read without the user's choice; its IMU stays.
         fields: All of its fields.
-        columns: What the user says.
+        columns: The joints that the user names.
         is_binary: Whether fields have places.
     """
     leaves = dict(_leaves(fields))
@@ -382,7 +382,7 @@ def _with_columns(
 
 
 def _without_joints(each: Field, taken: str, prefix: str) -> Field:
-    """A field that is no joints, unless it is the one that is taken."""
+    """A field that is not read as joints, unless the user means it."""
     path = f"{prefix}{each.path}"
     match each:
         case Structs(_, inner):

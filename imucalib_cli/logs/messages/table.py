@@ -139,18 +139,18 @@ class MessageType:
     """The kinds of streams that a message type becomes, and its fields on the wire."""
 
     kinds: Mapping[Kind, int]
-    """And the rank of each: of the topics of a kind those of the lowest rank are meant."""
+    """The kinds with their ranks: by default the topics of the lowest rank of a kind are read."""
     fields: tuple[Field, ...]
     texts: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """What its messages do not say: names of the joints, a frame."""
+    """Texts that its messages lack: names of the joints, a frame."""
     spellings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Names that the joints have in the URDFs of several robots; empty for one that is not there"""
+    """Names of the joints in the URDFs of several robots; empty for a joint that is not there."""
     frames: tuple[str, ...] = ()
-    """Names that the IMU's frame has in them."""
+    """Names of the IMU's frame in these URDFs."""
     is_tf: bool = False
-    """Whether each message tells edges of one tree of frames."""
+    """Whether its messages are edges of one tree of frames."""
     columns: JointColumns | None = None
-    """Which of the numbers are joints, if the user says so."""
+    """The joints that the user names among its numbers."""
 
     @property
     def has_ticks(self) -> bool:

@@ -210,7 +210,7 @@ class _Shape:
         return count
 
     def _text(self, key: str, *, is_name: bool = True) -> str:
-        """One string; of one that is skipped the length decides, and what it says does not."""
+        """One string; the content of a skipped one does not decide, only its length."""
         size = self._count(1)
         start = self._at
         self._move(size)

@@ -33,10 +33,10 @@ class NoRangesError(Exception):
 
 @dataclass
 class Traffic:
-    """What has been read over the network."""
+    """Amounts read over the network."""
 
     bytes: int = 0
-    """Of content; headers and what lies below HTTP are not counted."""
+    """Of content, without headers and lower protocols."""
     requests: int = 0
     repeats: int = 0
     """Requests that had to be repeated."""
@@ -58,18 +58,18 @@ class Store(Protocol):
         """Read parts of the file, at once where the file system can do that.
 
         Raises:
-            NoRangesError: It gives no parts.
+            NoRangesError: The server sends only the whole file.
         """
 
     def copy_to(self, target: BinaryIO, received: Received) -> None:
         """Read the whole file from front to back."""
 
     def see_unchanged(self) -> None:
-        """See that the file is still the one that was opened."""
+        """Check that the file is still the one that was opened."""
 
 
 class AnyStore:
-    """A file of any file system but HTTP's, with that one's own time-outs and repetitions."""
+    """A file of any file system but HTTP's, with its own time-outs and repetitions."""
 
     def __init__(self, address: str, traffic: Traffic) -> None:
         from fsspec.core import url_to_fs
@@ -137,7 +137,7 @@ CHANGED = "changed while it was read: try again when nothing writes to it any mo
 
 
 def _in_our_words(read: Callable[[], Any]) -> Any:
-    """What a file system gives.
+    """The result of a call of a file system.
 
     Raises:
         RemoteError: It fails; each file system raises exceptions of its own.
