@@ -16,7 +16,7 @@ from imucalib_cli.logs.messages.protobuf import message_class
 from imucalib_cli.logs.messages.wire import Element, WireError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from rosbags.typesys.store import Typestore
 
@@ -43,9 +43,12 @@ def decode_one(channel: Channel, payload: bytes) -> list[Element]:
     if channel.reading is None:
         raise WireError("a type that is not known")
     try:
-        message = _message(channel, payload)
-        parts = _parts(message, channel.reading.fields)
-        return [_element(part, fields, channel.reading.texts) for part, fields in parts]
+        message, fields = _message(channel, payload), channel.reading.fields
+        parts = [message]
+        match fields:
+            case (messages.Repeat(path, inner),):
+                parts, fields = _get(message, path), inner
+        return [_element(part, fields, channel.reading.texts) for part in parts]
     # rosbags' generated code, and damaged JSON and protobuf, may raise anything.
     except Exception as error:
         raise WireError(str(error)) from error
@@ -80,17 +83,6 @@ def _typestore(encoding: str, full_name: str, definition: str) -> Typestore:
         if name not in store.fielddefs:
             store.register(get_types_from_msg(_TF_MESSAGE, name))
     return store
-
-
-def _parts(
-    message: Any, fields: tuple[messages.Field, ...]
-) -> Iterator[tuple[Any, tuple[messages.Field, ...]]]:
-    match fields:
-        case (messages.Repeat(path, inner),):
-            for each in _get(message, path):
-                yield each, inner
-        case _:
-            yield message, fields
 
 
 def _element(

@@ -60,13 +60,32 @@ class Said:
 
 def write_log(path: Path, said: Iterable[Said], storage: str, chunk_bytes: int = 20_000) -> Path:
     """Write messages; the path of what was written, which may be a folder."""
-    messages = list(said)
-    if storage in BAGS:
-        _write_bag(path, messages, storage.removeprefix("bag-"), chunk_bytes)
-    elif storage in MCAPS:
-        _write_mcap(path, messages, storage.removeprefix("mcap-"), chunk_bytes)
+    kind, _, variant = storage.partition("-")
+    if kind == "mcap":
+        compression = CompressionType["NONE" if variant == "ros1" else variant.upper()]
+        options = {"compression": compression, "chunk_size": chunk_bytes}
+        write_mcap(path, said, ros1=variant == "ros1", **options)
+        return path
+    writer: Any
+    if kind == "bag":
+        writer = Writer1(path)
+        writer.chunk_threshold = chunk_bytes
+        if variant != "none":
+            writer.set_compression(Writer1.CompressionFormat[variant.upper()])
     else:
-        _write_rosbag2(path, messages, storage)
+        plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        if variant:
+            writer.set_compression(CompressionMode[variant.upper()], CompressionFormat.ZSTD)
+    connections: dict[tuple[str, str], Any] = {}
+    with writer:
+        for each in said:
+            key = (each.topic, each.type)
+            if key not in connections:
+                store = ROS1 if kind == "bag" else ROS2
+                connections[key] = writer.add_connection(*key, typestore=store)
+            raw = each.ros1() if kind == "bag" else each.cdr()
+            writer.write(connections[key], each.log_ns, raw)
     return path
 
 
@@ -79,20 +98,6 @@ def read_all(*paths: Path, csv_columns: tuple[str, ...] = ()) -> LogData:
     """Every topic with messages that can be read."""
     log = open_log(paths, csv_columns)
     return log.read(topic.name for topic in log.topics if topic.kinds and topic.count)
-
-
-def _write_bag(path: Path, messages: list[Said], compression: str, chunk_bytes: int) -> None:
-    writer = Writer1(path)
-    if compression != "none":
-        writer.set_compression(Writer1.CompressionFormat[compression.upper()])
-    writer.chunk_threshold = chunk_bytes
-    connections: dict[tuple[str, str], Any] = {}
-    with writer:
-        for each in messages:
-            key = (each.topic, each.type)
-            if key not in connections:
-                connections[key] = writer.add_connection(each.topic, each.type, typestore=ROS1)
-            writer.write(connections[key], each.log_ns, each.ros1())
 
 
 def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **options: Any) -> None:
@@ -138,31 +143,6 @@ def write_payloads(
             writer.add_message(channel, START_NS, payload, START_NS)
         writer.finish()  # type: ignore[no-untyped-call]
     return path
-
-
-def _write_mcap(path: Path, messages: list[Said], variant: str, chunk_bytes: int) -> None:
-    write_mcap(
-        path,
-        messages,
-        ros1=variant == "ros1",
-        compression=CompressionType["NONE" if variant == "ros1" else variant.upper()],
-        chunk_size=chunk_bytes,
-    )
-
-
-def _write_rosbag2(path: Path, messages: list[Said], storage: str) -> None:
-    plugin = StoragePlugin.SQLITE3 if storage.startswith("db3") else StoragePlugin.MCAP
-    writer = Writer2(path, version=9, storage_plugin=plugin)
-    mode = storage.partition("-")[2]
-    if mode:
-        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
-    connections: dict[tuple[str, str], Any] = {}
-    with writer:
-        for each in messages:
-            key = (each.topic, each.type)
-            if key not in connections:
-                connections[key] = writer.add_connection(each.topic, each.type, typestore=ROS2)
-            writer.write(connections[key], each.log_ns, each.cdr())
 
 
 T = {name.rsplit("/", 1)[-1]: kind for name, kind in ROS2.types.items()}
