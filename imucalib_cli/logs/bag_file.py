@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -95,10 +96,8 @@ class BagFile(ChunkedFile):
         return _chunk_head(head, start, size)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        at = chunk.end
-        if not at:
-            head = self._chunk_head(file, chunk.start)
-            at = head.start + head.packed
+        head = None if chunk.end else self._chunk_head(file, chunk.start)
+        at = chunk.end if head is None else head.start + head.packed
         found: Index = {}
         while at < (chunk.index_stop or self.size):
             fields, start, size = read_head(file, at)
@@ -180,8 +179,11 @@ class BagFile(ChunkedFile):
             op = data.find(_OP, base - first)
             while 0 <= op < base - first + _SEARCHED:
                 for at in _heads_around(data, op):
-                    if _is_record(file, first + at, self.size):
-                        return first + at
+                    with suppress(DamageError):
+                        head, body, size = read_head(file, first + at)
+                        needed = _NEEDED.get(op_of(head))
+                        if needed and needed <= head.keys() and size <= self.size - body:
+                            return first + at
                 op = data.find(_OP, op + 1)
         return None
 
@@ -292,15 +294,6 @@ def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> No
     definition = fields.get("message_definition", "")
     catalogue.schemas[number] = (fields.get("type", ""), definition)
     catalogue.publishers[number] = (number, fields["topic"], "ros1")
-
-
-def _is_record(file: BinaryIO, at: int, size: int) -> bool:
-    try:
-        head, start, length = read_head(file, at)
-    except DamageError:
-        return False
-    needed = _NEEDED.get(op_of(head))
-    return needed is not None and needed <= head.keys() and length <= size - start
 
 
 def _heads_around(data: bytes, op: int) -> list[int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
@@ -124,7 +125,11 @@ class McapFile(ChunkedFile):
                 chunk.is_plain = cursor.text() in {"", "none"}
                 contents.chunks.append(chunk)
             elif opcode == STATISTICS:
-                chunk_count, counts = parse_statistics(body)
+                cursor = Cursor(body)
+                cursor.take(8 + 2 + 4 + 4 + 4)
+                chunk_count = cursor.number(4)
+                cursor.take(16)
+                counts = parse_map(cursor)
             else:
                 describe(contents.catalogue, opcode, body)
         if not counts or not chunk_count == len(contents.chunks) > 0:
@@ -292,15 +297,6 @@ def parse_chunk_head(raw: bytes, at: int) -> ChunkHead:
     return ChunkHead(at + head.at, packed, claimed, compression, checksum)
 
 
-def parse_statistics(body: memoryview) -> tuple[int, dict[int, int]]:
-    """Number of chunks and messages of each channel, from a Statistics record."""
-    cursor = Cursor(body)
-    cursor.take(8 + 2 + 4 + 4 + 4)
-    chunks = cursor.number(4)
-    cursor.take(16)
-    return chunks, parse_map(cursor)
-
-
 def parse_map(cursor: Cursor) -> dict[int, int]:
     """Numbers by channel."""
     entries = cursor.take(cursor.number(4))
@@ -337,17 +333,12 @@ def is_record(file: BinaryIO, at: int, size: int) -> bool:
         if not known or not least <= length <= largest or end > size:
             return False
         if opcode == CHUNK:
-            return _is_chunk(head, at, end)
+            with suppress(DamageError):
+                chunk = parse_chunk_head(head, at)
+                return chunk.compression in _COMPRESSIONS and end == chunk.start + chunk.packed
+            return False
         if opcode == FOOTER:
             file.seek(end)
             return file.read(len(MAGIC)) == MAGIC
         at = end
     return True
-
-
-def _is_chunk(head: bytes, at: int, end: int) -> bool:
-    try:
-        chunk = parse_chunk_head(head, at)
-    except DamageError:
-        return False
-    return chunk.compression in _COMPRESSIONS and end == chunk.start + chunk.packed

@@ -48,15 +48,15 @@ def joint_columns(text: str) -> JointColumns:
         raise ValueError(f"{text}: a joint has no name; expected {_EXPECTED}; - for no joint")
     if len(set(joints)) < len(joints):
         raise ValueError(f"{text}: a joint is named twice")
-    if not known["part"]:
-        return JointColumns(topic=known["topic"], path=known["field"], names=names)
-    start = int(known["start"] or 0)
-    stop = int(known["stop"]) if known["stop"] else start + len(names)
-    if stop - start != len(names):
-        raise ValueError(
-            f"{text}: [{start}:{stop}] are {max(stop - start, 0)} numbers, but {len(names)} are "
-            "named; - for no joint"
-        )
+    start, stop = 0, None
+    if known["part"]:
+        start = int(known["start"] or 0)
+        stop = int(known["stop"]) if known["stop"] else start + len(names)
+        if stop - start != len(names):
+            raise ValueError(
+                f"{text}: [{start}:{stop}] are {max(stop - start, 0)} numbers, but {len(names)} "
+                "are named; - for no joint"
+            )
     return JointColumns(
         topic=known["topic"], path=known["field"], names=names, start=start, stop=stop
     )

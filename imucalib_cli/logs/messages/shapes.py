@@ -115,21 +115,27 @@ _STAMPS = ("header.stamp", "timestamp", "stamp", "time")
 _FRAMES = ("header.frame_id", "frame_id")
 _MOTORS = "motor_state"
 _AXES = {"gyro": "xyz", "accel": "xyz", "position": "xyz", "quaternion": "xyzw"}
-_FOXGLOVE_POSE = (Stamp("timestamp", is_stamp=False), Text("frame_id"))
+
+
+def _vector(path: str, axes: str) -> Fields:
+    return tuple(Numbers(f"{path}.{axis}", 1) for axis in axes)
+
+
 _FOXGLOVE_TRANSFORM: Fields = (
     Stamp("timestamp", is_stamp=False),
     Text("parent_frame_id"),
     Text("child_frame_id"),
-    *(Numbers(f"translation.{axis}", 1) for axis in "xyz"),
-    *(Numbers(f"rotation.{axis}", 1) for axis in "xyzw"),
+    *_vector("translation", "xyz"),
+    *_vector("rotation", "xyzw"),
 )
 _FOXGLOVE: dict[str, Fields] = {
     "foxglove.FrameTransform": _FOXGLOVE_TRANSFORM,
     "foxglove.FrameTransforms": (Structs("transforms", _FOXGLOVE_TRANSFORM),),
     "foxglove.PoseInFrame": (
-        *_FOXGLOVE_POSE,
-        *(Numbers(f"pose.position.{axis}", 1) for axis in "xyz"),
-        *(Numbers(f"pose.orientation.{axis}", 1) for axis in "xyzw"),
+        Stamp("timestamp", is_stamp=False),
+        Text("frame_id"),
+        *_vector("pose.position", "xyz"),
+        *_vector("pose.orientation", "xyzw"),
     ),
 }
 """Fields of types in JSON whose schema a log may lack."""
@@ -177,13 +183,13 @@ def _all_fields(type_name: str, encoding: str, definition: str) -> Fields:
 
 
 def _fields(type_name: str, encoding: str, definition: str) -> Fields:
-    if not definition:
-        return _FOXGLOVE.get(type_name, ()) if encoding == "json" else ()
-    try:
-        fields = definitions.fields_of(type_name, encoding, definition)
-    # descriptors of protobuf, which may be damaged or need a package, raise anything
-    except Exception:  # noqa: BLE001
-        return ()
+    fields: Fields = ()
+    if definition:
+        try:
+            fields = definitions.fields_of(type_name, encoding, definition)
+        # descriptors of protobuf, which may be damaged or need a package, raise anything
+        except Exception:  # noqa: BLE001
+            return ()
     return fields or (_FOXGLOVE.get(type_name, ()) if encoding == "json" else ())
 
 
