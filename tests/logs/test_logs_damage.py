@@ -9,6 +9,7 @@ import struct
 import zlib
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -117,12 +118,13 @@ def test_truncated_log_is_used_up_to_the_cut(
 
 
 @pytest.mark.parametrize("storage", CHUNKED)
+@pytest.mark.parametrize("junk", [b"", b"\5junk"])
 def test_log_without_its_index_loses_nothing(
-    messages: list[Said], storage: str, written: Write, damaged: Path
+    messages: list[Said], storage: str, junk: bytes, written: Write, damaged: Path
 ) -> None:
     """As a crash leaves it: all chunks there, the index at the end not."""
     path = written(messages, storage)
-    damaged.write_bytes(without_index(path.read_bytes()))
+    damaged.write_bytes(without_index(path.read_bytes()) + junk)
     data = read_all(damaged)
     assert assert_prefix(data, read_all(path)) == 300
     assert data.losses
@@ -214,8 +216,24 @@ def test_damaged_chunk_costs_only_itself(tmp_path: Path, damaged: Path) -> None:
     assert any("checksum" in loss for loss in data.losses)
 
 
-@pytest.mark.parametrize("storage", CHUNKED)
-@pytest.mark.parametrize("how", ["length", "kind", "wiped", "removed", "inserted"])
+def test_a_wiped_summary_costs_no_message(tmp_path: Path, damaged: Path) -> None:
+    said, content = mcap(tmp_path, "zstd", index=True)
+    start = int.from_bytes(content[-28:-20], "little")
+    content[start:-37] = bytes(len(content) - 37 - start)  # up to the footer
+    damaged.write_bytes(content)
+    data = read_all(damaged)
+    assert_part(data, said, at_least=len(said))
+    assert data.losses
+
+
+@pytest.mark.parametrize(
+    ("how", "storage"),
+    [
+        *product(("length", "kind", "wiped", "removed", "inserted"), CHUNKED),
+        *product(("flipped",), ("bag-bz2", "mcap-none", "mcap-lz4", "mcap-zstd")),
+        *product(("unknown",), ("bag-lz4", "bag-bz2", "mcap-lz4", "mcap-zstd")),
+    ],
+)
 def test_a_log_without_index_is_used_beyond_damage(
     storage: str, how: str, written: Write, damaged: Path
 ) -> None:
@@ -237,6 +255,11 @@ def test_a_log_without_index_is_used_beyond_damage(
             content[start - 30 : start + 200] = bytes(230)
         case "removed":
             del content[start + (2 if is_bag else 30) : end - 10]
+        case "flipped":
+            content[(start + end) // 2] ^= 0x55
+        case "unknown":
+            at = content.index(storage.partition("-")[2].encode(), start)
+            content[at : at + 2] = b"xx"
         case _:
             content[start:start] = b"\x05junk of another file" * 7
     damaged.write_bytes(content)
@@ -246,7 +269,8 @@ def test_a_log_without_index_is_used_beyond_damage(
     whole |= how == "kind" and storage.endswith("none")
     least = len(said) * (len(chunks) - 2) // len(chunks) - 1
     assert_part(data, said, at_least=len(said) if whole else least)
-    assert any("damaged" in loss for loss in data.losses)
+    known = {"flipped": "", "unknown": "is not known"}.get(how, "damaged")
+    assert any(known in loss for loss in data.losses)
 
 
 def test_messages_of_a_chunk_without_its_head_are_found(tmp_path: Path, damaged: Path) -> None:
