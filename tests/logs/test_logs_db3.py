@@ -172,8 +172,8 @@ def test_overflow_pages_that_end_early_are_damage(tmp_path: Path) -> None:
 def test_other_values_than_rosbag2_writes_go_through_sqlite(tmp_path: Path) -> None:
     path = write(tmp_path / "a.db3", make_rows(5, [100], count=3000))
     with closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE messages SET data = 'text' WHERE id = 1500")
-        database.execute("UPDATE messages SET timestamp = 1.5 WHERE id = 1700")
+        database.execute("UPDATE messages SET data = 'text' WHERE id % 7 = 0")
+        database.execute("UPDATE messages SET timestamp = 1.5 WHERE id % 7 = 1")
         database.commit()
     expected = [row for row in by_sqlite(path, [1, 2]) if type(row[1]) is int]
     assert by_us(path, [1, 2]) == [row for row in expected if type(row[2]) is bytes]

@@ -200,11 +200,15 @@ def test_columns_go_before_names(columns: str, kept: list[int], tmp_path: Path) 
     np.testing.assert_array_equal(joints.position, position[:, kept])
 
 
-def test_columns_of_numbered_motors_leave_the_imu(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("numbers_of", "sign"), [("q", 1), ("dq", -1)])
+def test_columns_of_numbered_motors_leave_the_imu(
+    numbers_of: str, sign: int, tmp_path: Path
+) -> None:
     said, numbers = low_states("unitree_hg")
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
-    data = read(log, columns="/lowstate:motor_state.q[12:14]=yaw,roll")
-    np.testing.assert_array_equal(data.joints["/lowstate"][0].position, numbers[:, 18:20])
+    data = read(log, columns=f"/lowstate:motor_state.{numbers_of}[12:14]=yaw,roll")
+    (joints,) = data.joints["/lowstate"]
+    np.testing.assert_array_equal(joints.position, sign * numbers[:, 18:20])
     np.testing.assert_array_equal(data.imus["/lowstate"].gyro, numbers[:, :3])
     assert data.imus["/lowstate"].header_ns.any()
 

@@ -397,5 +397,5 @@ def _without_joints(each: Field, taken: str, prefix: str) -> Field:
         case Numbers() | NumberList() if path == taken:
             return replace(each, name="position")
         case Numbers() | NumberList() | Texts() if each.name in {"name", "position"}:
-            return replace(each)
+            return replace(each, name="")
     return each
