@@ -266,9 +266,11 @@ class ChunkedFile(ABC):
                 try:
                     base += self._read_chunk(file, chunk, channels, sink, base)
                 except (DamageError, ValueError) as error:
-                    self._lose(warning("log.chunk_unreadable", byte=chunk.start, reason=str(error)))
+                    self._report(
+                        warning("log.chunk_unreadable", byte=chunk.start, reason=str(error))
+                    )
         if isinstance(self._file, RemoteFile):
-            self._file.see_unchanged()
+            self._file.check_unchanged()
         progress(1.0)
 
     def _announced(
@@ -335,7 +337,7 @@ class ChunkedFile(ABC):
                 raise DamageError("its checksum is wrong")
         lost = len(sound) - int(np.count_nonzero(sound))
         if lost:
-            self._lose(warning("log.chunk_messages_damaged", count=lost, byte=chunk.start))
+            self._report(warning("log.chunk_messages_damaged", count=lost, byte=chunk.start))
         stop = 0
         for number, count in zip(index, counts, strict=True):
             start, stop = stop, stop + count
@@ -360,7 +362,9 @@ class ChunkedFile(ABC):
         index, sound = self.walk(inflated.upto(), Catalogue())
         if sound < inflated.claimed:
             size = inflated.claimed
-            self._lose(warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size))
+            self._report(
+                warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size)
+            )
         return index
 
     def _index_of(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
@@ -400,7 +404,7 @@ class ChunkedFile(ABC):
             if times.count:
                 tally.start_ns, tally.end_ns = times.start_ns, times.end_ns
 
-    def _lose(self, loss: Finding) -> None:
+    def _report(self, loss: Finding) -> None:
         if loss not in self.losses:
             self.losses.append(loss)
 

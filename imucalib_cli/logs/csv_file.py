@@ -203,9 +203,9 @@ class CsvFile:
             for group in self._groups:
                 group.take(stamp, cells)
         if not named and unit == "s":
-            self._see_seconds()
+            self._check_seconds()
 
-    def _see_seconds(self) -> None:
+    def _check_seconds(self) -> None:
         for group in self._groups:
             steps = np.diff(np.array(group.times, dtype=np.int64))
             typical = float(np.median(steps)) * 1e-9 if len(steps) else 0.0

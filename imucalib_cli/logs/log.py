@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Channel, LogFile, LogPath, Progress
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
-_MOST_TOLD = 8
+_MOST_REPORTED = 8
 """Most findings about losses of one file; a damaged disk causes thousands."""
 _MOST_FIELDS = 20
 """Most fields listed in an error."""
@@ -76,14 +76,14 @@ class Log:
         self._columns = {each.topic: each for each in columns}
         self.topics = _topics([each for file in self._files for each in self._channels(file)])
         for each in columns:
-            self._see_columns(each)
+            self._check_columns(each)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Damage found so far."""
         found = []
         for file in self._files:
-            losses = file.losses[:_MOST_TOLD]
+            losses = file.losses[:_MOST_REPORTED]
             more = len(file.losses) - len(losses)
             if more:
                 losses.append(warning("log.more_losses", count=more))
@@ -122,7 +122,7 @@ class Log:
 
         wanted = set(topics)
         self._check(wanted)
-        _see_one_recording(self._files, wanted)
+        _check_one_recording(self._files, wanted)
         collector = Collector(self._columns)
         for number, file in enumerate(self._files):
             channels = [
@@ -187,7 +187,7 @@ class Log:
         """The channels of a file, with the joints that the user names."""
         return tuple(with_columns(each, self._columns) for each in file.channels)
 
-    def _see_columns(self, columns: JointColumns) -> None:
+    def _check_columns(self, columns: JointColumns) -> None:
         """Check that a topic has the numbers that the user names as joints.
 
         Raises:
@@ -292,7 +292,7 @@ def _span_ns(channels: Iterable[Channel]) -> tuple[int, int]:
     return start_ns, max((each.end_ns for each in filled), default=0)
 
 
-def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
+def _check_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
     """Refuse two recordings of one IMU topic: mixed samples cannot be separated again."""
     heard: dict[str, tuple[LogFile, Channel]] = {}
     for file in files:

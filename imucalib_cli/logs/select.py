@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
-_CALLED: dict[Kind, tuple[str, str]] = {
+_KIND_NAMES: dict[Kind, tuple[str, str]] = {
     "imu": ("IMU", "--imu-topic"),
     "joints": ("joint state", "--joint-topic"),
     "pose": ("pose", "--pose-topic"),
@@ -225,7 +225,7 @@ def _of_kind(
             elif there:
                 what = f"{name} has no messages"
             near = "" if there else meant(name, list(by_name))
-            called, option = _CALLED[kind]
+            called, option = _KIND_NAMES[kind]
             listed = _listed(possible) or "none"
             raise ChoiceError(
                 f"{what}: {called} topics for {options or option} are {listed}{near}"

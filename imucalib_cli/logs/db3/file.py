@@ -182,7 +182,7 @@ class Db3File:
                 yield rows
                 done += len(rows)
         except _BROKEN as error:
-            self._lose(warning("log.database_damaged", reason=str(error)))
+            self._report(warning("log.database_damaged", reason=str(error)))
         else:
             return
         last: Any = -(1 << 63)
@@ -197,7 +197,7 @@ class Db3File:
             keep = wanted if payload == "data" else ()
             yield from salvage(self._file, last, keep)
 
-    def _lose(self, loss: Finding) -> None:
+    def _report(self, loss: Finding) -> None:
         if loss not in self.losses:
             self.losses.append(loss)
 

@@ -177,13 +177,13 @@ class RemoteFile:
         self._discard()
         self.copy = None
 
-    def see_unchanged(self) -> None:
+    def check_unchanged(self) -> None:
         """Check that the file did not change while it was read.
 
         Raises:
             InputError: It did.
         """
-        self._named(self._store.see_unchanged)
+        self._named(self._store.check_unchanged)
 
     def expect(self, spans: Iterable[Span], progress: Callable[[float], None]) -> None:
         """Announce what will be read: neighbours are then read together, and some at once.

@@ -93,7 +93,7 @@ class HttpStore:
         """See :class:`~imucalib_cli.logs.remote.store.Store`."""
         sync(self._fs.loop, self._repeat, lambda: self._whole(target, received))
 
-    def see_unchanged(self) -> None:
+    def check_unchanged(self) -> None:
         """Nothing: every answer has been compared with the first."""
 
     async def _ranges(self, spans: Sequence[Span], received: Received) -> list[bytes]:
@@ -133,7 +133,7 @@ class HttpStore:
         start += len(data)
         headers = {"Range": f"bytes={start}-{stop - 1}"}
         async with self._answer(headers, REQUEST_S) as answer:
-            left = min(stop, self._see_range(answer, start)) - start
+            left = min(stop, self._check_range(answer, start)) - start
             if left <= 0:  # of an empty file
                 return
             async for block in answer.content.iter_any():
@@ -153,7 +153,7 @@ class HttpStore:
         target.seek(0)
         target.truncate()
         async with self._answer({}, None) as answer:
-            _see_found(answer)
+            _check_found(answer)
             self.size = answer.content_length
             self.version = _version(answer)
             async for block in answer.content.iter_any():
@@ -175,7 +175,7 @@ class HttpStore:
         async with session.get(self._url, **given) as answer:
             yield answer
 
-    def _see_range(self, answer: aiohttp.ClientResponse, start: int) -> int:
+    def _check_range(self, answer: aiohttp.ClientResponse, start: int) -> int:
         """Check that an answer holds the range from ``start`` on; return the size of the file.
 
         Raises:
@@ -183,7 +183,7 @@ class HttpStore:
             RemoteError, _BusyError: There is no such file, or it is another one by now.
         """
         if answer.status != HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
-            _see_found(answer)
+            _check_found(answer)
         found = _RANGE.fullmatch(answer.headers.get("Content-Range", ""))
         is_plain = answer.headers.get("Content-Encoding", "identity") == "identity"
         if answer.status == HTTPStatus.OK or found is None or not is_plain:
@@ -199,7 +199,7 @@ class HttpStore:
         return size
 
 
-def _see_found(answer: aiohttp.ClientResponse) -> None:
+def _check_found(answer: aiohttp.ClientResponse) -> None:
     """Check that the server sends the file.
 
     Raises:
