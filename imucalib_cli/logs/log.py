@@ -94,15 +94,16 @@ class Log:
     @property
     def undefined(self) -> tuple[Finding, ...]:
         """Topics in protobuf whose descriptors are damaged; most may not be needed."""
-        found = {
-            (str(file.path), each.name, each.type, each.definition)
-            for file in self._files
-            for each in file.channels
-            if each.encoding == "protobuf" and each.count and not each.kinds
-        }
         return tuple(
-            warning("log.definition_damaged", file=path, topic=name, type=type_name)
-            for path, name, type_name, definition in sorted(found)
+            warning("log.definition_damaged", file=str(file.path), topic=name, type=type_name)
+            for file in self._files
+            for name, type_name, definition in sorted(
+                {
+                    (each.name, each.type, each.definition)
+                    for each in file.channels
+                    if each.encoding == "protobuf" and each.count and not each.kinds
+                }
+            )
             if is_damaged(type_name, definition)
         )
 
