@@ -56,9 +56,9 @@ class Chunk:
     index: Index | None = None
     """Message positions that a scan found."""
     end: int = 0
-    """Of its record in the file; known once the record has been read."""
+    """End of its record in the file; known once the record has been read."""
     stop: int = 0
-    """End of its record by the file's index; in bags, which do not tell it, as ``index_stop``."""
+    """End of its record by the file's index; the same as ``index_stop`` in bags, which lack it."""
     index_stop: int = 0
     """End of its message indexes by the file's index."""
     is_plain: bool = False
@@ -68,7 +68,7 @@ class Chunk:
 
     @property
     def index_start(self) -> int:
-        """File offset of its message indexes; 0 where the file's index does not tell it."""
+        """File offset of its message indexes; 0 if the file's index lacks it."""
         return min((self.index_at or {}).values(), default=0)
 
     def may_hold(self, channels: Collection[int]) -> bool:
@@ -82,7 +82,7 @@ class ChunkHead:
     """The head of a chunk's record, before its messages."""
 
     start: int
-    """Of the packed bytes in the file."""
+    """File offset of the packed bytes."""
     packed: int
     """Bytes in the file."""
     claimed: int
@@ -112,7 +112,7 @@ class Record:
 
 @dataclass
 class Contents:
-    """What a scan found in a file."""
+    """Contents of a file, from its index or a scan."""
 
     chunks: list[Chunk] = field(default_factory=list)
     catalogue: Catalogue = field(default_factory=Catalogue)
@@ -219,15 +219,14 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
-        """Read the record at a position of the file; what it describes goes into the contents.
+        """Read the record at a position of the file; add a schema or channel to the contents.
 
         Raises:
             DamageError: There is none.
         """
 
-    @staticmethod
     @abstractmethod
-    def find_record(file: BinaryIO, start: int, size: int) -> int | None:
+    def find_record(self, file: BinaryIO, start: int) -> int | None:
         """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
     def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
@@ -259,17 +258,19 @@ class ChunkedFile(ABC):
         needed = [each for each in self._chunks if each.may_hold(channels)]
         base = 0
         with self._file.open("rb", buffering=0) as file:
-            told = progress
+            tell = progress
             if isinstance(self._file, RemoteFile):
-                needed, told = self._announced(file, needed, channels, progress)
+                needed, tell = self._announced(file, needed, channels, progress)
             for done, chunk in enumerate(needed):
-                told(done / len(needed))
+                tell(done / len(needed))
                 try:
                     base += self._read_chunk(file, chunk, channels, sink, base)
                 except (DamageError, ValueError) as error:
-                    self._lose(warning("log.chunk_unreadable", byte=chunk.start, reason=str(error)))
+                    self._report(
+                        warning("log.chunk_unreadable", byte=chunk.start, reason=str(error))
+                    )
         if isinstance(self._file, RemoteFile):
-            self._file.see_unchanged()
+            self._file.check_unchanged()
         progress(1.0)
 
     def _announced(
@@ -279,10 +280,10 @@ class ChunkedFile(ABC):
         channels: Collection[int],
         progress: Progress,
     ) -> tuple[list[Chunk], Progress]:
-        """Announce what is read of a remote file's chunks: all, or parts of large plain ones.
+        """Announce the parts that are read of a remote file's chunks; of large plain ones not all.
 
         Returns:
-            The chunks, and what is left to be called by who reads them.
+            The chunks, and the progress that the caller still has to report.
         """
         large = [each for each in chunks if each.is_plain and each.stop - each.start > _LARGE]
         spans = [
@@ -297,7 +298,7 @@ class ChunkedFile(ABC):
         parts: dict[int, list[tuple[int, int]]] = {}
         found: dict[int, Chunk] = {}
         for chunk in large:
-            with suppress(DamageError):  # is told where the chunk is read
+            with suppress(DamageError):  # reported when the chunk is read
                 head = self._chunk_head(file, chunk.start)
                 index = self._index_of(file, chunk, channels)
                 parts[chunk.start] = _runs(head.start, index)
@@ -306,8 +307,8 @@ class ChunkedFile(ABC):
             span for chunk in chunks for span in parts.get(chunk.start, [(chunk.start, chunk.stop)])
         ]
         done = 0.5 if large else 0.0
-        told = announce(file, spans, lambda share: progress(done + (1.0 - done) * share))
-        return [found.get(chunk.start, chunk) for chunk in chunks], told
+        tell = announce(file, spans, lambda share: progress(done + (1.0 - done) * share))
+        return [found.get(chunk.start, chunk) for chunk in chunks], tell
 
     def _read_chunk(
         self, file: BinaryIO, chunk: Chunk, channels: dict[int, Channel], sink: Sink, base: int
@@ -336,7 +337,7 @@ class ChunkedFile(ABC):
                 raise DamageError("its checksum is wrong")
         lost = len(sound) - int(np.count_nonzero(sound))
         if lost:
-            self._lose(warning("log.chunk_messages_damaged", count=lost, byte=chunk.start))
+            self._report(warning("log.chunk_messages_damaged", count=lost, byte=chunk.start))
         stop = 0
         for number, count in zip(index, counts, strict=True):
             start, stop = stop, stop + count
@@ -361,7 +362,9 @@ class ChunkedFile(ABC):
         index, sound = self.walk(inflated.upto(), Catalogue())
         if sound < inflated.claimed:
             size = inflated.claimed
-            self._lose(warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size))
+            self._report(
+                warning("log.chunk_damaged", byte=chunk.start, lost=size - sound, size=size)
+            )
         return index
 
     def _index_of(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
@@ -401,9 +404,9 @@ class ChunkedFile(ABC):
             if times.count:
                 tally.start_ns, tally.end_ns = times.start_ns, times.end_ns
 
-    def _lose(self, what: Finding) -> None:
-        if what not in self.losses:
-            self.losses.append(what)
+    def _report(self, loss: Finding) -> None:
+        if loss not in self.losses:
+            self.losses.append(loss)
 
 
 def _runs(start: int, index: Index) -> list[tuple[int, int]]:

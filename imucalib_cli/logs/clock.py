@@ -54,7 +54,7 @@ class Clock:
     findings: tuple[Finding, ...] = ()
     """Problems of the stamps of single topics, and how they were handled."""
     alternative: Kind | None = None
-    """Of the kind that is not used, if its stamps look sound."""
+    """The kind that is not used, if its stamps look sound."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -77,11 +77,15 @@ def choose_clock(
     """Choose the clock of a log.
 
     Args:
-        streams: Those that will be used together; static transforms and empty streams are ignored.
+        streams: All streams that will be used; static and empty ones are ignored.
         wanted: ``auto`` takes header stamps unless those of a stream are broken (zero, constant,
             mostly backwards) or on another clock than the others, and receive times do better.
     """
-    moving = [each for each in streams if len(each) and not _is_static(each)]
+    moving = [
+        each
+        for each in streams
+        if len(each) and not (isinstance(each, PoseStream) and each.is_static)
+    ]
     header_faults = _faults(moving, "header")
     log_faults = _faults(moving, "log")
     kind: Kind = "header"
@@ -94,24 +98,24 @@ def choose_clock(
         kind = "log"
     other: Kind = "log" if kind == "header" else "header"
     if wanted != "auto":  # no advice to try what is broken too
-        findings = [_told(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
+        findings = [_handled(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
     elif kind == "log":
         missing = [fault for fault in header_faults if fault.code == "stamps.all_zero"]
         others = [fault for fault in header_faults if fault not in missing]
-        findings = [_told(fault, "receive times") for fault in others]
+        findings = [_handled(fault, "receive times") for fault in others]
         if missing:
             findings.append(note("stamps.none", topics=[each.values["topic"] for each in missing]))
     else:
-        findings = [_told(fault, "no better", log_faults) for fault in header_faults]
+        findings = [_handled(fault, "no better", log_faults) for fault in header_faults]
     origin = min((first_plausible(_stamps(each, kind)) for each in moving), default=0)
     sound = None if faults[other] else other
     return Clock(kind=kind, origin_ns=origin, findings=tuple(findings), alternative=sound)
 
 
-def _told(
+def _handled(
     fault: Finding, then: str, others: Sequence[Finding] = (), clock: Kind | None = None
 ) -> Finding:
-    """Add to a finding about stamps how it is handled, and what is wrong with the other kind."""
+    """Add to a finding about stamps how it is handled, and the fault of the other kind."""
     values = {**fault.values, "then": then}
     if clock is not None:
         values["clock"] = clock
@@ -120,16 +124,12 @@ def _told(
     return replace(fault, values=values)
 
 
-def _is_static(stream: Stream) -> bool:
-    return isinstance(stream, PoseStream) and stream.is_static
-
-
 def _stamps(stream: Stream, kind: Kind) -> Nanoseconds:
     return stream.header_ns if kind == "header" else stream.log_ns
 
 
 def _faults(streams: Sequence[Stream], kind: Kind) -> list[Finding]:
-    """What is wrong with the stamps of each topic, one finding each."""
+    """Faults of the stamps, one finding for each topic that has one."""
     found = {}
     for stream in streams:
         fault = _fault(_stamps(stream, kind))

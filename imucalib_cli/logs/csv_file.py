@@ -62,7 +62,7 @@ NAMES = (
     "name a column t (or t_ns), and gx gy gz ax ay az of an IMU, joint.NAME of joints, or "
     "x y z qx qy qz qw of a pose"
 )
-"""What a user can do about unknown columns."""
+"""Advice for a table with unknown columns."""
 _EARLIEST = ((10**17, "ns"), (10**14, "us"), (10**11, "ms"))
 """Times since 1970 above these limits are in these units: as seconds they are millennia away."""
 
@@ -203,9 +203,9 @@ class CsvFile:
             for group in self._groups:
                 group.take(stamp, cells)
         if not named and unit == "s":
-            self._see_seconds()
+            self._check_seconds()
 
-    def _see_seconds(self) -> None:
+    def _check_seconds(self) -> None:
         for group in self._groups:
             steps = np.diff(np.array(group.times, dtype=np.int64))
             typical = float(np.median(steps)) * 1e-9 if len(steps) else 0.0

@@ -28,9 +28,9 @@ _ALWAYS, _MOST_RATIO = 1 << 26, 100
 
 
 class Decompressor(Protocol):
-    """Fills a buffer from the front."""
+    """The unpacked bytes of a chunk, from its beginning."""
 
-    def fill(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: memoryview, /) -> int:
         """Write the next bytes; 0 at the end. Raises any exception on damage."""
 
 
@@ -71,7 +71,7 @@ class Inflated:
             room = min(wanted - self._done, max(1 << 20, self._done))
             buffer = self._scratch.reserve(self._done + room, keep=self._done)
             try:
-                got = self._source.fill(buffer.data[self._done : self._done + room])
+                got = self._source.readinto(buffer.data[self._done : self._done + room])
             except ImucalibError:  # a server's
                 raise
             # lz4, zstandard and bz2 each raise exceptions of their own for damaged bytes.
@@ -128,7 +128,10 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
     source: Decompressor
     match compression:
         case "zstd":
-            source = _Zstd(packed)
+            import zstandard
+
+            decompressor = zstandard.ZstdDecompressor()
+            source = decompressor.stream_reader(packed, read_across_frames=True)
         case "lz4":
             source = _Lz4(packed)
         case "bz2":
@@ -158,27 +161,16 @@ class _Part:
         got: int = self._file.readinto(buffer)  # type: ignore[attr-defined]
         return got
 
-    def fill(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: memoryview, /) -> int:
         got = self.read_at(self._done, buffer[: self.size - self._done])
         self._done += got
         return got
 
 
-class _Zstd:
-    def __init__(self, packed: memoryview) -> None:
-        import zstandard
-
-        reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-        self._reader: Any = reader
-
-    def fill(self, buffer: memoryview) -> int:
-        return int(self._reader.readinto(buffer))
-
-
 class _Stepwise:
     """Decompress in steps: the allocator would map and unmap large results each time."""
 
-    def fill(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: memoryview, /) -> int:
         done = 0
         while done < len(buffer):
             try:

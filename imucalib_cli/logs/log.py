@@ -17,14 +17,14 @@ from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Iterable, Sequence
 
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.decode import TopicData
     from imucalib_cli.logs.reader import Channel, LogFile, LogPath, Progress
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
-_MOST_TOLD = 8
+_MOST_REPORTED = 8
 """Most findings about losses of one file; a damaged disk causes thousands."""
 _MOST_FIELDS = 20
 """Most fields listed in an error."""
@@ -45,9 +45,9 @@ class LogData:
     poses: dict[str, tuple[PoseStream, ...]] = field(default_factory=dict)
     """One per (parent, child)."""
     texts: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """What was said on topics of strings, each text once, in the order of the log."""
+    """Texts of topics of strings, each once, in the order of the log."""
     findings: tuple[Finding, ...] = ()
-    """Damage, rows left out, and anything unusual, of a ``file`` or of a ``topic``."""
+    """Damage, rows left out, and anything unusual, each about a ``file`` or a ``topic``."""
 
     @property
     def losses(self) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ class Log:
     """An opened recording; holds no open files.
 
     Args:
-        files: Of one recording.
+        files: The files of one recording.
         columns: Which numbers of some topics are joints.
 
     Raises:
@@ -76,14 +76,14 @@ class Log:
         self._columns = {each.topic: each for each in columns}
         self.topics = _topics([each for file in self._files for each in self._channels(file)])
         for each in columns:
-            self._see_columns(each)
+            self._check_columns(each)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """Damage found so far."""
         found = []
         for file in self._files:
-            losses = file.losses[:_MOST_TOLD]
+            losses = file.losses[:_MOST_REPORTED]
             more = len(file.losses) - len(losses)
             if more:
                 losses.append(warning("log.more_losses", count=more))
@@ -93,17 +93,21 @@ class Log:
 
     @property
     def undefined(self) -> tuple[Finding, ...]:
-        """Topics in protobuf that no sound descriptors define; most may not be needed."""
+        """Topics in protobuf whose descriptors are damaged; most may not be needed."""
         return tuple(
             warning("log.definition_damaged", file=str(file.path), topic=name, type=type_name)
             for file in self._files
-            for name, type_name, definition in _unread_protobuf(file.channels)
+            for name, type_name, definition in sorted(
+                {
+                    (each.name, each.type, each.definition)
+                    for each in file.channels
+                    if each.encoding == "protobuf" and each.count and not each.kinds
+                }
+            )
             if is_damaged(type_name, definition)
         )
 
-    def read(
-        self, topics: Iterable[str], progress: Callable[[float], None] | None = None
-    ) -> LogData:
+    def read(self, topics: Iterable[str], progress: Progress | None = None) -> LogData:
         """Read the wanted topics in one pass; nothing else is decoded.
 
         Args:
@@ -119,24 +123,33 @@ class Log:
 
         wanted = set(topics)
         self._check(wanted)
-        _see_one_recording(self._files, wanted)
+        _check_one_recording(self._files, wanted)
         collector = Collector(self._columns)
         for number, file in enumerate(self._files):
             channels = [
                 each.number for each in self._channels(file) if each.name in wanted and each.kinds
             ]
+
+            def tell(share: float, number: int = number) -> None:
+                if progress is not None:
+                    progress((number + share) / len(self._files))
+
             if channels:
-                share = _share(progress, number, len(self._files))
                 try:
                     collector.next_file(_bytes_of(file.path))
-                    file.read(channels, collector, share)
-                except TooMuchError:  # what was read before is used
+                    file.read(channels, collector, tell)
+                except TooMuchError:  # the messages read so far are used
                     file.losses.append(warning("log.holds_too_much", ratio=MOST_RATIO))
                 except OSError as error:
                     raise InputError(
                         f"{file.path} cannot be read any more: {error.strerror or error}"
                     ) from error
-        data = self._nothing_of(wanted)
+        # Topics that lost all messages to damage are kept, without streams.
+        filled = [each for each in self.topics if each.name in wanted and each.count]
+        data = LogData(
+            joints={each.name: () for each in filled if "joints" in each.kinds},
+            poses={each.name: () for each in filled if "pose" in each.kinds},
+        )
         losses = [*self.findings, *_overlaps(self._files)]
         for found in collector.finish():
             losses += self._shortfall(found)
@@ -145,38 +158,17 @@ class Log:
         return data
 
     def _shortfall(self, found: TopicData) -> list[Finding]:
-        """Report fewer messages than the index states, and messages that do not fit their type."""
-        losses = []
-        listed = sum(
-            each.count
-            for each in self.topics
-            if (each.name, each.type) == (found.topic, found.type) and each.kinds
-        )
+        """Find messages that are listed but missing, or that do not fit their type."""
+        topic, losses = found.topic, []
+        same = [each for each in self.topics if (each.name, each.type) == (topic, found.type)]
+        listed = sum(each.count for each in same if each.kinds)
         if found.messages < listed:
-            losses.append(
-                warning(
-                    "log.messages_missing", topic=found.topic, found=found.messages, listed=listed
-                )
-            )
+            values = {"found": found.messages, "listed": listed}
+            losses.append(warning("log.messages_missing", topic=topic, **values))
         if found.undecoded:
-            losses.append(
-                warning(
-                    "log.messages_undecoded",
-                    topic=found.topic,
-                    undecoded=found.undecoded,
-                    messages=found.messages,
-                    type=found.type,
-                )
-            )
+            values = {"undecoded": found.undecoded, "messages": found.messages}
+            losses.append(warning("log.messages_undecoded", topic=topic, **values, type=found.type))
         return losses
-
-    def _nothing_of(self, wanted: set[str]) -> LogData:
-        """Topics that lost all messages to damage are kept, without streams."""
-        filled = [each for each in self.topics if each.name in wanted and each.count]
-        return LogData(
-            joints={each.name: () for each in filled if "joints" in each.kinds},
-            poses={each.name: () for each in filled if "pose" in each.kinds},
-        )
 
     def _check(self, wanted: set[str]) -> None:
         known = {each.name for each in self.topics}
@@ -193,14 +185,14 @@ class Log:
                 )
 
     def _channels(self, file: LogFile) -> tuple[Channel, ...]:
-        """What a file holds, with what the user says of its numbers."""
+        """The channels of a file, with the joints that the user names."""
         return tuple(with_columns(each, self._columns) for each in file.channels)
 
-    def _see_columns(self, columns: JointColumns) -> None:
-        """See that a topic has the numbers that the user means.
+    def _check_columns(self, columns: JointColumns) -> None:
+        """Check that a topic has the numbers that the user names as joints.
 
         Raises:
-            ChoiceError: It has not.
+            ChoiceError: It does not.
         """
         asked = f"--joints {columns}"
         there = [each for each in self.topics if each.name == columns.topic and each.count]
@@ -267,7 +259,7 @@ def _add_streams(data: LogData, found: TopicData) -> list[Finding]:
     """Add the streams that a topic becomes; findings about rows left out."""
     from imucalib_cli.logs.messages.decode import imu_streams, joint_streams, pose_streams, texts_of
 
-    name, losses = found.topic, list[Finding]()
+    losses: list[Finding] = []
     for kind in found.reading.kinds:
         lost: list[Finding] = []
         match kind:
@@ -275,24 +267,15 @@ def _add_streams(data: LogData, found: TopicData) -> list[Finding]:
                 imus, lost = imu_streams(found)
                 data.imus |= {imu.name: imu for imu in imus}
             case "joints":
-                joints, lost = joint_streams(found)
-                data.joints[name] = joints
+                data.joints[found.topic], lost = joint_streams(found)
             case "pose":
                 poses, lost = pose_streams(found)
                 # A topic may have poses of two types.
-                data.poses[name] = data.poses.get(name, ()) + poses
+                data.poses[found.topic] = data.poses.get(found.topic, ()) + poses
             case "text":
-                data.texts[name] = texts_of(found)
+                data.texts[found.topic] = texts_of(found)
         losses += lost
     return losses
-
-
-def _unread_protobuf(channels: Iterable[Channel]) -> list[tuple[str, str, str]]:
-    """Name, type and definition of topics in protobuf that cannot be read."""
-    of_protobuf = (each for each in channels if each.encoding == "protobuf" and each.count)
-    return sorted(
-        {(each.name, each.type, each.definition) for each in of_protobuf if not each.kinds}
-    )
 
 
 def _bytes_of(path: LogPath) -> int:
@@ -310,27 +293,25 @@ def _span_ns(channels: Iterable[Channel]) -> tuple[int, int]:
     return start_ns, max((each.end_ns for each in filled), default=0)
 
 
-def _see_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
+def _check_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
     """Refuse two recordings of one IMU topic: mixed samples cannot be separated again."""
     heard: dict[str, tuple[LogFile, Channel]] = {}
     for file in files:
         for channel in file.channels:
-            if "imu" in channel.kinds and channel.name in wanted and channel.count:
-                other, before = heard.get(channel.name, (file, channel))
-                if other is not file:
-                    _see_after(file, channel, other, before)
-                heard[channel.name] = file, channel
-
-
-def _see_after(file: LogFile, channel: Channel, other: LogFile, before: Channel) -> None:
-    shorter = min(each.end_ns - each.start_ns for each in (channel, before)) * 1e-9
-    overlap = (min(channel.end_ns, before.end_ns) - max(channel.start_ns, before.start_ns)) * 1e-9
-    if overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
-        raise ChoiceError(
-            f"{other.path} and {file.path} both hold {channel.name} over the same "
-            f"{overlap:.3g} s: they are two recordings, and not the parts of one as their names or "
-            "their folder say: name each alone (imucalib batch takes many)"
-        )
+            if "imu" not in channel.kinds or channel.name not in wanted or not channel.count:
+                continue
+            other, before = heard.get(channel.name, (file, channel))
+            heard[channel.name] = file, channel
+            both = (channel, before)
+            shorter = min(each.end_ns - each.start_ns for each in both) * 1e-9
+            start, end = max(each.start_ns for each in both), min(each.end_ns for each in both)
+            overlap = (end - start) * 1e-9
+            if other is not file and overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
+                raise ChoiceError(
+                    f"{other.path} and {file.path} both hold {channel.name} over the same "
+                    f"{overlap:.3g} s: they are two recordings, and not the parts of one as their "
+                    "names or their folder say: name each alone (imucalib batch takes many)"
+                )
 
 
 def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
@@ -353,7 +334,7 @@ def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
 
 
 def why_unread(topic: Topic) -> str:
-    """What a user can do about a topic that cannot be read."""
+    """Advice for a topic that cannot be read."""
     if topic.encoding == "protobuf" and not is_installed():
         return f"protobuf is not installed: {EXTRA}"
     return f"choose a topic of {', '.join(sorted(MESSAGE_TYPES))}, or of the same fields"
@@ -365,7 +346,6 @@ def _topics(found: Sequence[Channel]) -> tuple[Topic, ...]:
         groups.setdefault((channel.name, channel.type, channel.encoding), []).append(channel)
     topics = []
     for (name, type_name, encoding), channels in sorted(groups.items()):
-        count = sum(each.count for each in channels)
         start_ns, end_ns = _span_ns(channels)
         topics.append(
             Topic(
@@ -374,17 +354,9 @@ def _topics(found: Sequence[Channel]) -> tuple[Topic, ...]:
                 encoding=encoding,
                 definition=channels[0].definition,
                 columns=channels[0].columns,
-                count=count,
+                count=sum(each.count for each in channels),
                 start_ns=start_ns,
                 end_ns=end_ns,
             )
         )
     return tuple(topics)
-
-
-def _share(
-    progress: Callable[[float], None] | None, number: int, total: int
-) -> Callable[[float], None]:
-    if progress is None:
-        return lambda _: None
-    return lambda done: progress((number + done) / total)

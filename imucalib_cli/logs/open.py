@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.bag.file import BagFile
+from imucalib_cli.logs.bag_file import BagFile
 from imucalib_cli.logs.chunks import ChunkedFile, NoIndexError
 from imucalib_cli.logs.csv_file import NAMES, CsvFile
 from imucalib_cli.logs.db3.file import Db3File
@@ -35,10 +35,9 @@ _HEAD = 4096
 """First bytes of a file, by which formats are recognised."""
 _METADATA = b"rosbag2_bagfile_information"
 _MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
-"""What files beside a result that read as logs begin with: the MCAP's library, the table's columns.
-"""
+"""The library of our debugging MCAP, and the columns of our table: files beside a result, which
+read as logs. One of these stands in their first _MARKED bytes."""
 _MARKED = 128
-"""Bytes in which that is."""
 
 
 def open_files(
@@ -54,7 +53,7 @@ def open_files(
         path: A file or folder, or a file behind a URL.
         readers: Formats that may be meant.
         scan_remote: Download a remote file that cannot be read in parts.
-        progress: Called with the share of it that is downloaded, 0 to 1.
+        progress: Called with the downloaded share, 0 to 1.
 
     Raises:
         InputError: Missing, unreadable, empty or not a log.
@@ -72,12 +71,11 @@ def open_files(
         return [_open_file(path, head, readers)]
     except FileNotFoundError as error:
         raise InputError(f"{path} {_why_missing(path)}") from error
-    except PermissionError as error:
-        named = error.filename or path
-        raise InputError(f"{named} may not be read: check its permissions") from error
     except OSError as error:
-        named = error.filename or path
-        raise InputError(f"{named} cannot be read: {error.strerror or error}") from error
+        reason = f"cannot be read: {error.strerror or error}"
+        if isinstance(error, PermissionError):
+            reason = "may not be read: check its permissions"
+        raise InputError(f"{error.filename or path} {reason}") from error
 
 
 def _mode(path: Path) -> int:
@@ -120,15 +118,12 @@ def holds_log(path: Path) -> bool:
         head = _head(path)
     except (OSError, InputError):
         return False
-    packed = head.startswith(_ZSTD)
-    return packed or _METADATA in head or _reader(path, head, READERS) is not None
+    is_known = head.startswith(_ZSTD) or _METADATA in head
+    return is_known or _reader(path, head, READERS) is not None
 
 
 def is_made_here(path: Path) -> bool:
-    """Whether a file that reads as a log is one beside a result: it can be made again.
-
-    False if it cannot be read.
-    """
+    """Whether a file is one that imucalib writes beside a result; False if it cannot be read."""
     try:
         with path.open("rb") as file:
             head = file.read(_MARKED)
@@ -223,7 +218,7 @@ def _known(readers: Readers) -> str:
 
 
 def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
-    named = _listed(folder) or []
+    named = _listed(folder)
     missing = [each for each in named if not each.is_file()]
     found = _guessed(folder, readers) if len(missing) == len(named) else named
     if not found:
@@ -231,9 +226,7 @@ def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
     files: list[LogFile] = []
     losses = [warning("log.part_missing", name=each.name) for each in missing]
     unusable: list[InputError] = []
-    for path in found:
-        if path in missing:
-            continue
+    for path in (each for each in found if each not in missing):
         try:
             files.append(_open_file(path, _head(path), readers))
         except InputError as error:  # a last part that a crash truncated costs only that part
@@ -245,11 +238,11 @@ def _open_folder(folder: Path, readers: Readers) -> list[LogFile]:
     return files
 
 
-def _listed(folder: Path) -> list[Path] | None:
-    """Files named by metadata.yaml; None if it is missing or damaged."""
+def _listed(folder: Path) -> list[Path]:
+    """Files named by metadata.yaml; none if it is missing or damaged."""
     metadata = folder / "metadata.yaml"
     if not metadata.is_file():
-        return None
+        return []
     from imucalib_cli.guarded_yaml import load_one, read_bounded
 
     try:
@@ -257,12 +250,12 @@ def _listed(folder: Path) -> list[Path] | None:
             content = load_one(read_bounded(file, "replace"))
         names = content["rosbag2_bagfile_information"]["relative_file_paths"]
         if not isinstance(names, list):
-            return None
+            return []
         # Early rosbag2 versions wrote the folder's name in front.
         named = dict.fromkeys(Path(name).name for name in names)
     except (KeyError, TypeError, ValueError):
-        return None
-    return [folder / name for name in named if name] or None
+        return []
+    return [folder / name for name in named if name]
 
 
 def _guessed(folder: Path, readers: Readers) -> list[Path]:

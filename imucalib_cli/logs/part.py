@@ -47,7 +47,7 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
         The rows, and the first and last stamp of the IMUs among them, seconds of the log.
 
     Raises:
-        ChoiceError: The part holds nothing of an IMU, or nothing that tells the robot's motion.
+        ChoiceError: The part has no messages of an IMU, or none of the robot's motion.
     """
     start, end = part.bounds(clock)
     if start >= end:
@@ -85,7 +85,7 @@ def _imus(data: LogData) -> list[Stream]:
 
 
 def _robot(data: LogData) -> list[Stream]:
-    """What tells the robot's motion."""
+    """Streams of the robot's motion."""
     joints = (joint for some in data.joints.values() for joint in some)
     poses = (pose for some in data.poses.values() for pose in some)
     return [*joints, *(pose for pose in poses if not pose.is_static)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import TypeAlias
 
-    from imucalib_cli.arrays import Bytes, Floats, Integers
+    from imucalib_cli.arrays import Bools, Bytes, Floats, Integers
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.table import Kind, Labels, MessageType
@@ -42,7 +42,7 @@ class Topic:
     """The type's definition, if the file embeds it: .msg, a JSON schema, or descriptors of protobuf
     (a character a byte)."""
     columns: JointColumns | None = None
-    """What the user says of its numbers."""
+    """The joints that the user names among its numbers."""
     count: int = 0
     """Messages."""
     start_ns: int = 0
@@ -71,7 +71,7 @@ OneTopic = TypeVar("OneTopic", bound=Topic)
 
 
 def with_columns(topic: OneTopic, columns: Mapping[str, JointColumns]) -> OneTopic:
-    """A topic with what the user says of its numbers."""
+    """A topic with the joints that the user names among its numbers."""
     asked = columns.get(topic.name)
     return topic if asked is None else replace(topic, columns=asked)
 
@@ -127,7 +127,7 @@ class Sink(Protocol):
         """Add payloads of one length.
 
         Args:
-            channel: Whose they are.
+            channel: The channel of the messages.
             arrival: (n,), position in the file, which orders messages of equal receive time.
             log_ns: (n,), receive time, ns.
             rows: (n, L); may be a view of a buffer that is reused after the call.
@@ -144,7 +144,7 @@ class LogFile(Protocol):
         path: The file; :meth:`matches` has looked at it.
 
     Raises:
-        InputError: Nothing of it can be read.
+        InputError: It cannot be read.
         OSError: It cannot be opened.
     """
 
@@ -154,11 +154,11 @@ class LogFile(Protocol):
     """Whether such a file may lie beside a log without belonging to it."""
 
     path: LogPath
-    """As it is named to users, for what was unpacked or downloaded its origin."""
+    """The name for users: the original file, if it was unpacked or downloaded."""
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What it holds."""
+        """Its channels."""
 
     @property
     def losses(self) -> list[Finding]:
@@ -183,6 +183,17 @@ def cut(data: Bytes, starts: Integers, size: int) -> Bytes:
         (len(data) - size + 1, size), dtype=np.uint8, buffer=data.data, strides=(1, 1)
     )
     return windows[starts]
+
+
+def cut_values(
+    data: Bytes, starts: Integers, kind: np.dtype[Any], inside: Bools
+) -> np.ndarray[Any, Any]:
+    """Values of one type at some offsets, (n,); zero where they are not inside the data."""
+    if inside.all():
+        return cut(data, starts, kind.itemsize).view(kind)[:, 0]
+    values = np.zeros(len(starts), dtype=kind)
+    values[inside] = cut(data, starts[inside], kind.itemsize).view(kind)[:, 0]
+    return values
 
 
 @dataclass(frozen=True, eq=False)

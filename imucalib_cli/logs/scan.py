@@ -19,7 +19,7 @@ _BARE_RUN = 1 << 22
 
 
 def scan(grammar: ChunkedFile, file: BinaryIO) -> Contents:
-    """Scans a file record by record; skips what cannot be a record."""
+    """Scan a file record by record; skip bytes that cannot be a record."""
     return _Scan(grammar, file).run()
 
 
@@ -53,7 +53,7 @@ class _Scan:
 
     def _beyond(self, at: int) -> int | None:
         """Position of the next record after damage; None if there is none."""
-        found = self._grammar.find_record(self._file, self._search_from, self._grammar.size)
+        found = self._grammar.find_record(self._file, self._search_from)
         if found is None:
             what, size = self._grammar.PART, self._grammar.size
             self._losses.append(warning("log.cut_short", what=what, byte=at, size=size))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.streams import JointStream
 
-_CALLED: dict[Kind, tuple[str, str]] = {
+_KIND_NAMES: dict[Kind, tuple[str, str]] = {
     "imu": ("IMU", "--imu-topic"),
     "joints": ("joint state", "--joint-topic"),
     "pose": ("pose", "--pose-topic"),
@@ -45,11 +45,10 @@ class Selection:
     tf: tuple[str, ...]
     """/tf and /tf_static."""
     other_imus: tuple[str, ...] = ()
-    """IMUs that are not asked for, one of which may tell how the base moves where there are
-    joints."""
+    """IMUs that are not asked for; with joints, one of them may measure how the base moves."""
     unasked: tuple[str, ...] = ()
-    """Those of ``poses`` that the user did not name: odometry beside joint states, perhaps of the
-    base."""
+    """The topics of ``poses`` that the user did not name: odometry beside joint states, which may
+    be that of the base."""
     unread: tuple[str, ...] = ()
     """Other poses beside joint states: of the base, of a tool, or of anything."""
     descriptions: tuple[str, ...] = ()
@@ -67,7 +66,7 @@ class Selection:
         )
 
     def of(self, data: LogData) -> LogData:
-        """What is chosen of what was read: a topic may tell more than is wanted of it."""
+        """The chosen streams among those read: a topic may become more streams than are wanted."""
         imus, poses = {*self.imus, *self.other_imus}, {*self.poses, *self.tf}
         return replace(
             data,
@@ -83,7 +82,7 @@ def candidates(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
 
 
 def foremost(topics: Sequence[Topic], kind: Kind) -> tuple[Topic, ...]:
-    """Those of the lowest rank among the topics of a kind."""
+    """The topics of a kind that have the lowest rank."""
     possible = candidates(topics, kind)
     least = min((each.kinds[kind] for each in possible), default=0)
     return tuple(each for each in possible if each.kinds[kind] == least)
@@ -107,13 +106,13 @@ def select_topics(
 ) -> Selection:
     """Choose topics.
 
-    Without names: every IMU, every topic of joint states and tf, each of the lowest rank (a
-    JointState goes before a controller's state); odometry beside joint states, since it
-    may be the motion of the base; a pose topic of another type only where there are no joint
-    states and it is the only one. A kind that is named is limited to
-    what is named; static transforms always stay. ``topic:frame`` names one of several IMUs on a
-    topic. ``base_imu`` is one that tells a motion itself; ``half_topics`` are those of sensors that
-    are an IMU together, as may be those that are called as a named one.
+    Without names, all IMUs and all topics of joint states and tf are read, each of the lowest rank
+    (a JointState goes before a controller's state). Odometry beside joint states is read too, as it
+    may be the motion of the base. A pose topic of another type is read only if there are no joint
+    states and no other pose topic. If topics of a kind are named, only these are read; static
+    transforms always stay. ``topic:frame`` names one of several IMUs on a topic. ``base_imu``
+    measures the motion of the base. ``half_topics`` are sensors that make up an IMU together; so
+    may topics with the same name as a chosen IMU but for the sensor.
 
     Raises:
         ChoiceError: A named topic is not there or of another kind, or several pose topics could
@@ -125,7 +124,7 @@ def select_topics(
     imus = _of_kind(topics, "imu", imu_topics)
     others = [each for each in foremost(topics, "imu") if each not in imus]
     named = _of_kind(topics, "imu", half_topics, _HALVES) if half_topics else []
-    halves = [each for each in (*named, *_called_as(topics, imus)) if each not in imus]
+    halves = [each for each in (*named, *_same_but_sensor(topics, imus)) if each not in imus]
     joints = _of_kind(topics, "joints", joint_topics)
     found = _of_kind(topics, "pose", pose_topics)
     tf = [each for each in foremost(topics, "pose") if is_tf(each)]
@@ -175,14 +174,14 @@ def is_tf(topic: Topic) -> bool:
     return topic.reading is not None and topic.reading.is_tf
 
 
-def _called_as(topics: Sequence[Topic], imus: Sequence[Topic]) -> list[Topic]:
-    """IMU topics called as one of these, but for the name of the sensor."""
+def _same_but_sensor(topics: Sequence[Topic], imus: Sequence[Topic]) -> list[Topic]:
+    """IMU topics with the same name as one of these, but for the sensor."""
     keys = {without_sensor(each.name) for each in imus}
     return [each for each in candidates(topics, "imu") if without_sensor(each.name) in keys]
 
 
 def without_sensor(topic: str) -> str:
-    """A topic's name without that of a sensor: those of the two halves of an IMU are the same."""
+    """A topic's name without the sensor's: the same for both halves of an IMU."""
     return _SENSOR.sub("", topic)
 
 
@@ -226,7 +225,7 @@ def _of_kind(
             elif there:
                 what = f"{name} has no messages"
             near = "" if there else meant(name, list(by_name))
-            called, option = _CALLED[kind]
+            called, option = _KIND_NAMES[kind]
             listed = _listed(possible) or "none"
             raise ChoiceError(
                 f"{what}: {called} topics for {options or option} are {listed}{near}"
@@ -236,7 +235,7 @@ def _of_kind(
 
 
 def _remedy(topics: Sequence[Topic]) -> str:
-    """What opens topics that are not read."""
+    """How the unread topics can be read."""
     unread = [each for each in topics if each.count and not each.kinds]
     if any(each.encoding == "protobuf" for each in unread) and not is_installed():
         return f"; what is in protobuf needs {EXTRA}"

@@ -16,7 +16,7 @@ from imucalib_cli.logs.messages.protobuf import message_class
 from imucalib_cli.logs.messages.wire import Element, WireError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from rosbags.typesys.store import Typestore
 
@@ -43,9 +43,12 @@ def decode_one(channel: Channel, payload: bytes) -> list[Element]:
     if channel.reading is None:
         raise WireError("a type that is not known")
     try:
-        message = _message(channel, payload)
-        parts = _parts(message, channel.reading.fields)
-        return [_element(part, fields, channel.reading.texts) for part, fields in parts]
+        message, fields = _message(channel, payload), channel.reading.fields
+        parts = [message]
+        match fields:
+            case (messages.Repeat(path, inner),):
+                parts, fields = _get(message, path), inner
+        return [_element(part, fields, channel.reading.texts) for part in parts]
     # rosbags' generated code, and damaged JSON and protobuf, may raise anything.
     except Exception as error:
         raise WireError(str(error)) from error
@@ -82,17 +85,6 @@ def _typestore(encoding: str, full_name: str, definition: str) -> Typestore:
     return store
 
 
-def _parts(
-    message: Any, fields: tuple[messages.Field, ...]
-) -> Iterator[tuple[Any, tuple[messages.Field, ...]]]:
-    match fields:
-        case (messages.Repeat(path, inner),):
-            for each in _get(message, path):
-                yield each, inner
-        case _:
-            yield message, fields
-
-
 def _element(
     message: Any, fields: tuple[messages.Field, ...], constant: Mapping[str, str | tuple[str, ...]]
 ) -> Element:
@@ -101,18 +93,15 @@ def _element(
     numbers: dict[str, list[float]] = {}
     for each in fields:
         match each:
-            case messages.Header(path, True):
-                stamp = _stamp(_get(message, f"{path}.stamp"))
-                texts["frame_id"] = _sound(_get(message, f"{path}.frame_id"))
             case messages.Stamp(path, True):
                 stamp = _stamp(_get(message, path))
             case messages.Tick(path):
                 stamp = int(_get(message, path)) * 1_000_000
-            case messages.Text(path, is_name) if each.key:
+            case messages.Text(path, name, is_name) if name:
                 text = _get(message, path)
-                texts[each.key] = _sound(text) if is_name else text
-            case messages.Texts(path) if each.key:
-                texts[each.key] = tuple(map(_sound, _get(message, path)))
+                texts[name] = _sound(text) if is_name else text
+            case messages.Texts(path, name) if name:
+                texts[name] = tuple(map(_sound, _get(message, path)))
             case messages.Numbers(path, _, name) | messages.NumberList(path, name) if name:
                 values = _flatten(_get(message, path))
                 if isinstance(each, messages.Numbers) and len(values) != each.count:
@@ -131,20 +120,20 @@ def _element(
 def _add_structs(
     each: messages.Field, message: Any, texts: Labels, numbers: dict[str, list[float]]
 ) -> None:
-    """Take what a sequence of structs tells."""
+    """Add the values of a sequence of structs."""
     match each:
         case messages.Structs(path, inner):
             for part in _get(message, path):
                 for name, values in _element(part, inner, {}).numbers.items():
                     numbers.setdefault(name, []).extend(values[0])
         case messages.Interfaces(path, names, values):
-            told = [
+            positions = [
                 dict(zip(_get(one, names), _get(one, values), strict=True)).get("position")
                 for one in _get(message, path)
             ]
-            named = zip(texts["name"], told, strict=True)
+            named = zip(texts["name"], positions, strict=True)
             texts["name"] = tuple(name for name, value in named if value is not None)
-            numbers["position"] = [float(value) for value in told if value is not None]
+            numbers["position"] = [float(value) for value in positions if value is not None]
         case messages.Repeat():
             raise WireError("a sequence beside other fields")
 

@@ -1,4 +1,4 @@
-"""Typed streams: what a log is decoded into.
+"""Typed streams, the decoded form of a log.
 
 Stamps are int64 nanoseconds here; they become float64 seconds when a clock is chosen
 (:mod:`imucalib_cli.logs.clock`). Rows are in the order of the log.
@@ -44,7 +44,7 @@ class ImuStream(Stream):
     shared: str = ""
     """``topic:frame`` where several IMUs share the topic."""
     frames: tuple[str, ...] = ()
-    """Frames that may be meant where the messages have none."""
+    """Possible frames, if the messages have none."""
     absent: tuple[Literal["gyro", "accel"], ...] = ()
     """Sensors that are NaN throughout in the log; here they are zero."""
     accel_topic: str = ""
@@ -52,12 +52,12 @@ class ImuStream(Stream):
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Of both sensors."""
+        """The topics of both sensors."""
         return (self.topic, self.accel_topic) if self.accel_topic else (self.topic,)
 
     @property
     def name(self) -> str:
-        """As ``--imu-topic`` takes it."""
+        """Its name for ``--imu-topic``."""
         return self.shared or self.topic
 
 
@@ -69,8 +69,8 @@ class JointStream(Stream):
     position: Floats
     """(N, len(names)), rad or m."""
     spellings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Names that the joints may have where the messages only number them: by robot, empty for one
-    that is not there."""
+    """Names that the joints may have if the messages only number them: by robot, empty for a joint
+    that the robot does not have."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import replace
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.logs.logs_samples import STORAGES, Said, Write, mixed_messages, write_log
+from tests.logs.logs_samples import STORAGES, Said, Write, said_on, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
 
-_mixed = cache(mixed_messages)
-
-
 @pytest.fixture
 def messages() -> list[Said]:
-    """Made once a process; what a test sets in a row stays its own."""
-    return [replace(each) for each in _mixed()]
+    return said_on()
 
 
 @pytest.fixture(params=STORAGES)

@@ -1,9 +1,10 @@
-"""Logs for tests, written by rosbags and mcap: none of our own code makes them."""
+"""Logs for tests, written by rosbags and mcap, none of our own code; and reading them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,8 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from imucalib_cli.logs.log import LogData, open_log
+
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 for _name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
@@ -24,6 +27,7 @@ for _name in ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"):
 BAGS = ("bag-none", "bag-bz2", "bag-lz4")
 MCAPS = ("mcap-none", "mcap-lz4", "mcap-zstd", "mcap-ros1")
 ROSBAG2 = ("db3", "db3-file", "db3-message", "mcap2", "mcap2-file", "mcap2-message")
+CHUNKED = (*BAGS, "mcap-none", "mcap-lz4", "mcap-zstd")
 STORAGES = BAGS + MCAPS + ROSBAG2
 Write = Callable[..., Path]
 START_NS = 1_700_000_000_123_456_789
@@ -51,37 +55,49 @@ class Said:
         if self.raw is not None:
             return self.raw
         little = bytes(ROS2.serialize_cdr(self.message, self.type))
-        return bytes(_with_seq(ROS2.cdr_to_ros1(little, self.type)))
-
-
-def _with_seq(payload: bytes | memoryview) -> bytes:
-    return bytes(payload)
+        return bytes(ROS2.cdr_to_ros1(little, self.type))
 
 
 def write_log(path: Path, said: Iterable[Said], storage: str, chunk_bytes: int = 20_000) -> Path:
     """Write messages; the path of what was written, which may be a folder."""
-    messages = list(said)
-    if storage in BAGS:
-        _write_bag(path, messages, storage.removeprefix("bag-"), chunk_bytes)
-    elif storage in MCAPS:
-        _write_mcap(path, messages, storage.removeprefix("mcap-"), chunk_bytes)
+    kind, _, variant = storage.partition("-")
+    if kind == "mcap":
+        compression = CompressionType["NONE" if variant == "ros1" else variant.upper()]
+        options = {"compression": compression, "chunk_size": chunk_bytes}
+        write_mcap(path, said, ros1=variant == "ros1", **options)
+        return path
+    writer: Any
+    if kind == "bag":
+        writer = Writer1(path)
+        writer.chunk_threshold = chunk_bytes
+        if variant != "none":
+            writer.set_compression(Writer1.CompressionFormat[variant.upper()])
     else:
-        _write_rosbag2(path, messages, storage)
+        plugin = StoragePlugin.SQLITE3 if kind == "db3" else StoragePlugin.MCAP
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        if variant:
+            writer.set_compression(CompressionMode[variant.upper()], CompressionFormat.ZSTD)
+    connections: dict[tuple[str, str], Any] = {}
+    with writer:
+        for each in said:
+            key = (each.topic, each.type)
+            if key not in connections:
+                store = ROS1 if kind == "bag" else ROS2
+                connections[key] = writer.add_connection(*key, typestore=store)
+            raw = each.ros1() if kind == "bag" else each.cdr()
+            writer.write(connections[key], each.log_ns, raw)
     return path
 
 
-def _write_bag(path: Path, messages: list[Said], compression: str, chunk_bytes: int) -> None:
-    writer = Writer1(path)
-    if compression != "none":
-        writer.set_compression(Writer1.CompressionFormat[compression.upper()])
-    writer.chunk_threshold = chunk_bytes
-    connections: dict[tuple[str, str], Any] = {}
-    with writer:
-        for each in messages:
-            key = (each.topic, each.type)
-            if key not in connections:
-                connections[key] = writer.add_connection(each.topic, each.type, typestore=ROS1)
-            writer.write(connections[key], each.log_ns, each.ros1())
+def one_file(path: Path) -> Path:
+    """The log itself, which rosbag2 puts into a folder."""
+    return next(path.glob("*.db3")) if path.is_dir() else path
+
+
+def read_all(*paths: Path, csv_columns: tuple[str, ...] = ()) -> LogData:
+    """Every topic with messages that can be read."""
+    log = open_log(paths, csv_columns)
+    return log.read(topic.name for topic in log.topics if topic.kinds and topic.count)
 
 
 def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **options: Any) -> None:
@@ -114,29 +130,19 @@ def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **op
         writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _write_mcap(path: Path, messages: list[Said], variant: str, chunk_bytes: int) -> None:
-    write_mcap(
-        path,
-        messages,
-        ros1=variant == "ros1",
-        compression=CompressionType["NONE" if variant == "ros1" else variant.upper()],
-        chunk_size=chunk_bytes,
-    )
-
-
-def _write_rosbag2(path: Path, messages: list[Said], storage: str) -> None:
-    plugin = StoragePlugin.SQLITE3 if storage.startswith("db3") else StoragePlugin.MCAP
-    writer = Writer2(path, version=9, storage_plugin=plugin)
-    mode = storage.partition("-")[2]
-    if mode:
-        writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
-    connections: dict[tuple[str, str], Any] = {}
-    with writer:
-        for each in messages:
-            key = (each.topic, each.type)
-            if key not in connections:
-                connections[key] = writer.add_connection(each.topic, each.type, typestore=ROS2)
-            writer.write(connections[key], each.log_ns, each.cdr())
+def write_payloads(
+    path: Path, payloads: Iterable[bytes], schema: tuple[str, str, bytes], encoding: str
+) -> Path:
+    """An MCAP file of one ``/topic``: payloads in an encoding, of a type by a schema."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="")
+        number = writer.register_schema(*schema)
+        channel = writer.register_channel("/topic", encoding, number)
+        for payload in payloads:
+            writer.add_message(channel, START_NS, payload, START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
 
 
 T = {name.rsplit("/", 1)[-1]: kind for name, kind in ROS2.types.items()}
@@ -245,3 +251,12 @@ def mixed_messages(count: int = 300, *, seed: int = 0) -> list[Said]:
         if k % 10 == 0:
             say("/chatter", "std_msgs/msg/String", T["String"](data="x" * 5000))
     return said
+
+
+def said_on(*topics: str, count: int = 300) -> list[Said]:
+    """Those of the mixed messages that are on some topics, or all; what they say is shared."""
+    said = _mixed(count)
+    return [replace(each) for each in said if each.topic in topics or not topics]
+
+
+_mixed = cache(mixed_messages)

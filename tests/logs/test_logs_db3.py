@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from contextlib import closing
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,8 @@ import pytest
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.db3.pages import salvage
+from imucalib_cli.logs.log import open_log
+from tests.logs.logs_samples import Said, one_file, read_all, said_on, write_log
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -166,20 +169,11 @@ def test_overflow_pages_that_end_early_are_damage(tmp_path: Path) -> None:
     assert 0 < len(by_pages(path, [1])) < 20
 
 
-def test_a_log_that_a_crash_left_is_read_with_its_wal(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.db3", make_rows(4, [100], count=200))
-    with closing(sqlite3.connect(path)) as database:
-        database.execute("PRAGMA journal_mode = WAL")
-        database.execute("INSERT INTO messages VALUES (9000, 1, 5, x'0102')")
-        database.commit()
-        assert (5, b"\1\2") in [row[1:] for row in by_us(path, [1])]
-
-
 def test_other_values_than_rosbag2_writes_go_through_sqlite(tmp_path: Path) -> None:
     path = write(tmp_path / "a.db3", make_rows(5, [100], count=3000))
     with closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE messages SET data = 'text' WHERE id = 1500")
-        database.execute("UPDATE messages SET timestamp = 1.5 WHERE id = 1700")
+        database.execute("UPDATE messages SET data = 'text' WHERE id % 7 = 0")
+        database.execute("UPDATE messages SET timestamp = 1.5 WHERE id % 7 = 1")
         database.commit()
     expected = [row for row in by_sqlite(path, [1, 2]) if type(row[1]) is int]
     assert by_us(path, [1, 2]) == [row for row in expected if type(row[2]) is bytes]
@@ -204,3 +198,138 @@ def test_flipped_bytes_never_raise_nor_invent_rows(tmp_path: Path) -> None:
         except InputError:
             continue
         assert len(sink.in_order()) <= 2 * len(rows)
+
+
+# Databases as rosbag2 and its crashes leave them
+
+
+def log_of_imu(tmp_path: Path, count: int) -> tuple[list[Said], Path]:
+    said = said_on("/imu", count=count)
+    folder = write_log(tmp_path / "log", said, "db3")
+    return said, one_file(folder)
+
+
+@pytest.mark.parametrize("page", ["root", "leaf", "several"])
+def test_db3_is_used_beyond_a_damaged_page(tmp_path: Path, page: str) -> None:
+    both = said_on("/imu", "/pose", count=600)
+    said = [each for each in both if each.topic == "/imu"]
+    path = one_file(write_log(tmp_path / "log", both, "db3"))
+    content = bytearray(path.read_bytes())
+    with closing(sqlite3.connect(path)) as database:
+        query = "SELECT rootpage FROM sqlite_master WHERE name = 'messages'"
+        (root,) = database.execute(query).fetchone()
+    pages = len(content) // 4096
+    chosen = {"root": [root - 1], "leaf": [pages // 2], "several": [30, 31, 50, pages - 2]}
+    for number in chosen[page]:
+        content[number * 4096 : (number + 1) * 4096] = b"\xa5" * 4096
+    path.write_bytes(content)
+    data = open_log([path]).read(["/imu"])
+    lost = {"root": 0}.get(page, 60)
+    assert len(data.imus["/imu"]) >= len(said) - lost
+    imu = data.imus["/imu"]
+    known = {each.log_ns for each in said}
+    assert len(set(imu.log_ns.tolist()) & known) == len(imu)
+    if len(imu) < len(said) or page == "root":
+        assert any("damaged" in loss for loss in data.losses)
+
+
+def test_reading_a_write_ahead_log_leaves_nothing_behind(tmp_path: Path) -> None:
+    _, path = log_of_imu(tmp_path, 100)
+    crashed = tmp_path / "crashed"
+    crashed.mkdir()
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+        database.execute("PRAGMA wal_autocheckpoint=0")
+        for part in range(3):
+            database.execute(
+                "INSERT INTO messages (topic_id, timestamp, data) "
+                "SELECT topic_id, timestamp + ?, data FROM messages WHERE id <= 100",
+                (10**12 * (part + 1),),
+            )
+            database.commit()
+        wal = path.with_name(path.name + "-wal").read_bytes()
+        assert len(read_all(path).imus["/imu"]) == 400  # while another process writes
+        (crashed / "a.db3").write_bytes(path.read_bytes())
+    (crashed / "a.db3-wal").write_bytes(wal)
+    whole = read_all(crashed / "a.db3")
+    assert len(whole.imus["/imu"]) == 400
+    assert whole.losses == ()
+    assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
+    # Cut off while it was written: the transactions before count, and the rest is told.
+    (crashed / "a.db3-wal").write_bytes(wal[: len(wal) * 3 // 4])
+    cut = read_all(crashed / "a.db3")
+    assert len(cut.imus["/imu"]) in {200, 300}
+    assert any("its -wal is damaged or was cut off" in loss for loss in cut.losses)
+    # Where SQLite cannot work beside the file, it works on a copy.
+    (crashed / "a.db3-wal").write_bytes(wal)
+    (crashed / "a.db3-shm").mkdir()
+    assert len(read_all(crashed / "a.db3").imus["/imu"]) == 400
+
+
+def test_a_file_in_wal_mode_is_left_alone(tmp_path: Path) -> None:
+    """Properly closed, so without a -wal; SQLite would make an empty one."""
+    _, path = log_of_imu(tmp_path, 30)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+    before = sorted(each.name for each in path.parent.iterdir())
+    assert path.read_bytes()[18:20] == b"\2\2"
+    data = read_all(path)
+    assert len(data.imus["/imu"]) == 30
+    assert data.losses == ()
+    assert sorted(each.name for each in path.parent.iterdir()) == before
+
+
+def test_journal_of_an_unfinished_write_is_taken_in(tmp_path: Path) -> None:
+    _, path = log_of_imu(tmp_path, 100)
+    crashed = tmp_path / "crashed"
+    crashed.mkdir()
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA cache_size = 1")
+        database.execute("BEGIN")
+        database.execute("UPDATE messages SET data = zeroblob(200), timestamp = 0")
+        (crashed / "a.db3").write_bytes(path.read_bytes())
+        journal = path.with_name(path.name + "-journal").read_bytes()
+        database.rollback()
+    (crashed / "a.db3-journal").write_bytes(journal)
+    before = (crashed / "a.db3").read_bytes()
+    data = read_all(crashed / "a.db3")
+    assert len(data.imus["/imu"]) == 100
+    assert np.all(data.imus["/imu"].log_ns > 0)
+    assert (crashed / "a.db3").read_bytes() == before
+
+
+@pytest.mark.parametrize("word", [b"CREATE TABLE", b"messages", b"topic_id", b"INTEGER"])
+def test_a_schema_that_is_no_text_is_one_line(word: bytes, tmp_path: Path) -> None:
+    """SQLite quotes what is broken in its message, which Python then cannot decode."""
+    _, path = log_of_imu(tmp_path, 30)
+    content = path.read_bytes()
+    for place in (each.start() for each in re.finditer(re.escape(word), content[:4096])):
+        path.write_bytes(content[:place] + b"\xdd\xff" + content[place + 2 :])
+        told = ""
+        try:
+            read_all(path)
+        except InputError as error:
+            told = str(error)
+        assert not told or "is no readable rosbag2 database" in told
+        assert "codec" not in told
+
+
+def test_a_damaged_database_leaves_nothing_behind_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, path = log_of_imu(tmp_path, 100)
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("PRAGMA journal_mode=WAL")
+    crashed, temporary = tmp_path / "crashed", tmp_path / "temporary"
+    crashed.mkdir()
+    temporary.mkdir()
+    content = path.read_bytes()
+    place = content.index(b"CREATE TABLE messages")
+    (crashed / "a.db3").write_bytes(content[:place] + b"\xdd" * 8 + content[place + 8 :])
+    (crashed / "a.db3-wal").write_bytes(b"\0" * 4096)
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    with pytest.raises(InputError, match="is no readable rosbag2 database"):
+        open_log([crashed / "a.db3"])
+    assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
+    left = [each.name for each in temporary.rglob("*") if each.is_file()]
+    assert all(name.endswith(".db3") for name in left)

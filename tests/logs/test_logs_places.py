@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,14 @@ import pytest
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.logs.log import open_log
-from tests.logs.logs_samples import T, header, mixed_messages, write_log
+from tests.logs.logs_samples import (
+    T,
+    header,
+    mixed_messages,
+    one_file,
+    said_on,
+    write_log,
+)
 
 if TYPE_CHECKING:
     from tests.logs.logs_samples import Said, Write
@@ -52,6 +58,38 @@ def test_links_are_followed_and_broken_ones_named(written: Write, tmp_path: Path
     assert "cannot be read: Too many levels of symbolic links" in refused(loop)
 
 
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "is empty"),
+        (b"hello world, this is no log", "is not a log"),
+        (b"SQLite format 3\x00" + bytes(100), "no readable rosbag2 database"),
+        (b"\x28\xb5\x2f\xfd nonsense", "cannot be unpacked"),
+        (None, "does not exist"),
+    ],
+)
+def test_foreign_and_missing_files_are_refused(
+    content: bytes | None, says: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    assert says in refused(path)
+    assert str(path) in refused(path)
+
+
+def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
+    assert "holds no log" in refused(tmp_path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_forbidden_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "log.bag"
+    path.write_bytes(b"x")
+    path.chmod(0)
+    assert "may not be read" in refused(path)
+
+
 def test_names_that_no_file_has_are_refused(tmp_path: Path) -> None:
     assert "cannot be read" in refused(tmp_path / ("x" * 300))
     file = tmp_path / "file"
@@ -64,16 +102,17 @@ def test_names_that_no_file_has_are_refused(tmp_path: Path) -> None:
 def test_a_file_that_vanishes_or_shrinks_is_no_traceback(
     storage: str, written: Write, messages: list[Said]
 ) -> None:
-    path = written(messages, storage)
-    path = next(path.glob("*.db3")) if path.is_dir() else path
+    path = one_file(written(messages, storage))
     content = path.read_bytes()
     for left in (None, b"", content[:100], content[: len(content) // 2]):
         path.write_bytes(content)
         log = open_log([path])
         if left is None:
             path.unlink()
-        else:
-            path.write_bytes(left)
+            with pytest.raises(InputError, match=r"cannot be read any more: .*\S$"):
+                log.read(["/imu"])
+            continue
+        path.write_bytes(left)
         try:
             data = log.read(["/imu"])
         except ImucalibError as error:
@@ -141,39 +180,9 @@ def test_renamed_files_of_a_folder_are_found(tmp_path: Path) -> None:
     assert any(f"{path.name} is named in metadata.yaml but is not" in loss for loss in data.losses)
 
 
-def test_storages_may_be_mixed_and_suffixes_wrong(messages: list[Said], tmp_path: Path) -> None:
-    first, second = messages[: len(messages) // 2], messages[len(messages) // 2 :]
-    parts = [write_log(tmp_path / "a.mcap", first, "bag-lz4")]
-    parts.append(write_log(tmp_path / "b.bag", second, "mcap-zstd"))
-    data = open_log(parts).read(["/imu"])
-    assert len(data.imus["/imu"]) == 300
-    assert data.losses == ()
-
-
-def test_lengths_a_file_merely_claims_are_not_allocated(tmp_path: Path) -> None:
-    """Gigabytes in every length field, one at a time, within 512 MiB."""
-    path = tmp_path / "log"
-    write_log(path, mixed_messages(30), "mcap-none", 4000)
-    content = path.read_bytes()
-    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (size + (512 << 20), before[1]))
-    try:
-        for claim in (b"\x00\x00\x00\x80", b"\xff\xff\xff\x7f", b"\xff\xff\xff\xff"):
-            for at in [*range(8, 300, 13), *range(len(content) - 900, len(content) - 8, 47)]:
-                path.write_bytes(content[:at] + claim + content[at + 4 :])
-                try:
-                    log = open_log([path])
-                    log.read([each.name for each in log.topics if each.kinds and each.count])
-                except ImucalibError:
-                    pass
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
-
-
 def test_texts_that_are_no_texts_cost_their_messages(written: Write) -> None:
     """A frame of zeros or letters of nothing would be a frame of its own."""
-    said = [each for each in mixed_messages(40) if each.topic == "/vicon"]
+    said = said_on("/vicon", count=40)
     for number, frame in enumerate(("wor\x00d", "wo\x1b[2Jd")):
         said[3 + number].message = T["TransformStamped"](
             header(said[3 + number].log_ns, frame), "drone", said[3].message.transform

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from mcap.writer import Writer as McapWriter
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.log import open_log
@@ -17,6 +16,7 @@ from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import select_topics
+from tests.logs.logs_samples import write_payloads
 from tools import republish as shapes
 from tools.republish import STORE, header, make
 
@@ -68,15 +68,27 @@ def _warm(package: str, k: int) -> Any:
 
 
 @pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
-@pytest.mark.parametrize("slow", [False, True])
-@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize(
+    ("slow", "written"),
+    [
+        (False, {}),
+        (False, {"little_endian": False}),
+        (False, {"definitions": False}),  # as old databases are
+        (True, {}),
+        (True, {"little_endian": False}),
+    ],
+)
 def test_low_state_is_an_imu_and_joints(
-    package: str, slow: bool, big_endian: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    package: str,
+    slow: bool,
+    written: dict[str, bool],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     said, numbers = low_states(package, 2**32 - 50)
+    log = shapes.write_mcap(tmp_path / "log.mcap", said, **written)
     if slow:
         monkeypatch.setattr(wire, "_MAX_SHAPES", 0)
-    log = shapes.write_mcap(tmp_path / "log.mcap", said, little_endian=not big_endian)
     data = read(log)
     assert data.losses == ()
     imu, (joints,) = data.imus["/lowstate"], data.joints["/lowstate"]
@@ -97,13 +109,6 @@ def test_a_counter_that_does_not_count_ms_is_no_stamp(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
-def test_unitree_without_definitions_as_old_databases_are(package: str, tmp_path: Path) -> None:
-    said, numbers = low_states(package)
-    log = shapes.write_mcap(tmp_path / "log.mcap", said, definitions=False)
-    np.testing.assert_array_equal(read(log).joints["/lowstate"][0].position, numbers[:, 6:])
-
-
-@pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
 def test_second_imu_of_unitree(package: str, tmp_path: Path) -> None:
     gyro = np.random.default_rng(1).normal(size=(len(TIMES), 3)).astype("f4")
     kind = f"{package}/msg/IMUState"
@@ -116,33 +121,36 @@ def test_second_imu_of_unitree(package: str, tmp_path: Path) -> None:
     assert not imu.header_ns.any()
 
 
-def test_orders_of_motors() -> None:
-    """Some of each robot, as the examples of unitree_sdk2_python number them."""
-    assert JOINTS_GO["Go2"][:3] == ("FR_hip_joint", "FR_thigh_joint", "FR_calf_joint")
-    assert JOINTS_GO["Go2W"][15] == "RL_foot_joint"
-    h1 = JOINTS_GO["H1"]
-    assert (h1[8], h1[0], h1[9], h1[19]) == (
-        "right_hip_yaw_joint",
-        "right_hip_roll_joint",
-        "",
-        "left_elbow_joint",
-    )
-    g1, h1_2, h2 = (JOINTS_HG[name] for name in ("G1", "H1_2", "H2"))
-    assert (g1[5], g1[12], g1[28]) == (
-        "left_ankle_roll_joint",
-        "waist_yaw_joint",
-        "right_wrist_yaw_joint",
-    )
-    assert (h1_2[0], h1_2[12], h1_2[26]) == (
-        "left_hip_yaw_joint",
-        "torso_joint",
-        "right_wrist_yaw_joint",
-    )
-    assert (h2[4], h2[30]) == ("left_ankle_roll_joint", "head_yaw_joint")
-    assert [len(each) for each in (*JOINTS_GO.values(), *JOINTS_HG.values())] == [
-        *(12, 16, 20),
-        *(29, 27, 31),
-    ]
+@pytest.mark.parametrize(
+    ("names", "count", "some"),
+    [
+        (JOINTS_GO["Go2"], 12, {0: "FR_hip_joint", 1: "FR_thigh_joint", 2: "FR_calf_joint"}),
+        (JOINTS_GO["Go2W"], 16, {15: "RL_foot_joint"}),
+        (
+            JOINTS_GO["H1"],
+            20,
+            {0: "right_hip_roll_joint", 8: "right_hip_yaw_joint", 9: "", 19: "left_elbow_joint"},
+        ),
+        (
+            JOINTS_HG["G1"],
+            29,
+            {5: "left_ankle_roll_joint", 12: "waist_yaw_joint", 28: "right_wrist_yaw_joint"},
+        ),
+        (
+            JOINTS_HG["H1_2"],
+            27,
+            {0: "left_hip_yaw_joint", 12: "torso_joint", 26: "right_wrist_yaw_joint"},
+        ),
+        (JOINTS_HG["H2"], 31, {4: "left_ankle_roll_joint", 30: "head_yaw_joint"}),
+    ],
+    ids=["Go2", "Go2W", "H1", "G1", "H1_2", "H2"],
+)
+def test_motors_are_in_unitrees_order(
+    names: tuple[str, ...], count: int, some: dict[int, str]
+) -> None:
+    """As the examples of unitree_sdk2_python number them."""
+    assert len(names) == count
+    assert {number: names[number] for number in some} == some
 
 
 def arms(names: list[str], *, dtype: str = "f4") -> tuple[list[shapes.Message], Any]:
@@ -192,11 +200,15 @@ def test_columns_go_before_names(columns: str, kept: list[int], tmp_path: Path) 
     np.testing.assert_array_equal(joints.position, position[:, kept])
 
 
-def test_columns_of_numbered_motors_leave_the_imu(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("numbers_of", "sign"), [("q", 1), ("dq", -1)])
+def test_columns_of_numbered_motors_leave_the_imu(
+    numbers_of: str, sign: int, tmp_path: Path
+) -> None:
     said, numbers = low_states("unitree_hg")
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
-    data = read(log, columns="/lowstate:motor_state.q[12:14]=yaw,roll")
-    np.testing.assert_array_equal(data.joints["/lowstate"][0].position, numbers[:, 18:20])
+    data = read(log, columns=f"/lowstate:motor_state.{numbers_of}[12:14]=yaw,roll")
+    (joints,) = data.joints["/lowstate"]
+    np.testing.assert_array_equal(joints.position, sign * numbers[:, 18:20])
     np.testing.assert_array_equal(data.imus["/lowstate"].gyro, numbers[:, :3])
     assert data.imus["/lowstate"].header_ns.any()
 
@@ -312,23 +324,17 @@ def test_protobuf_that_is_not_installed_is_told(
     ],
 )
 def test_json_schemas_that_tell_nothing_leave_known_types(schema: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "log.mcap"
     imu = {
         "header": shapes.plain_header(START_NS, ("sec", "nanosec"), "imu"),
         "angular_velocity": {"z": 3, "y": 2, "x": 1},
         "linear_acceleration": shapes.plain_xyz((4, 5, 6)),
     }
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="")
-        number = writer.register_schema("sensor_msgs/Imu", "jsonschema", schema)
-        channel = writer.register_channel("/imu", "json", number)
-        for raw in (json.dumps(imu).encode(), b"{", b"7", b'{"header": 3}'):
-            writer.add_message(channel, START_NS, raw, START_NS)
-        writer.finish()  # type: ignore[no-untyped-call]
+    payloads = (json.dumps(imu).encode(), b"{", b"7", b'{"header": 3}')
+    path = tmp_path / "log.mcap"
+    write_payloads(path, payloads, ("sensor_msgs/Imu", "jsonschema", schema), "json")
     data = read(path)
-    np.testing.assert_array_equal(data.imus["/imu"].gyro, [[1, 2, 3]])
-    np.testing.assert_array_equal(data.imus["/imu"].header_ns, [START_NS])
+    np.testing.assert_array_equal(data.imus["/topic"].gyro, [[1, 2, 3]])
+    np.testing.assert_array_equal(data.imus["/topic"].header_ns, [START_NS])
     (lost,) = data.findings
     assert (lost.code, lost.values["undecoded"]) == ("log.messages_undecoded", 3)
 
@@ -357,22 +363,15 @@ def _two(name: str, inner: str) -> str:
     ],
 )
 def test_hostile_definitions_do_no_harm(definition: str, tmp_path: Path) -> None:
-    path = tmp_path / "log.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="ros2")
-        number = writer.register_schema("acme_msgs/msg/Odd", "ros2msg", definition.encode())
-        channel = writer.register_channel("/odd", "cdr", number)
-        writer.add_message(channel, START_NS, b"\0\1\0\0" + b"\x01\0\0\0" * 30, START_NS)
-        writer.finish()  # type: ignore[no-untyped-call]
-    log = open_log([path])
+    schema = ("acme_msgs/msg/Odd", "ros2msg", definition.encode())
+    payload = b"\0\1\0\0" + b"\x01\0\0\0" * 30
+    log = open_log([write_payloads(tmp_path / "log.mcap", [payload], schema, "cdr")])
     if log.topics[0].kinds:
-        assert not any(len(each) for each in log.read(["/odd"]).joints["/odd"])
+        assert not any(len(each) for each in log.read(["/topic"]).joints["/topic"])
 
 
 def test_arrays_of_nothing_end(tmp_path: Path) -> None:
     """ROS 1 structs without fields take no bytes, so that a payload bounds no loop."""
-    kind = "acme_msgs/Odd"
     text = "string[] name\nfloat64[] position\nA[100] a\n" + "".join(
         f"{_SEPARATOR}MSG: acme_msgs/{name}\n{inner}"
         for name, inner in (
@@ -382,14 +381,8 @@ def test_arrays_of_nothing_end(tmp_path: Path) -> None:
             ("D", ""),
         )
     )
-    path = tmp_path / "log.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="ros1")
-        number = writer.register_schema(kind, "ros1msg", text.encode())
-        channel = writer.register_channel("/odd", "ros1", number)
-        writer.add_message(channel, START_NS, b"\0" * 500, START_NS)
-        writer.finish()  # type: ignore[no-untyped-call]
+    schema = ("acme_msgs/Odd", "ros1msg", text.encode())
+    path = write_payloads(tmp_path / "log.mcap", [b"\0" * 500], schema, "ros1")
     assert open_log([path]).topics[0].kinds == {}
 
 

@@ -11,9 +11,20 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.log import Log, LogData, open_log
-from imucalib_cli.logs.messages import wire
-from tests.logs.logs_samples import START_NS, Said, T, imu, joints, mixed_messages
+from imucalib_cli.logs.log import LogData, open_log
+from imucalib_cli.logs.messages import decode, wire
+from tests.logs.logs_samples import (
+    START_NS,
+    Said,
+    T,
+    imu,
+    joints,
+    mixed_messages,
+    one_file,
+    read_all,
+    said_on,
+    write_log,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -66,37 +77,31 @@ def expected_rows(messages: Iterable[tuple[str, str, Any, int]]) -> Rows:
                 pose = _pose(message.transform.translation, message.transform.rotation)
                 key = (topic, message.header.frame_id, message.child_frame_id)
                 rows.setdefault(key, []).append((log_ns, _ns(message), *pose))
-            case "PoseStamped":
-                pose = _pose(message.pose.position, message.pose.orientation)
-                key = (topic, message.header.frame_id, "")
-                rows.setdefault(key, []).append((log_ns, _ns(message), *pose))
-            case "PoseWithCovarianceStamped" | "Odometry":
-                pose = _pose(message.pose.pose.position, message.pose.pose.orientation)
-                child = getattr(message, "child_frame_id", "")
-                key = (topic, message.header.frame_id, child)
+            case "PoseStamped" | "PoseWithCovarianceStamped" | "Odometry":
+                inner = message.pose if hasattr(message.pose, "position") else message.pose.pose
+                pose = _pose(inner.position, inner.orientation)
+                key = (topic, message.header.frame_id, getattr(message, "child_frame_id", ""))
                 rows.setdefault(key, []).append((log_ns, _ns(message), *pose))
     return rows
 
 
 def read_rows(data: LogData) -> dict[tuple[str, ...], np.ndarray[Any, Any]]:
     """The streams as read, in the same form; integers beside floats, hence object arrays."""
-    found: dict[tuple[str, ...], np.ndarray[Any, Any]] = {}
+    found: dict[tuple[str, ...], list[Any]] = {}
     for topic, each in data.imus.items():
-        found[(topic,)] = _table(each.log_ns, each.header_ns, each.gyro, each.accel)
+        found[(topic,)] = [each, each.gyro, each.accel]
     for topic, streams in data.joints.items():
-        for joint in streams:
-            names = (topic, *joint.names)
-            found[names] = _table(joint.log_ns, joint.header_ns, joint.position)
+        found |= {(topic, *joint.names): [joint, joint.position] for joint in streams}
     for topic, poses in data.poses.items():
         for pose in poses:
-            values = (pose.position, pose.quaternion_xyzw)
             key = (topic, pose.parent, pose.child)
-            found[key] = _table(pose.log_ns, pose.header_ns, *values)
-    return found
-
-
-def _table(*columns: Any) -> np.ndarray[Any, Any]:
-    return np.column_stack([np.asarray(each, dtype=object) for each in columns])
+            found[key] = [pose, pose.position, pose.quaternion_xyzw]
+    return {
+        key: np.column_stack(
+            [np.asarray(x, object) for x in (each.log_ns, each.header_ns, *values)]
+        )
+        for key, (each, *values) in found.items()
+    }
 
 
 def assert_same(data: LogData, rows: Rows) -> None:
@@ -108,10 +113,6 @@ def assert_same(data: LogData, rows: Rows) -> None:
             quaternion = table[:, 5:].astype(float)
             table[:, 5:] = quaternion / np.linalg.norm(quaternion, axis=1)[:, None]
         np.testing.assert_array_equal(found[key], table, err_msg=str(key))
-
-
-def read_all(log: Log) -> LogData:
-    return log.read(topic.name for topic in log.topics if topic.kinds)
 
 
 def said_rows(messages: list[Said]) -> Rows:
@@ -130,7 +131,7 @@ def test_every_storage_reads_as_rosbags_does(
                 (each.topic, each.msgtype, reader.deserialize(raw, each.msgtype), log_ns)
                 for each, log_ns, raw in reader.messages()
             )
-    data = read_all(open_log([path]))
+    data = read_all(path)
     assert data.losses == ()
     assert_same(data, rows)
     assert data.poses["/tf_static"][0].is_static
@@ -142,10 +143,12 @@ def test_slow_route_agrees_with_bulk_route(
 ) -> None:
     for storage in ("bag-none", "mcap-none", "mcap-ros1"):
         path = written(messages, storage, name=storage)
-        bulk = read_rows(read_all(open_log([path])))
+        with monkeypatch.context() as patch:
+            patch.setattr(decode, "decode_one", pytest.fail)
+            bulk = read_rows(read_all(path))
         with monkeypatch.context() as patch:
             patch.setattr(wire, "_MAX_SHAPES", 0)
-            slow = read_rows(read_all(open_log([path])))
+            slow = read_rows(read_all(path))
         assert bulk.keys() == slow.keys()
         for key, table in bulk.items():
             np.testing.assert_array_equal(table, slow[key])
@@ -165,7 +168,7 @@ def test_large_messages_between_and_among_wanted_ones(storage: str, written: Wri
             Said("/text", "std_msgs/msg/String", T["String"](data="z" * (10 + k)), ns + 3),
         ]
     path = written(said, storage, chunk_bytes=500_000)
-    assert_same(read_all(open_log([path])), said_rows(said))
+    assert_same(read_all(path), said_rows(said))
     only = open_log([path]).read(["/imu"])
     assert len(only.imus["/imu"]) == 20
     assert only.losses == ()
@@ -213,44 +216,51 @@ def test_chunks_without_wanted_topics_are_not_unpacked(
     assert 10 < len(unpacked) <= 300
 
 
-def test_split_recording_is_one(messages: list[Said], written: Write) -> None:
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("mcap-lz4", "split_0.mcap"), ("mcap-zstd", "split_1.mcap")),
+        (("bag-bz2", "first"), ("mcap-none", "second")),
+        (("bag-lz4", "a.mcap"), ("mcap-zstd", "b.bag")),
+    ],
+)
+def test_files_of_one_recording_are_one_whatever_their_storages_and_names(
+    first: tuple[str, str], second: tuple[str, str], messages: list[Said], written: Write
+) -> None:
     half = len(messages) // 2
-    late = written(messages[half:], "mcap-zstd", name="split_1.mcap")
-    early = written(messages[:half], "mcap-lz4", name="split_0.mcap")
-    data = read_all(open_log([late, early]))
+    parts = [written(messages[half:], *second), written(messages[:half], *first)]
+    data = read_all(*parts)
     assert_same(data, said_rows(messages))
-    assert_same(read_all(open_log([early.parent])), said_rows(messages))
+    assert data.losses == ()
 
 
-def test_bag_beside_mcap_is_one_recording(messages: list[Said], written: Write) -> None:
+def test_numbered_files_of_a_folder_are_one_recording(messages: list[Said], written: Write) -> None:
     half = len(messages) // 2
-    first = written(messages[:half], "bag-bz2", name="first")
-    second = written(messages[half:], "mcap-none", name="second")
-    assert_same(read_all(open_log([first, second])), said_rows(messages))
+    written(messages[half:], "mcap-zstd", name="split_1.mcap")
+    path = written(messages[:half], "mcap-lz4", name="split_0.mcap")
+    assert_same(read_all(path.parent), said_rows(messages))
 
 
 @pytest.mark.parametrize("storage", ["db3", "mcap2", "db3-file"])
 def test_folder_can_be_told_in_any_way(messages: list[Said], storage: str, written: Write) -> None:
     folder = written(messages, storage)
     rows = said_rows(messages)
-    assert_same(read_all(open_log([folder / "metadata.yaml"])), rows)
+    assert_same(read_all(folder / "metadata.yaml"), rows)
     files = [each for each in folder.iterdir() if each.name != "metadata.yaml"]
-    assert_same(read_all(open_log(files)), rows)
+    assert_same(read_all(*files), rows)
     (folder / "metadata.yaml").unlink()
-    assert_same(read_all(open_log([folder])), rows)
+    assert_same(read_all(folder), rows)
 
 
 @pytest.mark.parametrize("storage", ["bag-lz4", "mcap-zstd", "db3"])
 def test_suffix_does_not_matter(
     messages: list[Said], storage: str, written: Write, tmp_path: Path
 ) -> None:
-    path = written(messages, storage)
-    if path.is_dir():
-        path = next(path.glob("*.db3"))
+    path = one_file(written(messages, storage))
     rows = said_rows(messages)
     for name in ("none", "a.bag.active", "b.mcap", "c.bag", "d.db3", "e.yaml"):
         shutil.copy(path, tmp_path / name)
-        assert_same(read_all(open_log([tmp_path / name])), rows)
+        assert_same(read_all(tmp_path / name), rows)
 
 
 def test_folder_with_several_recordings_is_a_choice(messages: list[Said], written: Write) -> None:
@@ -286,3 +296,38 @@ def test_progress_rises_to_one(messages: list[Said], storage: str, written: Writ
     assert told == sorted(told)
     assert told[0] < 1
     assert told[-1] == 1
+
+
+# Files given as one recording that may be two
+
+
+def _part(path: Path, start: float, storage: str = "mcap-none") -> Path:
+    """1.5 s of messages."""
+    messages = said_on()
+    for each in messages:
+        each.log_ns += round(start * 1e9)
+    return write_log(path, messages, storage)
+
+
+def test_parts_of_one_recording_are_not_suspected(tmp_path: Path) -> None:
+    parts = [_part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 1.4)]
+    parts.append(_part(tmp_path / "c.bag", 20.0, "bag-none"))
+    data = open_log(parts).read(["/imu"])
+    assert len(data.imus["/imu"]) == 3 * len(open_log(parts[:1]).read(["/imu"]).imus["/imu"])
+    assert data.losses == open_log(parts[:1]).read(["/imu"]).losses == ()
+
+
+def test_files_that_overlap_are_told(tmp_path: Path) -> None:
+    first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
+    (told,) = open_log([second, first]).read(["/joint_states"]).losses
+    assert told == (
+        f"{first} and {second} overlap by 0.995 s: if they are two recordings, name each alone"
+    )
+    again = _part(tmp_path / "c.mcap", 0.0)
+    assert len(open_log([first, second, again]).read(["/joint_states"]).losses) == 2
+
+
+def test_an_imu_in_two_files_at_once_is_two_imus(tmp_path: Path) -> None:
+    first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
+    with pytest.raises(ChoiceError, match=r"b\.mcap both hold /imu over the same 0\.995 s"):
+        open_log([second, first]).read(["/imu"])

@@ -39,6 +39,7 @@ def main() -> int:
     numbers = range(options.first, options.first + options.cases)
     start, codes, found = time.monotonic(), Counter[object](), 0
     kept: Counter[str] = Counter()
+    again = " ".join([f"--runs {options.runs}", *(f"--kind {each}" for each in options.kind or ())])
     for done in run(Job(options.seed, kinds, options.runs), numbers, options.workers):
         codes[done.code] += 1
         if codes.total() % _TOLD_EVERY == 0:
@@ -47,12 +48,9 @@ def main() -> int:
             continue
         found += 1
         text = "\n".join(done.findings)
-        kind = " ".join(f"--kind {each}" for each in options.kind or ())
-        again = (
-            f"--seed {options.seed} --first {done.number} --cases 1 --runs {options.runs} {kind}"
-        )
-        told = f"case {done.number}: {done.what}\n{text}\nagain: python -m tools.fuzz {again}\n"
-        print(told, flush=True)  # noqa: T201
+        which = f"--seed {options.seed} --first {done.number} --cases 1 {again}"
+        print(f"case {done.number}: {done.what}\n{text}")  # noqa: T201
+        print(f"again: python -m tools.fuzz {which}\n", flush=True)  # noqa: T201
         kept[text[:8]] += 1
         if done.what and kept[text[:8]] <= _MOST_KEPT:
             _keep(options.keep / f"{options.seed}-{done.number}", options.seed, done.number, kinds)

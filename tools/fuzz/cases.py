@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -17,13 +20,20 @@ from tools.fuzz.mutate_texts import damage_text, damage_urdf, same_chain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
-KINDS = ("messages", "mcap", "bag", "db3", "bytes", "folder", "urdf", "result")
-"""What is damaged; ``bytes`` is any log, without regard to its format."""
+KINDS = {
+    "messages": 22,
+    "mcap": 20,
+    "bag": 12,
+    "db3": 14,
+    "bytes": 14,
+    "folder": 4,
+    "urdf": 8,
+    "result": 6,
+}
+"""What is damaged, and how often; ``bytes`` is any log, without regard to its format."""
 _VERIFIED = 0.1
 """Share of calibrations that verify instead."""
-_WEIGHTS = (22, 20, 12, 14, 14, 4, 8, 6)
 
 
 @dataclass(eq=False)
@@ -51,14 +61,17 @@ def make(
         runs: Share of logs that are calibrated; the others are inspected.
     """
     rng = Random(f"{seed}-{number}")  # noqa: S311 - no secret
-    weights = [_WEIGHTS[KINDS.index(kind)] for kind in kinds]
-    kind = rng.choices(kinds, weights)[0]
+    kind = rng.choices(kinds, [KINDS[kind] for kind in kinds])[0]
     case = _MAKERS[kind](rng, folder)
     if case.argv[0] != "run":
         return case
+    urdf = case.argv[case.argv.index("--urdf") :] if "--urdf" in case.argv else []
     if rng.random() >= runs:
-        return _inspected(case)
-    return _verified(case) if rng.random() < _VERIFIED else case
+        case.argv, case.truth = ["inspect", case.argv[1], *urdf], None
+    elif rng.random() < _VERIFIED and case.truth is not None and urdf:
+        # Is the pose in the URDF right? It is off by a degree, so the answer is never yes.
+        case.argv = ["verify", case.argv[1], *urdf]
+    return case
 
 
 def sound_case(scene: Callable[[], seeds.Scene], kind: str, folder: Path) -> Case:
@@ -81,19 +94,6 @@ def _run(what: str, scene: seeds.Scene, path: Path, folder: Path) -> Case:
 def _some(rng: Random, begins: str = "") -> tuple[Callable[[], seeds.Scene], str]:
     kinds = [each for each in seeds.KINDS if each.startswith(begins)]
     return rng.choice(seeds.SCENES), rng.choice(kinds)
-
-
-def _inspected(case: Case) -> Case:
-    urdf = case.argv[case.argv.index("--urdf") :] if "--urdf" in case.argv else []
-    case.argv, case.truth = ["inspect", case.argv[1], *urdf], None
-    return case
-
-
-def _verified(case: Case) -> Case:
-    """Is the pose in the URDF right? It is off by a degree, so the answer is never yes."""
-    if case.truth is not None and "--urdf" in case.argv:
-        case.argv = ["verify", case.argv[1], *case.argv[case.argv.index("--urdf") :]]
-    return case
 
 
 def _file(content: dict[str, bytes]) -> str:
@@ -165,9 +165,8 @@ def _folder(rng: Random, folder: Path) -> Case:
                 (path / name).write_bytes(b"")
             case 3:
                 other = seeds.sound(scene, rng.choice(seeds.KINDS))
-                (path / rng.choice((name + "x", "log_1.mcap", "a.db3"))).write_bytes(
-                    other[_file(other)]
-                )
+                target = path / rng.choice((name + "x", "log_1.mcap", "a.db3"))
+                target.write_bytes(other[_file(other)])
             case 4 if metadata.exists():
                 changed, told = damage_text(metadata.read_bytes(), rng)
                 metadata.write_bytes(changed)
@@ -177,7 +176,8 @@ def _folder(rng: Random, folder: Path) -> Case:
                     (path / "loop").symlink_to(path / "loop")
                     (path / "nowhere.db3").symlink_to("missing")
             case _:
-                path.joinpath(name).rename(path / "renamed.bag") if (path / name).exists() else None
+                with suppress(FileNotFoundError):
+                    (path / name).rename(path / "renamed.bag")
     given = metadata if metadata.exists() and rng.random() < 0.3 else path
     return _run(f"{kind}: {', '.join(done)}", scene(), given, folder)
 
@@ -200,8 +200,7 @@ def _result(rng: Random, folder: Path) -> Case:
     assert scene.urdf is not None
     urdf, sound, result = folder / "robot.urdf", folder / "sound.yaml", folder / "result.yaml"
     urdf.write_bytes(scene.urdf)
-    as_json = rng.random() < 0.3
-    text = _sound_result(as_json)
+    text = _sound_result(rng.random() < 0.3)
     sound.write_bytes(text)
     changed, what = damage_text(text, rng)
     result.write_bytes(changed)
@@ -213,33 +212,20 @@ def _result(rng: Random, folder: Path) -> Case:
         (
             ["apply", str(result), "--urdf", str(urdf)],
             ["apply", str(result), "--urdf", str(urdf), "--force"],
-            *([["diff", str(sound), str(result)]] if _has("diff") else []),
+            ["diff", str(sound), str(result)],
         )
     )
     return Case(f"result: {what} {urdf_changed}", argv, folder, None, [urdf, sound, result])
 
 
-def _has(command: str) -> bool:
-    from imucalib_cli.cli.main import COMMANDS
-
-    return command in COMMANDS
-
-
-_RESULTS: dict[bool, bytes] = {}
-
-
+@cache
 def _sound_result(as_json: bool) -> bytes:
-    if as_json not in _RESULTS:
-        import tempfile
-        from pathlib import Path
+    from imucalib_cli.cli.main import main
 
-        from imucalib_cli.cli.main import main
-
-        with tempfile.TemporaryDirectory() as name:
-            case = sound_case(seeds.arm, "mcap-none", Path(name))
-            assert main([*case.argv, "-q", "--format", "json" if as_json else "yaml"]) == 0
-            _RESULTS[as_json] = (Path(name) / "result.yaml").read_bytes()
-    return _RESULTS[as_json]
+    with tempfile.TemporaryDirectory() as name:
+        case = sound_case(seeds.arm, "mcap-none", Path(name))
+        assert main([*case.argv, "-q", "--format", "json" if as_json else "yaml"]) == 0
+        return (Path(name) / "result.yaml").read_bytes()
 
 
 def warm() -> None:
@@ -247,8 +233,8 @@ def warm() -> None:
     for scene in seeds.SCENES:
         for kind in seeds.KINDS:
             seeds.sound(scene, kind)
-    _sound_result(as_json=False)
-    _sound_result(as_json=True)
+    for as_json in (False, True):
+        _sound_result(as_json)
 
 
 _MAKERS: dict[str, Callable[[Random, Path], Case]] = {

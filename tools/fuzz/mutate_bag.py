@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import bz2
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import lz4.frame
 
 from tools.fuzz.mutate_bytes import damage, odd_number
-from tools.fuzz.mutate_records import damage_records, drop, move, repeat
+from tools.fuzz.mutate_records import Record, damage_records, drop, inside, move, repeat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,22 +22,19 @@ _PACK = {b"lz4": lz4.frame.compress, b"bz2": bz2.compress, b"none": bytes}
 _UNPACK = {b"lz4": lz4.frame.decompress, b"bz2": bz2.decompress, b"none": bytes}
 
 
-@dataclass
-class _Record:
+@dataclass(kw_only=True)
+class _Record(Record):
     fields: dict[bytes, bytes]
-    data: bytes
-    inner: list[_Record] = field(default_factory=list)
     head_length: int | None = None
     data_length: int | None = None
     """Claimed instead of the true ones."""
-    lie: bool = False
 
     @property
     def kind(self) -> int:
         return (self.fields.get(b"op") or b"\0")[0]
 
     def packed(self) -> bytes:
-        data = self.data
+        data = self.body
         if self.inner and not self.lie:
             plain = b"".join(each.packed() for each in self.inner)
             data = _PACK[self.fields[b"compression"]](plain)
@@ -78,10 +75,10 @@ def _parse(data: bytes) -> list[_Record]:
             fields[name] = value
             here += 4 + length
         length = int.from_bytes(data[here : here + 4], "little")
-        record = _Record(fields, data[here + 4 : here + 4 + length])
+        record = _Record(fields=fields, body=data[here + 4 : here + 4 + length])
         at = here + 4 + length
         if record.kind == _CHUNK:
-            record.inner = _parse(_UNPACK[fields[b"compression"]](record.data))
+            record.inner = _parse(_UNPACK[fields[b"compression"]](record.body))
         records.append(record)
     return records
 
@@ -102,13 +99,8 @@ def _field(home: list[_Record], at: int, rng: Random) -> None:
     record.lie = True
 
 
-def _inside(home: list[_Record], at: int, rng: Random) -> None:
-    home[at].data, _ = damage(home[at].data, rng)
-    home[at].lie = True
-
-
 def _length(home: list[_Record], at: int, rng: Random) -> None:
-    value = int.from_bytes(odd_number(rng, 4, len(home[at].data)), "little")
+    value = int.from_bytes(odd_number(rng, 4, len(home[at].body)), "little")
     if rng.random() < 0.5:
         home[at].head_length = value
     else:
@@ -121,12 +113,13 @@ def _op(home: list[_Record], at: int, rng: Random) -> None:
 
 
 def _foreign(home: list[_Record], at: int, rng: Random) -> None:
-    home.insert(at, _Record({b"op": bytes([rng.choice((1, 2, 9))])}, rng.randbytes(20)))
+    fields = {b"op": bytes([rng.choice((1, 2, 9))])}
+    home.insert(at, _Record(fields=fields, body=rng.randbytes(20)))
 
 
 _FAULTS: dict[str, Callable[[list[_Record], int, Random], None]] = {
     "field": _field,
-    "inside": _inside,
+    "inside": inside,
     "length": _length,
     "op": _op,
     "drop": drop,

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import lz4.frame
 import zstandard
 
-from tools.fuzz.mutate_bytes import damage, odd_number
-from tools.fuzz.mutate_records import damage_records, drop, move, repeat
+from tools.fuzz.mutate_bytes import odd_number
+from tools.fuzz.mutate_records import Record, damage_records, drop, inside, move, repeat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,16 +39,12 @@ _FIELDS = {
 """Offsets and sizes of numbers in the body of each record, lengths among them."""
 
 
-@dataclass
-class _Record:
+@dataclass(kw_only=True)
+class _Record(Record):
     opcode: int
-    body: bytes
-    inner: list[_Record] = field(default_factory=list)
     compression: str = ""
     length: int | None = None
     """Claimed instead of the true one."""
-    lie: bool = False
-    """The body stays as it is, though the inner records say otherwise."""
 
     @property
     def kind(self) -> int:
@@ -95,7 +91,7 @@ def _parse(data: bytes) -> list[_Record]:
     at, records = 0, []
     while at + _HEAD.size <= len(data):
         opcode, length = _HEAD.unpack_from(data, at)
-        record = _Record(opcode, data[at + _HEAD.size : at + _HEAD.size + length])
+        record = _Record(opcode=opcode, body=data[at + _HEAD.size : at + _HEAD.size + length])
         at += _HEAD.size + length
         if opcode == _CHUNK:
             size = int.from_bytes(record.body[28:32], "little")
@@ -120,11 +116,6 @@ def _number(home: list[_Record], at: int, rng: Random) -> None:
     record.lie = True
 
 
-def _inside(home: list[_Record], at: int, rng: Random) -> None:
-    home[at].body, _ = damage(home[at].body, rng)
-    home[at].lie = True
-
-
 def _length(home: list[_Record], at: int, rng: Random) -> None:
     home[at].length = int.from_bytes(odd_number(rng, 8, len(home[at].body)), "little")
 
@@ -135,7 +126,8 @@ def _opcode(home: list[_Record], at: int, rng: Random) -> None:
 
 
 def _foreign(home: list[_Record], at: int, rng: Random) -> None:
-    home.insert(at, _Record(rng.choice((9, 12, 0x42, 0x90)), rng.randbytes(rng.choice((0, 9, 99)))))
+    opcode = rng.choice((9, 12, 0x42, 0x90))
+    home.insert(at, _Record(opcode=opcode, body=rng.randbytes(rng.choice((0, 9, 99)))))
 
 
 def _compression(home: list[_Record], at: int, rng: Random) -> None:
@@ -143,12 +135,12 @@ def _compression(home: list[_Record], at: int, rng: Random) -> None:
     if record.kind == _CHUNK:
         record.compression = rng.choice(("", "lz4", "zstd", "none", "gzip", "x" * 300))
     else:
-        _inside(home, at, rng)
+        inside(home, at, rng)
 
 
 _FAULTS: dict[str, Callable[[list[_Record], int, Random], None]] = {
     "number": _number,
-    "inside": _inside,
+    "inside": inside,
     "length": _length,
     "opcode": _opcode,
     "drop": drop,
@@ -182,17 +174,17 @@ def _rebuilt(records: list[_Record]) -> list[_Record]:
         length, places = at - start, b""
         for number, rows in entries.items():
             body = struct.pack("<HI", number, 16 * len(rows)) + b"".join(rows)
-            out.append(_Record(_MESSAGE_INDEX, body))
+            out.append(_Record(opcode=_MESSAGE_INDEX, body=body))
             places += struct.pack("<HQ", number, at)
             at += len(out[-1].packed())
         head = each.body[:16].ljust(16, b"\0") + struct.pack("<QQ", start, length)
         body = head + struct.pack("<I", len(places)) + places + bytes(8) + bytes(4) + bytes(16)
-        indexes.append(_Record(_CHUNK_INDEX, body))
-    out.append(_Record(_DATA_END, bytes(4)))
+        indexes.append(_Record(opcode=_CHUNK_INDEX, body=body))
+    out.append(_Record(opcode=_DATA_END, body=bytes(4)))
     start = at + len(out[-1].packed())
     schemas = [i for each in data for i in (each, *each.inner) if i.kind in (3, 4)]
     entries_ = b"".join(struct.pack("<HQ", n, c) for n, c in counts.items())
     statistics = struct.pack("<QHIIII", sum(counts.values()), 0, 0, 0, 0, len(indexes))
     statistics += bytes(16) + struct.pack("<I", len(entries_)) + entries_
-    out += [*schemas, *indexes, _Record(11, statistics)]
-    return [*out, _Record(_FOOTER, struct.pack("<QQI", start, 0, 0))]
+    out += [*schemas, *indexes, _Record(opcode=11, body=statistics)]
+    return [*out, _Record(opcode=_FOOTER, body=struct.pack("<QQI", start, 0, 0))]

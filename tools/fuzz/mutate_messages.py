@@ -7,6 +7,7 @@ the IMU is, so a result that is ``ok`` must still be right.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,6 +25,8 @@ _ODD_VALUES = (
     float("nan"), float("inf"), float("-inf"), 9.80665, 360.0, 0.1,
 )  # fmt: skip
 _NS = 1_000_000_000
+ValuesChange = Callable[[list[float]], list[float]]
+MessageChange = Callable[[Message], Message]
 
 
 def damage_messages(messages: Sequence[Message], kind: str, rng: Random) -> tuple[list[Said], str]:
@@ -32,8 +35,8 @@ def damage_messages(messages: Sequence[Message], kind: str, rng: Random) -> tupl
     done = []
     for _ in range(rng.choice((1, 1, 2, 3))):
         which, told = _share(left, rng)
-        name = rng.choice(tuple(_FAULTS))
-        left = _FAULTS[name](left, which, rng)
+        name = rng.choice((*_IN_VALUES, *_IN_MESSAGES, *_IN_ORDER))
+        left = _faulty(name, left, which, rng)
         done.append(f"{name} of {told}")
         if not left:
             break
@@ -99,113 +102,103 @@ def _with_stamp(message: Message, ns: int) -> Message:
     return replace(message, cdr=message.cdr[:at] + packed + message.cdr[at + 8 :])
 
 
-def _each(messages: list[Message], which: list[int], change: object) -> list[Message]:
-    assert callable(change)
-    for k in which:
-        messages[k] = change(messages[k])
-    return messages
-
-
-def _value(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
+def _odd(rng: Random) -> ValuesChange:
     """Numbers that nobody measures."""
     column, value = rng.randrange(37), rng.choice(_ODD_VALUES)
 
-    def change(message: Message) -> Message:
-        values = values_of(message)
+    def change(values: list[float]) -> list[float]:
         values[column % len(values)] = value
-        if rng.random() < 0.2:
-            values = [value] * len(values)
-        return with_values(message, values)
+        return [value] * len(values) if rng.random() < 0.2 else values
 
-    return _each(messages, which, change)
+    return change
 
 
-def _scaled(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
+def _scaled(rng: Random) -> ValuesChange:
     """Another unit, sign or gain for a while."""
     factor = rng.choice((-1.0, 0.0, 1.01, 0.5, 1.1, 57.29577951308232, 0.10197162129779283))
-    first = rng.randrange(37)
-    count = rng.choice((1, 3, 37))
+    first, count = rng.randrange(37), rng.choice((1, 3, 37))
 
-    def change(message: Message) -> Message:
-        values = values_of(message)
+    def change(values: list[float]) -> list[float]:
         start = first % len(values)
         values[start : start + count] = [factor * v for v in values[start : start + count]]
-        return with_values(message, values)
+        return values
 
-    return _each(messages, which, change)
+    return change
 
 
-def _shifted(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
+def _shifted(rng: Random) -> ValuesChange:
     """Values with an offset for a while: a slipped encoder, a jumping bias."""
     offset, column = rng.choice((1e-4, 0.01, 0.1, 1.0, 6.283185307179586)), rng.randrange(37)
 
-    def change(message: Message) -> Message:
-        values = values_of(message)
+    def change(values: list[float]) -> list[float]:
         values[column % len(values)] += offset
-        return with_values(message, values)
+        return values
 
-    return _each(messages, which, change)
-
-
-def _frozen(messages: list[Message], which: list[int], _rng: Random) -> list[Message]:
-    held = values_of(messages[which[0]])
-    return _each(messages, which, lambda message: with_values(message, held))
+    return change
 
 
-def _turned(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
+def _frozen(_rng: Random) -> ValuesChange:
+    held: list[float] = []
+
+    def change(values: list[float]) -> list[float]:
+        held[:] = held or values
+        return held
+
+    return change
+
+
+def _turned(rng: Random) -> ValuesChange:
     """Values exchanged between fields for a while."""
     shift = rng.randrange(1, 7)
-
-    def change(message: Message) -> Message:
-        values = values_of(message)
-        return with_values(message, [*values[shift:], *values[:shift]])
-
-    return _each(messages, which, change)
+    return lambda values: [*values[shift:], *values[:shift]]
 
 
-def _stamped(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
-    how = rng.randrange(6)
+def _stamped(rng: Random, first: Message) -> MessageChange:
+    how, start = rng.randrange(6), _stamp(first)
     shift = rng.choice((-3600, -1, -0.02, -0.001, 0.004, 0.5, 30, 1e9))
-    first = _stamp(messages[which[0]])
 
     def change(message: Message) -> Message:
         ns = _stamp(message)
-        match how:
-            case 0:
-                ns = 0
-            case 1:
-                ns = first
-            case 2:
-                ns += round(shift * _NS)
-            case 3:
-                ns += round(rng.uniform(-abs(shift), abs(shift)) * _NS)
-            case 4:
-                ns = 2 * first - ns
-            case _:
-                ns = rng.choice((-1, 1, (1 << 62), -(1 << 62), 10**18))
-        return _with_stamp(message, ns)
+        stamps = (
+            0,
+            start,
+            ns + round(shift * _NS),
+            ns + round(rng.uniform(-abs(shift), abs(shift)) * _NS),
+            2 * start - ns,
+            rng.choice((-1, 1, (1 << 62), -(1 << 62), 10**18)),
+        )
+        return _with_stamp(message, stamps[how])
 
-    return _each(messages, which, change)
+    return change
 
 
-def _received(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
+def _received(rng: Random, first: Message) -> MessageChange:
     how = rng.randrange(4)
-    first = messages[which[0]].log_ns
 
     def change(message: Message) -> Message:
-        ns = message.log_ns
-        match how:
-            case 0:
-                ns = 0
-            case 1:
-                ns = first
-            case 2:
-                ns += rng.randrange(10**9)
-            case _:
-                ns = rng.choice((1, (1 << 62), 2**31 * _NS))
-        return replace(message, log_ns=ns)
+        later = message.log_ns + rng.randrange(10**9)
+        times = (0, first.log_ns, later, rng.choice((1, (1 << 62), 2**31 * _NS)))
+        return replace(message, log_ns=times[how])
 
-    return _each(messages, which, change)
+    return change
+
+
+def _renamed(rng: Random, _first: Message) -> MessageChange:
+    """Letters of frame ids and joint names."""
+    old, new = rng.choice(((b"imu", b"IMU"), (b"wrist_1", b"wrist_2"), (b"body", b"bodx"),
+                           (b"_", b"\x1b"), (b"o", b"\xff"), (b"e", b"\x00")))  # fmt: skip
+
+    def change(message: Message) -> Message:
+        start, _ = _numbers(message)
+        return replace(message, cdr=message.cdr[:start].replace(old, new) + message.cdr[start:])
+
+    return change
+
+
+def _elsewhere(rng: Random, _first: Message) -> MessageChange:
+    """On another topic, or said to be of another type."""
+    topic = rng.choice(("/imu", "/joint_states", "/tf", "/other", "", "/é\n"))
+    return lambda message: replace(message, topic=topic)
 
 
 def _dropped(messages: list[Message], which: list[int], _rng: Random) -> list[Message]:
@@ -235,24 +228,6 @@ def _exchanged(messages: list[Message], which: list[int], _rng: Random) -> list[
     return messages
 
 
-def _renamed(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
-    """Letters of frame ids and joint names."""
-    old, new = rng.choice(((b"imu", b"IMU"), (b"wrist_1", b"wrist_2"), (b"body", b"bodx"),
-                           (b"_", b"\x1b"), (b"o", b"\xff"), (b"e", b"\x00")))  # fmt: skip
-
-    def change(message: Message) -> Message:
-        start, _ = _numbers(message)
-        return replace(message, cdr=message.cdr[:start].replace(old, new) + message.cdr[start:])
-
-    return _each(messages, which, change)
-
-
-def _elsewhere(messages: list[Message], which: list[int], rng: Random) -> list[Message]:
-    """On another topic, or said to be of another type."""
-    topic = rng.choice(("/imu", "/joint_states", "/tf", "/other", "", "/é\n"))
-    return _each(messages, which, lambda message: replace(message, topic=topic))
-
-
 def _raw(payload: bytes, rng: Random) -> bytes:
     match rng.randrange(5):
         case 0:
@@ -268,18 +243,37 @@ def _raw(payload: bytes, rng: Random) -> bytes:
             return damage(payload, rng)[0] if payload else b""
 
 
-_FAULTS = {
-    "values": _value,
+_IN_VALUES: dict[str, Callable[[Random], ValuesChange]] = {
+    "values": _odd,
     "scale": _scaled,
     "offset": _shifted,
     "freeze": _frozen,
     "turn": _turned,
+}
+_IN_MESSAGES: dict[str, Callable[[Random, Message], MessageChange]] = {
     "stamps": _stamped,
     "receive times": _received,
+    "rename": _renamed,
+    "move": _elsewhere,
+}
+_IN_ORDER: dict[str, Callable[[list[Message], list[int], Random], list[Message]]] = {
     "drop": _dropped,
     "repeat": _repeated,
     "reorder": _reordered,
     "exchange": _exchanged,
-    "rename": _renamed,
-    "move": _elsewhere,
 }
+
+
+def _faulty(name: str, messages: list[Message], which: list[int], rng: Random) -> list[Message]:
+    """Messages with a fault in some of them."""
+    if name in _IN_ORDER:
+        return _IN_ORDER[name](messages, which, rng)
+    if name in _IN_VALUES:
+        changed = _IN_VALUES[name](rng)
+        for k in which:
+            messages[k] = with_values(messages[k], changed(values_of(messages[k])))
+    else:
+        change = _IN_MESSAGES[name](rng, messages[which[0]])
+        for k in which:
+            messages[k] = change(messages[k])
+    return messages

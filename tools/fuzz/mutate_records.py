@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from tools.fuzz.mutate_bytes import damage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from random import Random
 
 
-class _Record(Protocol):
+@dataclass(kw_only=True)
+class Record:
     """A record, which may be a chunk of others."""
 
-    inner: list[Any]
+    body: bytes
+    inner: list[Any] = field(default_factory=list)
+    lie: bool = False
+    """The body stays as it is, though the inner records say otherwise."""
 
     @property
-    def kind(self) -> int: ...
+    def kind(self) -> int:
+        """Its opcode."""
+        raise NotImplementedError
 
 
-R = TypeVar("R", bound=_Record)
+R = TypeVar("R", bound=Record)
 
 
 def damage_records(
@@ -59,3 +68,9 @@ def repeat(home: list[Any], at: int, rng: Random) -> None:
 def move(home: list[Any], at: int, rng: Random) -> None:
     """Put a record elsewhere."""
     home.insert(rng.randrange(len(home)), home.pop(at))
+
+
+def inside(home: list[Any], at: int, rng: Random) -> None:
+    """Damage the bytes of a record."""
+    home[at].body, _ = damage(home[at].body, rng)
+    home[at].lie = True

@@ -120,26 +120,24 @@ def damage_urdf(content: bytes, rng: Random) -> tuple[bytes, str]:
     return ET.tostring(root), ", ".join(done)
 
 
+def _with_doctype(content: bytes, doctype: str, inside: str) -> bytes:
+    at = content.index(b"<robot")
+    end = content.index(b">", at) + 1
+    head = f"<!DOCTYPE robot [{doctype}]>".encode()
+    return head + content[at:end] + inside.encode() + content[end:]
+
+
 def _entities(content: bytes) -> bytes:
-    lines = ['<!ENTITY l0 "lol">']
-    lines += [f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, 10)]
-    return _after_head(content, f"<!DOCTYPE robot [{''.join(lines)}]>", "&l9;")
+    lines = [f'<!ENTITY l{k} "{f"&l{k - 1};" * 10}">' for k in range(1, 10)]
+    return _with_doctype(content, "".join(['<!ENTITY l0 "lol">', *lines]), "&l9;")
 
 
 def _external(content: bytes) -> bytes:
-    doctype = '<!DOCTYPE robot [<!ENTITY x SYSTEM "file:///etc/passwd">]>'
-    return _after_head(content, doctype, "&x;")
+    return _with_doctype(content, '<!ENTITY x SYSTEM "file:///etc/passwd">', "&x;")
 
 
 def _parameter(content: bytes) -> bytes:
-    doctype = '<!DOCTYPE robot [<!ENTITY % x SYSTEM "file:///dev/zero"> %x;]>'
-    return _after_head(content, doctype, "")
-
-
-def _after_head(content: bytes, doctype: str, inside: str) -> bytes:
-    at = content.index(b"<robot")
-    end = content.index(b">", at) + 1
-    return doctype.encode() + content[at:end] + inside.encode() + content[end:]
+    return _with_doctype(content, '<!ENTITY % x SYSTEM "file:///dev/zero"> %x;', "")
 
 
 def _nested(content: bytes) -> bytes:

@@ -7,6 +7,7 @@ import multiprocessing.connection
 import os
 import shutil
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from tools.fuzz.check import check, prepare
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from multiprocessing.connection import Connection
+    from multiprocessing.process import BaseProcess
 
 _PATIENCE = 90.0
 """s without a word from a worker after which it counts as hanging, whatever else is running."""
@@ -46,71 +48,48 @@ class Done:
 def run(job: Job, numbers: Sequence[int], workers: int = 1) -> Iterator[Done]:
     """Run cases in forked processes; in the order they end."""
     cases.warm()
-    left = [list(numbers)[k::workers] for k in range(workers)]
-    active: dict[Connection, tuple[int, multiprocessing.process.BaseProcess]] = {}
-    for k in range(workers):
-        if left[k]:
-            _start(job, left[k], k, active)
-    while active:
+    fork = multiprocessing.get_context("fork")
+    left = list(numbers)
+    active: dict[Connection, tuple[BaseProcess, list[int]]] = {}
+    while left or active:
+        while left and len(active) < workers:
+            size = min(_RENEWED, -(-len(left) // workers))
+            mine, left = left[:size], left[size:]
+            here, there = fork.Pipe(duplex=False)
+            process = fork.Process(target=_work, args=(job, mine, there), daemon=True)
+            process.start()
+            there.close()
+            active[here] = (process, mine)
         ready = multiprocessing.connection.wait(list(active), timeout=_PATIENCE)
         for channel in ready or list(active):
             assert isinstance(channel, multiprocessing.connection.Connection)
-            k, process = active[channel]
-            done = _received(channel) if ready else None
-            if done is not None:
-                left[k].remove(done.number)
-                yield done
-                continue
-            process.join(timeout=5.0 if ready else 0.0)
-            hangs = process.is_alive()
-            process.kill()
-            process.join()
+            worker, mine = active[channel]
+            with suppress(EOFError):  # which says that it has ended
+                if ready:
+                    done = channel.recv()
+                    mine.remove(done.number)
+                    yield done
+                    continue
+            worker.join(timeout=5.0 if ready else 0.0)
+            why = "hangs" if worker.is_alive() else f"died with {worker.exitcode}"
+            worker.kill()
+            worker.join()
             del active[channel]
-            if left[k] and process.exitcode != 0:
-                why = "hangs" if hangs else f"died with {process.exitcode}"
-                yield Done(left[k].pop(0), "", None, [f"LOST worker: {why}"])
-            if left[k]:
-                _start(job, left[k], k, active)
-
-
-def _received(channel: Connection) -> Done | None:
-    """What a worker says; None if it has ended."""
-    try:
-        done = channel.recv()
-    except EOFError:
-        return None
-    assert isinstance(done, Done)
-    return done
-
-
-def _start(
-    job: Job,
-    numbers: list[int],
-    k: int,
-    active: dict[Connection, tuple[int, multiprocessing.process.BaseProcess]],
-) -> None:
-    fork = multiprocessing.get_context("fork")
-    here, there = fork.Pipe(duplex=False)
-    process = fork.Process(target=_work, args=(job, numbers[:_RENEWED], there), daemon=True)
-    process.start()
-    there.close()
-    active[here] = (k, process)
+            if mine and worker.exitcode != 0:
+                yield Done(mine.pop(0), "", None, [f"LOST worker: {why}"])
+            left = [*mine, *left]
 
 
 def _work(job: Job, numbers: list[int], channel: Connection) -> None:
+    """Make, run and clear away cases one after another."""
     prepare()
     for number in numbers:
-        channel.send(run_case(job, number))
+        folder = Path(tempfile.mkdtemp(prefix="imucalib-fuzz-"))
+        try:
+            case = cases.make(job.seed, number, job.kinds, folder, runs=job.runs)
+            code, findings = check(case)
+            channel.send(Done(number, case.what, code, findings))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
     channel.close()
     os._exit(0)
-
-
-def run_case(job: Job, number: int) -> Done:
-    """Make, run and clear away one case in this process."""
-    folder = Path(tempfile.mkdtemp(prefix="imucalib-fuzz-"))
-    try:
-        case = cases.make(job.seed, number, job.kinds, folder, runs=job.runs)
-        code, findings = check(case)
-        return Done(number, case.what, code, findings)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)

@@ -14,7 +14,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.db3.pages import count_pages, pages_left_out, salvage
-from imucalib_cli.logs.reader import Catalogue, Channel, Located, Progress, Sink, add_by_length
+from imucalib_cli.logs.reader import Catalogue, Channel, Progress, Sink
 from imucalib_cli.logs.unpacked import copy
 
 if TYPE_CHECKING:
@@ -23,13 +23,12 @@ if TYPE_CHECKING:
 
     from imucalib_cli.logs.reader import LogPath
 
-
 _MAGIC = b"SQLite format 3\x00"
 _BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
 """What sqlite3 raises on damage. Some damage looks like a lack of memory, and messages that quote
 damaged bytes cannot be decoded."""
-_FETCH = 1024
-"""Rows read at a time."""
+_FETCH = 512
+"""Rows read at a time: the allocator reuses the memory of so few."""
 _COUNTED = 100
 """Topics counted in one pass: each needs three of SQLite's 2000 columns."""
 
@@ -118,8 +117,9 @@ class Db3File:
             if tallies is None:
                 tallies = {}
                 for rows in self._rows(database, numbers, "x''"):
-                    for number, log_ns in zip(*_sound(rows)[:2], strict=True):
-                        tallies.setdefault(number, Tally()).add(np.array([log_ns]))
+                    for number, log_ns, _ in rows:
+                        if type(number) is int and type(log_ns) is int:
+                            tallies.setdefault(number, Tally()).add(np.array([log_ns]))
             definitions = _definitions(database)
             left, total = pages_left_out(self._file)
             if left:
@@ -135,15 +135,29 @@ class Db3File:
         return catalogue.channels(tallies)
 
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Pass all messages of the wanted channels to the sink, in one scan."""
+        """Pass all messages of the wanted channels to the sink, in one scan.
+
+        SQLite accepts any type in any column: rows with other types are left out.
+        """
         channels = {each.number: each for each in self.channels if each.number in wanted}
         total = max(1, sum(each.count for each in channels.values()))
-        done = base = 0
+        done = 0
         progress(0.0)
         try:
             with self._database() as database:
                 for rows in self._rows(database, channels):
-                    base += _give(rows, base, channels, sink)
+                    alike: dict[tuple[int, int], list[tuple[int, int, bytes]]] = {}
+                    for arrival, (topic, log_ns, payload) in enumerate(rows, start=done):
+                        if type(topic) is int and type(log_ns) is int and type(payload) is bytes:
+                            same = alike.setdefault((topic, len(payload)), [])
+                            same.append((arrival, log_ns, payload))
+                    for (topic, size), found in alike.items():
+                        if topic not in channels:  # salvaged
+                            continue
+                        arrivals, times, payloads = zip(*found, strict=True)
+                        data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
+                        data = data.reshape(len(found), size)
+                        sink.add(channels[topic], np.array(arrivals), np.array(times), data)
                     done += len(rows)
                     progress(min(1.0, done / total))
         except _BROKEN as error:
@@ -153,7 +167,7 @@ class Db3File:
     def _rows(
         self, database: sqlite3.Connection, wanted: Collection[int], payload: str = "data"
     ) -> Iterator[Sequence[Any]]:
-        """Topic id, receive time and payload of rows, in blocks; damaged cells may have any type.
+        """Topic id, receive time and payload of messages, in blocks.
 
         SQLite reads in the order of ids, up to the first damage. After it every undamaged page of
         messages is used.
@@ -168,7 +182,7 @@ class Db3File:
                 yield rows
                 done += len(rows)
         except _BROKEN as error:
-            self._lose(warning("log.database_damaged", reason=str(error)))
+            self._report(warning("log.database_damaged", reason=str(error)))
         else:
             return
         last: Any = -(1 << 63)
@@ -183,9 +197,9 @@ class Db3File:
             keep = wanted if payload == "data" else ()
             yield from salvage(self._file, last, keep)
 
-    def _lose(self, what: Finding) -> None:
-        if what not in self.losses:
-            self.losses.append(what)
+    def _report(self, loss: Finding) -> None:
+        if loss not in self.losses:
+            self.losses.append(loss)
 
 
 def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, Tally] | None:
@@ -210,31 +224,6 @@ def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, 
                 return None
             tallies[number] = Tally(count, start_ns or 0, end_ns or 0)
     return tallies
-
-
-def _sound(rows: Sequence[Any]) -> tuple[Sequence[int], Sequence[int], Sequence[bytes]]:
-    """Topic ids, receive times and payloads of the rows whose cells have the right types.
-
-    SQLite accepts values of any type in any column.
-    """
-    topics, times, payloads = zip(*rows, strict=True) if rows else ((), (), ())
-    if {*map(type, topics), *map(type, times)} <= {int} and {*map(type, payloads)} <= {bytes}:
-        return topics, times, payloads
-    return _sound([row for row in rows if [type(each) for each in row] == [int, int, bytes]])
-
-
-def _give(rows: Sequence[Any], base: int, channels: dict[int, Channel], sink: Sink) -> int:
-    """Pass the rows of each channel to the sink; return their size in bytes."""
-    topics, times, payloads = _sound(rows)
-    data = np.frombuffer(b"".join(payloads) + b"\0", dtype=np.uint8)
-    sizes = np.fromiter(map(len, payloads), dtype=np.int64, count=len(payloads))
-    starts = np.cumsum(sizes) - sizes
-    owner, log_ns = np.array(topics), np.array(times, dtype=np.int64)
-    for number, channel in channels.items():
-        here = np.flatnonzero(owner == number)
-        located = Located(data, starts[here], sizes[here], log_ns[here])
-        add_by_length(sink, channel, base, located)
-    return len(data)
 
 
 def _definitions(database: sqlite3.Connection) -> dict[str, str]:

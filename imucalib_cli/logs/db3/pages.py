@@ -1,8 +1,8 @@
-"""Recover what SQLite skips in a damaged rosbag2 database: rows, and pages of the -wal.
+"""Recover the rows of a damaged rosbag2 database that SQLite skips; count pages of the -wal.
 
 SQLite stops at the first damaged page. The pages after it may be intact; each that can be read as a
 leaf of the messages table is used. The format is that of sqlite.org/fileformat2.html: a leaf holds
-rows, and what does not fit continues in a chain of overflow pages.
+rows, and a row that does not fit continues in a chain of overflow pages.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def pages_left_out(path: Path) -> tuple[int, int]:
     (sqlite.org/walformat.html).
 
     Args:
-        path: The database, open at this moment, so that its -shm says what is used.
+        path: The database, open at this moment, so that its -shm has the number of used pages.
     """
     with suppress(OSError):
         used = path.with_name(path.name + "-shm").read_bytes()[16:20]

@@ -54,7 +54,7 @@ class McapWriter:
         Args:
             topic: Its topic.
             message_type: Such as ``sensor_msgs/msg/Imu``.
-            latched: Whether who comes late gets its last message too.
+            latched: Whether late subscribers get its last message too.
         """
         if message_type not in self._schemas:
             definition, _ = self._store.generate_msgdef(message_type, ros_version=2)

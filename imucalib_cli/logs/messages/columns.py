@@ -1,4 +1,4 @@
-"""Which numbers of a message are joints, where the message names none: what the user says."""
+"""The user's choice of the numbers of a message that are joints, where it has no names."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class JointColumns:
     path: str
     """Field of the message, by dots."""
     names: tuple[str, ...]
-    """Of the joints; ``-`` for a number that is none."""
+    """Names of the joints; ``-`` for a number that is none."""
     start: int = 0
     """First of the field's numbers."""
     stop: int | None = None
@@ -34,7 +34,7 @@ class JointColumns:
 
 
 def joint_columns(text: str) -> JointColumns:
-    """What a text says.
+    """Parse ``TOPIC:FIELD[start:stop]=name,...``.
 
     Raises:
         ValueError: It is not understood; the error begins with the text.
@@ -48,15 +48,15 @@ def joint_columns(text: str) -> JointColumns:
         raise ValueError(f"{text}: a joint has no name; expected {_EXPECTED}; - for no joint")
     if len(set(joints)) < len(joints):
         raise ValueError(f"{text}: a joint is named twice")
-    if not known["part"]:
-        return JointColumns(topic=known["topic"], path=known["field"], names=names)
-    start = int(known["start"] or 0)
-    stop = int(known["stop"]) if known["stop"] else start + len(names)
-    if stop - start != len(names):
-        raise ValueError(
-            f"{text}: [{start}:{stop}] are {max(stop - start, 0)} numbers, but {len(names)} are "
-            "named; - for no joint"
-        )
+    start, stop = 0, None
+    if known["part"]:
+        start = int(known["start"] or 0)
+        stop = int(known["stop"]) if known["stop"] else start + len(names)
+        if stop - start != len(names):
+            raise ValueError(
+                f"{text}: [{start}:{stop}] are {max(stop - start, 0)} numbers, but {len(names)} "
+                "are named; - for no joint"
+            )
     return JointColumns(
         topic=known["topic"], path=known["field"], names=names, start=start, stop=stop
     )

@@ -23,7 +23,7 @@ from imucalib_cli.logs.slow import decode_one
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from imucalib_cli.arrays import Bools, Bytes, Floats, Indices, Integers
     from imucalib_cli.logs.messages.columns import JointColumns
@@ -86,7 +86,7 @@ class Collector:
     """A :class:`~imucalib_cli.logs.reader.Sink` that decodes.
 
     Args:
-        columns: What the user says of the numbers of a topic, by its name.
+        columns: The joints that the user names among the numbers of a topic, by its name.
     """
 
     def __init__(self, columns: Mapping[str, JointColumns] = MappingProxyType({})) -> None:
@@ -138,7 +138,7 @@ class Collector:
         self._bytes_left = max(_BYTES_ALWAYS, MOST_RATIO * size)
 
     def finish(self) -> Iterator[TopicData]:
-        """Decode what is left; yield everything by topic and type, and release each after it."""
+        """Decode the remaining blocks; yield the data of each topic and type, and release it."""
         self._bytes_left = sys.maxsize  # at most one block of each is left
         while self._blocks:
             self._decode(self._blocks.popitem()[1])
@@ -199,29 +199,22 @@ class Collector:
             if self._bytes_left < 0:
                 raise TooMuchError
             if each.texts and len(each.rows):
-                into.pieces.append(
-                    Piece(
-                        arrival[each.rows],
-                        log_ns[each.rows],
-                        each.stamp_ns,
-                        each.texts,
-                        each.numbers,
-                    )
-                )
+                at, received = arrival[each.rows], log_ns[each.rows]
+                into.pieces.append(Piece(at, received, each.stamp_ns, each.texts, each.numbers))
         into.undecoded += int(np.count_nonzero(~decoded))
 
 
 def imu_streams(data: TopicData) -> tuple[tuple[ImuStream, ...], list[Finding]]:
     """The IMUs of a topic, and findings about rows left out.
 
-    Frames whose messages come at the same time are IMUs that share the topic. Of frames that follow
-    each other, as of a driver that was restarted, the one with most messages is used.
+    Frames whose messages come at the same time are IMUs that share the topic. If frames follow each
+    other, as after a restart of the driver, the one with most messages is used.
     """
     losses: list[Finding] = []
     pieces: dict[str, list[Piece]] = {}
     for piece in data.pieces:
         pieces.setdefault(_frame(piece), []).append(piece)
-    counts = Counter({frame: _rows(some) for frame, some in pieces.items()})
+    counts = Counter({frame: sum(len(p.log_ns) for p in some) for frame, some in pieces.items()})
     if not counts:
         return (), losses
     main, _ = counts.most_common(1)[0]
@@ -237,10 +230,6 @@ def imu_streams(data: TopicData) -> tuple[tuple[ImuStream, ...], list[Finding]]:
     return tuple(streams), losses
 
 
-def _rows(pieces: Iterable[Piece]) -> int:
-    return sum(len(piece.log_ns) for piece in pieces)
-
-
 def _accompanies(pieces: list[Piece], main: list[Piece]) -> bool:
     """Whether messages of one frame are received during most of the time of another's."""
     (first, last), (start, end) = (
@@ -254,8 +243,8 @@ def _imu_stream(
     data: TopicData, frame: str, pieces: list[Piece], losses: list[Finding]
 ) -> ImuStream:
     topic = data.topic
-    joined = _Joined(pieces, ticks=data.reading.has_ticks)
-    both = {name: joined.numbers(name) for name in _SENSORS}
+    joined = _joined(pieces, *_SENSORS, ticks=data.reading.has_ticks)
+    both = joined.numbers
     absent = tuple(name for name in _SENSORS if np.isnan(both[name]).all())
     gyro, accel = (np.zeros_like(both[x]) if x in absent else both[x] for x in _SENSORS)
     numbers = _is_number(gyro) & _is_number(accel)
@@ -276,7 +265,7 @@ def _imu_stream(
 
 
 def texts_of(data: TopicData) -> tuple[str, ...]:
-    """What was said on a topic of strings, each text once."""
+    """The texts of a topic of strings, each once."""
     return tuple(dict.fromkeys(str(piece.texts["data"]) for piece in data.pieces))
 
 
@@ -301,31 +290,21 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
         elif positions != len(names):
             short[len(names), positions] += len(piece.stamp_ns)
         else:
-            sets.setdefault(tuple(sorted(names)), (names, []))[1].append(piece)
+            first, pieces = sets.setdefault(tuple(sorted(names)), (names, []))
+            if names != first:
+                order = [names.index(name) for name in first]
+                piece.numbers["position"] = piece.numbers["position"][:, order]
+            pieces.append(piece)
     losses = []
     if repeated:
         losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
-    columns = data.reading.columns
-    if short and columns is None:
-        (named, positions), _ = short.most_common(1)[0]
-        told = {"topic": data.topic, "count": short.total(), "total": data.messages}
-        losses.append(warning("joints.incomplete", **told, named=named, positions=positions))
-    elif short and columns is not None:
-        losses.append(_other_numbers(data, columns, short.total()))
+    if short:
+        losses.append(_wrong_counts(data, short))
     streams = []
     unsound = 0
     for names, pieces in sets.values():
-        joined = _Joined(pieces, ticks=data.reading.has_ticks)
-        position = joined.ordered(
-            [
-                piece.numbers["position"]
-                if piece.texts["name"] == names
-                else piece.numbers["position"][
-                    :, [piece.texts["name"].index(name) for name in names]
-                ]
-                for piece in pieces
-            ]
-        )
+        joined = _joined(pieces, "position", ticks=data.reading.has_ticks)
+        position = joined.numbers["position"]
         sound, position = _sound_rows(position)
         unsound += len(position) - len(position[sound])
         streams.append(
@@ -343,19 +322,25 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
     return tuple(streams), losses
 
 
-def _other_numbers(data: TopicData, columns: JointColumns, count: int) -> Finding:
-    """Messages with more or fewer numbers than the user names."""
+def _wrong_counts(data: TopicData, short: Counter[tuple[int, int]]) -> Finding:
+    """Messages with another number of positions than of names; counted by both numbers."""
+    values = {"topic": data.topic, "count": short.total()}
+    columns = data.reading.columns
+    if columns is None:
+        (named, positions), _ = short.most_common(1)[0]
+        values["total"] = data.messages
+        return warning("joints.incomplete", **values, named=named, positions=positions)
     numbers = Counter({0: 0})
     for piece in data.pieces:
         if "position" in piece.numbers:
             numbers[piece.numbers["position"].shape[1]] += len(piece.log_ns)
-    told = {"topic": data.topic, "count": count, "field": columns.path}
-    most, _ = numbers.most_common(1)[0]
-    return warning("joints.columns", **told, numbers=most, named=len(columns.names))
+    (most, _), *_ = numbers.most_common(1)
+    named = len(columns.names)
+    return warning("joints.columns", **values, field=columns.path, numbers=most, named=named)
 
 
 def _with_columns(data: TopicData) -> Iterator[Piece]:
-    """Pieces with the joints that the user says, where they do."""
+    """Pieces with the joints that the user names, if they name any."""
     columns = data.reading.columns
     for piece in data.pieces:
         if columns is None or "position" not in piece.numbers:
@@ -395,8 +380,8 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]
     streams = []
     unusable = 0
     for (parent, child), pieces in edges.items():
-        joined = _Joined(pieces)
-        position, quaternion = joined.numbers("position"), joined.numbers("quaternion")
+        joined = _joined(pieces, "position", "quaternion")
+        position, quaternion = joined.numbers["position"], joined.numbers["quaternion"]
         with np.errstate(over="ignore"):  # the square of a damaged number may overflow
             norm = np.linalg.norm(quaternion, axis=1)
         sound = _is_number(position) & np.isfinite(norm) & (norm > 0.5) & (norm < 2)
@@ -434,27 +419,17 @@ def _frame(piece: Piece) -> str:
     return str(piece.texts["frame_id"]).removeprefix("/")
 
 
-class _Joined:
-    """Concatenate pieces in the order of receive time; ties keep the file's order."""
-
-    def __init__(self, pieces: Iterable[Piece], *, ticks: bool = False) -> None:
-        self._pieces = list(pieces)
-        log_ns = np.concatenate([each.log_ns for each in self._pieces])
-        arrival = np.concatenate([each.arrival for each in self._pieces])
-        order = np.lexsort((arrival, log_ns))
-        self._order: Indices | slice = order
-        if (np.diff(order) == 1).all():
-            self._order = slice(None)
-        self.log_ns: Nanoseconds = log_ns[self._order]
-        self.stamp_ns: Nanoseconds = np.concatenate([each.stamp_ns for each in self._pieces])[
-            self._order
-        ]
-        if ticks:
-            self.stamp_ns = _stamps_of_ticks(self.stamp_ns, self.log_ns)
-
-    def ordered(self, values: list[Floats]) -> Floats:
-        joined: Floats = np.concatenate(values)[self._order]
-        return joined
-
-    def numbers(self, name: str) -> Floats:
-        return self.ordered([each.numbers[name] for each in self._pieces])
+def _joined(pieces: list[Piece], *names: str, ticks: bool = False) -> Piece:
+    """Some numbers of pieces, in the order of receive time; ties keep the file's order."""
+    log_ns = np.concatenate([each.log_ns for each in pieces])
+    arrival = np.concatenate([each.arrival for each in pieces])
+    by_time = np.lexsort((arrival, log_ns))
+    order: Indices | slice = slice(None) if (np.diff(by_time) == 1).all() else by_time
+    log_ns = log_ns[order]
+    stamp_ns = np.concatenate([each.stamp_ns for each in pieces])[order]
+    if ticks:
+        stamp_ns = _stamps_of_ticks(stamp_ns, log_ns)
+    numbers = {
+        name: np.concatenate([each.numbers[name] for each in pieces])[order] for name in names
+    }
+    return Piece(arrival[order], log_ns, stamp_ns, {}, numbers)

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.logs.messages.table import (
     NUMBER_TYPES,
-    Header,
     NumberList,
     Numbers,
     Stamp,
     Structs,
     Text,
     Texts,
+    header,
     normalise_type,
 )
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _DEEPEST = 12
 _MOST_FIELDS = 5000
-"""Limits of what a definition, which may be damaged, spells out to."""
+"""Limits of a definition, which may be damaged, when its structs are spelled out."""
 _PRIMITIVES: dict[str, NumberType] = {
     "float64": "f8",
     "float32": "f4",
@@ -61,7 +61,7 @@ def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ..
 
     Args:
         type_name: Such as sensor_msgs/Imu.
-        encoding: Of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
+        encoding: The encoding of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
         definition: As a log embeds it.
 
     Raises:
@@ -73,7 +73,7 @@ def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ..
 
 @dataclass
 class _Spelling:
-    """What has been spelled out, to end a definition without end."""
+    """State of spelling out a definition, with a limit for one that refers to itself."""
 
     is_cdr: bool
     count: int = 0
@@ -99,11 +99,11 @@ def _of_msg(type_name: str, definition: str, spelling: _Spelling) -> tuple[Field
 
 def _lines(text: str) -> Iterator[tuple[str, str, str]]:
     for line in text.splitlines():
-        told = line.partition("#")[0].strip()
-        known = _FIELD.fullmatch(told)
+        text = line.partition("#")[0].strip()
+        known = _FIELD.fullmatch(text)
         if known is None:
-            if told and "=" not in told:
-                raise DefinitionError(f"'{told}' is no field")
+            if text and "=" not in text:
+                raise DefinitionError(f"'{text}' is no field")
         elif not known["more"].lstrip().startswith("="):  # else a constant
             yield normalise_type(known["type"]), known["array"] or "", known["name"]
 
@@ -117,16 +117,16 @@ def _msg_struct(type_name: str, prefix: str, spelling: _Spelling, depth: int) ->
         path = f"{prefix}{name}"
         full = kind if "/" in kind or kind in _PRIMITIVES else f"{package}/{kind}"
         count = int(array[1:-1]) if array[1:-1].isdigit() else None
-        one = _msg_leaf(kind, path, count or 1)
-        if not array or (one is not None and isinstance(one, Numbers) and count is not None):
-            fields += [one] if one else _msg_struct(full, f"{path}.", spelling, depth + 1)
-        elif isinstance(one, Numbers):
-            fields.append(NumberList(path, type=one.type))
-        elif isinstance(one, Text) and count is None:
-            fields.append(Texts(path, name=""))
+        is_number = kind in _PRIMITIVES
+        if not array or (is_number and count is not None):
+            leaves = _msg_leaves(kind, path, count or 1)
+            fields += leaves or _msg_struct(full, f"{path}.", spelling, depth + 1)
+        elif is_number:
+            fields.append(NumberList(path, type=_PRIMITIVES[kind]))
+        elif kind == "string" and count is None:
+            fields.append(Texts(path))
         else:
-            structs = _msg_struct(full, "", spelling, depth + 1) if one is None else ()
-            inner = structs if one is None else (replace(one, path=""),)
+            inner = _msg_leaves(kind, "", 1) or _msg_struct(full, "", spelling, depth + 1)
             if not inner or count == 0:  # nothing would end a sequence of nothing
                 raise DefinitionError(f"{path} has elements without bytes")
             fields.append(Structs(path, inner, count))
@@ -136,19 +136,19 @@ def _msg_struct(type_name: str, prefix: str, spelling: _Spelling, depth: int) ->
     return spelling.counted(tuple(fields), depth)
 
 
-def _msg_leaf(kind: str, path: str, count: int) -> Header | Stamp | Text | Numbers | None:
-    """A field that is no struct to be spelled out."""
+def _msg_leaves(kind: str, path: str, count: int) -> tuple[Field, ...]:
+    """The fields of a type that needs no definition; none for another struct."""
     if kind in _PRIMITIVES:
-        return Numbers(path, count, type=_PRIMITIVES[kind])
+        return (Numbers(path, count, type=_PRIMITIVES[kind]),)
     if kind in _HEADERS:
-        return Header(path, is_stamp=False)
+        return header(path)
     if kind in _TIMES:
-        return Stamp(path, is_stamp=False)
+        return (Stamp(path, is_stamp=False),)
     if kind == "string":
-        return Text(path, name="", is_name=False)
+        return (Text(path, is_name=False),)
     if kind == "wstring":
         raise DefinitionError("wstring cannot be read")
-    return None
+    return ()
 
 
 def _of_json(_: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
@@ -166,8 +166,8 @@ def _json_struct(
     if not isinstance(properties, dict):
         return ()
     fields: list[Field] = []
-    for name, told in properties.items():
-        path, described = f"{prefix}{name}", _referred(told, whole)
+    for name, schema_of in properties.items():
+        path, described = f"{prefix}{name}", _referred(schema_of, whole)
         kind = described.get("type")
         if kind == "object":
             parts = described.get("properties") or {}
@@ -181,23 +181,23 @@ def _json_struct(
                 inner = _json_struct(items, whole, "", spelling, depth + 1)
                 fields.append(Structs(path, inner))
             elif items.get("type") == "string":
-                fields.append(Texts(path, name=""))
+                fields.append(Texts(path))
             else:
                 fields.append(NumberList(path))
         elif kind == "string":
-            fields.append(Text(path, name=""))
+            fields.append(Text(path))
         elif kind in {"number", "integer"}:
             fields.append(Numbers(path, 1))
     return spelling.counted(tuple(fields), depth)
 
 
-def _referred(told: Any, whole: Any) -> dict[str, Any]:
+def _referred(schema: Any, whole: Any) -> dict[str, Any]:
     """A schema, or the one within the whole that it refers to."""
-    if not isinstance(told, dict):
+    if not isinstance(schema, dict):
         return {}
-    reference = told.get("$ref")
+    reference = schema.get("$ref")
     if not isinstance(reference, str):
-        return told
+        return schema
     found = whole
     for name in reference.removeprefix("#").strip("/").split("/"):
         found = found.get(name) if isinstance(found, dict) else None
@@ -222,7 +222,7 @@ def _protobuf_struct(
                 fields.append(Structs(path, structs))
             else:
                 is_text = each.cpp_type == each.CPPTYPE_STRING
-                fields.append(Texts(path, name="") if is_text else NumberList(path))
+                fields.append(Texts(path) if is_text else NumberList(path))
         elif inner is not None and inner.full_name.startswith("google.protobuf."):
             fields.append(Stamp(path, is_stamp=False))
         elif inner is not None:
@@ -232,7 +232,7 @@ def _protobuf_struct(
             else:
                 fields += _protobuf_struct(inner, f"{path}.", spelling, depth + 1)
         elif each.cpp_type == each.CPPTYPE_STRING:
-            fields.append(Text(path, name=""))
+            fields.append(Text(path))
         else:
             fields.append(Numbers(path, 1))
     return spelling.counted(tuple(fields), depth)

@@ -21,7 +21,7 @@ def is_installed() -> bool:
 
 
 def is_damaged(type_name: str, definition: str) -> bool:
-    """Whether the descriptors of a type make no class of it."""
+    """Whether the descriptors of a type are damaged."""
     try:
         message_class(type_name, definition)
     except ImucalibError:  # protobuf is not installed
@@ -43,11 +43,10 @@ def message_class(type_name: str, definition: str) -> Any:
         InputError: protobuf is not installed.
         Exception: Of many kinds: the descriptors are damaged.
     """
-    descriptors = optional(
-        "google.protobuf.descriptor_pb2", "messages in protobuf need", "protobuf"
+    descriptors, pools, classes = (
+        optional(f"google.protobuf.{name}", "messages in protobuf need", "protobuf")
+        for name in ("descriptor_pb2", "descriptor_pool", "message_factory")
     )
-    pools = optional("google.protobuf.descriptor_pool", "messages in protobuf need", "protobuf")
-    classes = optional("google.protobuf.message_factory", "messages in protobuf need", "protobuf")
     files = {
         each.name: each
         for each in descriptors.FileDescriptorSet.FromString(definition.encode("latin-1")).file

@@ -1,8 +1,8 @@
-"""What a message type is, by the shape of its fields, where it is not in the table of types.
+"""Recognise a message type that is not in the table by its fields.
 
-A message with names and as many positions tells joints, whatever its type is called; one with an
-angular velocity and a linear acceleration tells an IMU. :data:`_SHAPES` has the paths that are
-looked for. The same goes for messages in JSON and protobuf.
+A message with names and as many positions has joints, whatever its type is called; one with an
+angular velocity and a linear acceleration is of an IMU. :data:`_SHAPES` lists the paths that are
+looked for, also in messages in JSON and protobuf.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from imucalib_cli.logs.messages import definitions
 from imucalib_cli.logs.messages.table import (
     MESSAGE_TYPES,
-    Header,
     Interfaces,
     MessageType,
     NumberList,
@@ -49,9 +48,9 @@ class _Shape:
     kind: Kind
     rank: int
     takes: Mapping[str, str]
-    """Path of each text and numbers that are taken."""
+    """Path of each text and of the numbers that are read."""
     needs: tuple[str, ...] = ()
-    """Further fields that it is known by."""
+    """Further fields by which it is recognised."""
     texts: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
     is_tf: bool = False
 
@@ -102,8 +101,7 @@ _SHAPES = (
     _Shape("pose", 1, _pose("frame_id", "", "pose.position", "pose.orientation")),
     # the twins of geometry_msgs and nav_msgs
     *(
-        _Shape("pose", 1, _pose(f"header{frame}", child, position, orientation))
-        for frame in (".frame_id", "")
+        _Shape("pose", 1, _pose("header.frame_id", child, position, orientation))
         for child, position, orientation in (
             ("child_frame_id", "transform.translation", "transform.rotation"),
             ("child_frame_id", "pose.pose.position", "pose.pose.orientation"),
@@ -113,26 +111,31 @@ _SHAPES = (
     ),
 )
 """In the order in which they are tried; of a kind the first that fits counts."""
-_STAMPS = ("header", "header.stamp", "timestamp", "stamp", "time")
+_STAMPS = ("header.stamp", "timestamp", "stamp", "time")
 _FRAMES = ("header.frame_id", "frame_id")
-_STAMPED = (Header, Stamp)
 _MOTORS = "motor_state"
 _AXES = {"gyro": "xyz", "accel": "xyz", "position": "xyz", "quaternion": "xyzw"}
-_FOXGLOVE_POSE = (Stamp("timestamp", is_stamp=False), Text("frame_id", name=""))
+
+
+def _vector(path: str, axes: str) -> Fields:
+    return tuple(Numbers(f"{path}.{axis}", 1) for axis in axes)
+
+
 _FOXGLOVE_TRANSFORM: Fields = (
     Stamp("timestamp", is_stamp=False),
-    Text("parent_frame_id", name=""),
-    Text("child_frame_id", name=""),
-    *(Numbers(f"translation.{axis}", 1) for axis in "xyz"),
-    *(Numbers(f"rotation.{axis}", 1) for axis in "xyzw"),
+    Text("parent_frame_id"),
+    Text("child_frame_id"),
+    *_vector("translation", "xyz"),
+    *_vector("rotation", "xyzw"),
 )
 _FOXGLOVE: dict[str, Fields] = {
     "foxglove.FrameTransform": _FOXGLOVE_TRANSFORM,
     "foxglove.FrameTransforms": (Structs("transforms", _FOXGLOVE_TRANSFORM),),
     "foxglove.PoseInFrame": (
-        *_FOXGLOVE_POSE,
-        *(Numbers(f"pose.position.{axis}", 1) for axis in "xyz"),
-        *(Numbers(f"pose.orientation.{axis}", 1) for axis in "xyzw"),
+        Stamp("timestamp", is_stamp=False),
+        Text("frame_id"),
+        *_vector("pose.position", "xyz"),
+        *_vector("pose.orientation", "xyzw"),
     ),
 }
 """Fields of types in JSON whose schema a log may lack."""
@@ -146,9 +149,9 @@ def reading_of(
 
     Args:
         type_name: Without ``/msg/``.
-        encoding: Of the messages.
+        encoding: The encoding of the messages.
         definition: As the log embeds it; empty if it does not.
-        columns: Which of its numbers are joints, if the user says so.
+        columns: The joints that the user names among its numbers.
     """
     known = MESSAGE_TYPES.get(type_name)
     if encoding == "text":
@@ -180,13 +183,13 @@ def _all_fields(type_name: str, encoding: str, definition: str) -> Fields:
 
 
 def _fields(type_name: str, encoding: str, definition: str) -> Fields:
-    if not definition:
-        return _FOXGLOVE.get(type_name, ()) if encoding == "json" else ()
-    try:
-        fields = definitions.fields_of(type_name, encoding, definition)
-    # descriptors of protobuf, which may be damaged or need a package, raise anything
-    except Exception:  # noqa: BLE001
-        return ()
+    fields: Fields = ()
+    if definition:
+        try:
+            fields = definitions.fields_of(type_name, encoding, definition)
+        # descriptors of protobuf, which may be damaged or need a package, raise anything
+        except Exception:  # noqa: BLE001
+            return ()
     return fields or (_FOXGLOVE.get(type_name, ()) if encoding == "json" else ())
 
 
@@ -205,11 +208,11 @@ def _standard(type_name: str, encoding: str) -> str:
 
 @dataclass
 class _Found:
-    """What the fields of a message tell."""
+    """The kinds of a message type, and the fields that are read."""
 
     kinds: dict[Kind, int]
     names: dict[str, str]
-    """Of the fields that are taken, by path."""
+    """Names of the fields that are read, by path."""
     texts: dict[str, str | tuple[str, ...]]
     is_tf: bool = False
 
@@ -228,7 +231,7 @@ def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
     if not found.kinds:
         return None
     stamp = _stamp_of(at)
-    if "frame_id" not in found.names.values() and not isinstance(at.get(stamp), Header):
+    if "frame_id" not in found.names.values():
         frames = (path for path in _FRAMES if isinstance(at.get(path), Text))
         frame = next(frames, "")
         found.names |= {frame: "frame_id"} if frame else {}
@@ -241,20 +244,20 @@ def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
 
 def _found(at: Mapping[str, Field]) -> _Found:
     """The first shape of each kind that fits."""
-    told = _Found({}, {}, {})
+    found = _Found({}, {}, {})
     for shape in _SHAPES:
-        names = None if shape.kind in told.kinds else _fit(shape, at)
+        names = None if shape.kind in found.kinds else _fit(shape, at)
         if names is not None:
-            told.names |= names
-            told.kinds[shape.kind] = shape.rank
-            told.texts |= shape.texts
-            told.is_tf |= shape.is_tf
-    return told
+            found.names |= names
+            found.kinds[shape.kind] = shape.rank
+            found.texts |= shape.texts
+            found.is_tf |= shape.is_tf
+    return found
 
 
 def _stamp_of(at: Mapping[str, Field]) -> str:
     """Path of the stamp; empty if there is none."""
-    return next((path for path in _STAMPS if isinstance(at.get(path), _STAMPED)), "")
+    return next((path for path in _STAMPS if isinstance(at.get(path), Stamp)), "")
 
 
 def _fit(shape: _Shape, at: Mapping[str, Field]) -> dict[str, str] | None:
@@ -276,8 +279,6 @@ def _places(
     """Paths of the fields that hold something; None if they are not there."""
     axes = [f"{path}.{axis}" for axis in _AXES.get(name, "")] if vectors else []
     match at.get(path):
-        case Header() if name == "frame_id":
-            return ()
         case None if axes and all(isinstance(at.get(each), Numbers) for each in axes):
             return axes
         case Text() if name in {"frame_id", "child_frame_id"}:
@@ -314,7 +315,7 @@ def _named(each: Field, names: Mapping[str, str], stamp: str, prefix: str) -> Fi
     """A field with the name under which it is taken, if it is."""
     path = f"{prefix}{each.path}"
     match each:
-        case Header() | Stamp():
+        case Stamp():
             return replace(each, is_stamp=path == stamp)
         case Text() | Texts() | Numbers() | NumberList():
             return replace(each, name=names.get(path, ""))
@@ -326,7 +327,7 @@ def _named(each: Field, names: Mapping[str, str], stamp: str, prefix: str) -> Fi
 
 
 def _with_other_stamp(fields: Fields) -> Fields:
-    """A stamp of a struct of one's own, or a counter of ms, where there is no other."""
+    """Find a stamp in a custom struct, or a counter of ms, if there is no other stamp."""
     for number, (one, two) in enumerate(pairwise(fields)):
         match one, two:
             case Numbers(first, 1, "", "i4" | "u4"), Numbers(second, 1, "", "u4"):
@@ -360,12 +361,12 @@ def _leaves(fields: Sequence[Field], prefix: str = "") -> Iterator[tuple[str, Fi
 def _with_columns(
     known: MessageType | None, fields: Fields, columns: JointColumns, *, is_binary: bool
 ) -> MessageType | None:
-    """Take the joints from where the user says; None if the message has no such numbers.
+    """Read the joints that the user names; None if the message has no such numbers.
 
     Args:
-        known: How the message is read else; what it tells of an IMU stays.
+        known: How the message is read without the user's choice; its IMU stays.
         fields: All of its fields.
-        columns: What the user says.
+        columns: The joints that the user names.
         is_binary: Whether fields have places.
     """
     leaves = dict(_leaves(fields))
@@ -373,7 +374,8 @@ def _with_columns(
         return None
     if known is None or "imu" not in known.kinds:
         stamp = _stamp_of(leaves)
-        plain = tuple(_named(each, {}, stamp, "") for each in fields)
+        names = {"header.frame_id": "frame_id"} if is_binary else {}
+        plain = tuple(_named(each, names, stamp, "") for each in fields)
         plain = plain if stamp else _with_other_stamp(plain)
         known = MessageType({}, plain if is_binary else _in_order(plain, {}), {})
     kept = tuple(_without_joints(each, columns.path, "") for each in known.fields)
@@ -386,7 +388,7 @@ def _with_columns(
 
 
 def _without_joints(each: Field, taken: str, prefix: str) -> Field:
-    """A field that is no joints, unless it is the one that is taken."""
+    """A field that is not read as joints, unless the user means it."""
     path = f"{prefix}{each.path}"
     match each:
         case Structs(_, inner):
@@ -394,6 +396,6 @@ def _without_joints(each: Field, taken: str, prefix: str) -> Field:
             return replace(each, fields=fields)
         case Numbers() | NumberList() if path == taken:
             return replace(each, name="position")
-        case Numbers() | NumberList() | Texts() if each.name in {None, "name", "position"}:
+        case Numbers() | NumberList() | Texts() if each.name in {"name", "position"}:
             return replace(each, name="")
     return each

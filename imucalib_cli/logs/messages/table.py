@@ -30,12 +30,10 @@ Labels = dict[str, str | tuple[str, ...]]
 
 
 @dataclass(frozen=True)
-class Header:
-    """std_msgs/Header: becomes the stamp and the text ``frame_id``."""
+class Sequence:
+    """The counter of a std_msgs/Header, which only ROS 1 has."""
 
-    path: str = "header"
-    is_stamp: bool = True
-    """False for that of a part of the message."""
+    path: str
 
 
 @dataclass(frozen=True)
@@ -44,6 +42,7 @@ class Stamp:
 
     path: str
     is_stamp: bool = True
+    """False for that of a part of the message."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +57,10 @@ class Text:
     """One string."""
 
     path: str
+    name: str = ""
+    """Name of the text; empty if it is skipped."""
     is_name: bool = True
     """Whether it is the name of something, which has no line breaks."""
-    name: str | None = None
-    """Name of the text, if it is not its path; empty if it is skipped."""
-
-    @property
-    def key(self) -> str:
-        """Name of the text; empty if it is skipped."""
-        return self.path if self.name is None else self.name
 
 
 @dataclass(frozen=True)
@@ -74,13 +68,8 @@ class Texts:
     """A sequence of strings."""
 
     path: str
-    name: str | None = None
-    """As of a Text."""
-
-    @property
-    def key(self) -> str:
-        """As of a Text."""
-        return self.path if self.name is None else self.name
+    name: str = ""
+    """Name of the texts; empty if they are skipped."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +122,16 @@ class Repeat:
     fields: tuple[Field, ...]
 
 
-Field = Header | Stamp | Tick | Text | Texts | Numbers | NumberList | Structs | Interfaces | Repeat
+Field = (
+    Sequence | Stamp | Tick | Text | Texts | Numbers | NumberList | Structs | Interfaces | Repeat
+)
+
+
+def header(path: str, name: str = "", *, is_stamp: bool = False) -> tuple[Field, ...]:
+    """The fields of a std_msgs/Header, whose frame id is taken under this name."""
+    prefix = f"{path}." if path else ""
+    stamp = Stamp(f"{prefix}stamp", is_stamp=is_stamp)
+    return Sequence(f"{prefix}seq"), stamp, Text(f"{prefix}frame_id", name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,18 +139,18 @@ class MessageType:
     """The kinds of streams that a message type becomes, and its fields on the wire."""
 
     kinds: Mapping[Kind, int]
-    """And the rank of each: of the topics of a kind those of the lowest rank are meant."""
+    """The kinds with their ranks: by default the topics of the lowest rank of a kind are read."""
     fields: tuple[Field, ...]
     texts: Mapping[str, str | tuple[str, ...]] = field(default_factory=dict)
-    """What its messages do not say: names of the joints, a frame."""
+    """Texts that its messages lack: names of the joints, a frame."""
     spellings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Names that the joints have in the URDFs of several robots; empty for one that is not there"""
+    """Names of the joints in the URDFs of several robots; empty for a joint that is not there."""
     frames: tuple[str, ...] = ()
-    """Names that the IMU's frame has in them."""
+    """Names of the IMU's frame in these URDFs."""
     is_tf: bool = False
-    """Whether each message tells edges of one tree of frames."""
+    """Whether its messages are edges of one tree of frames."""
     columns: JointColumns | None = None
-    """Which of the numbers are joints, if the user says so."""
+    """The joints that the user names among its numbers."""
 
     @property
     def has_ticks(self) -> bool:
@@ -168,31 +166,49 @@ def motors(count: int) -> Mapping[str, str | tuple[str, ...]]:
     return {"frame_id": "", "name": tuple(f"motor{number}" for number in range(count))}
 
 
+def _unread(kind: NumberType, prefix: str = "", **counts: int) -> tuple[Numbers, ...]:
+    """Fields of numbers that are skipped, with the count of each."""
+    return tuple(Numbers(prefix + name, count, "", kind) for name, count in counts.items())
+
+
+_HEADER = header("header", "frame_id", is_stamp=True)
 _TRANSFORM = (
-    Header(),
-    Text("child_frame_id"),
+    *_HEADER,
+    Text("child_frame_id", "child_frame_id"),
     Numbers("transform.translation", 3, "position"),
     Numbers("transform.rotation", 4, "quaternion"),
 )
 _TF = MessageType({"pose": 0}, (Repeat("transforms", _TRANSFORM),), is_tf=True)
 
 
+def _pose(path: str) -> tuple[Field, ...]:
+    """geometry_msgs/Pose."""
+    return (
+        Numbers(f"{path}.position", 3, "position"),
+        Numbers(f"{path}.orientation", 4, "quaternion"),
+    )
+
+
 def _unitree_imu(path: str, temperature: NumberType) -> tuple[Field, ...]:
     """unitree_go/IMUState or unitree_hg/IMUState."""
     return (
-        Numbers(f"{path}quaternion", 4, "", "f4"),
+        *_unread("f4", path, quaternion=4),
         Numbers(f"{path}gyroscope", 3, "gyro", "f4"),
         Numbers(f"{path}accelerometer", 3, "accel", "f4"),
-        Numbers(f"{path}rpy", 3, "", "f4"),
-        Numbers(f"{path}temperature", 1, "", temperature),
+        *_unread("f4", path, rpy=3),
+        *_unread(temperature, path, temperature=1),
     )
+
+
+_MOTOR = (*_unread("u1", mode=1), Numbers("q", 1, "position", "f4"))
+"""The first fields of unitree_go/MotorState and unitree_hg/MotorState."""
 
 
 MESSAGE_TYPES: dict[str, MessageType] = {
     "sensor_msgs/Imu": MessageType(
         {"imu": 0},
         (
-            Header(),
+            *_HEADER,
             Numbers("orientation", 4),
             Numbers("orientation_covariance", 9),
             Numbers("angular_velocity", 3, "gyro"),
@@ -204,8 +220,8 @@ MESSAGE_TYPES: dict[str, MessageType] = {
     "sensor_msgs/JointState": MessageType(
         {"joints": 0},
         (
-            Header(),
-            Texts("name"),
+            *_HEADER,
+            Texts("name", "name"),
             NumberList("position", "position"),
             NumberList("velocity"),
             NumberList("effort"),
@@ -214,30 +230,16 @@ MESSAGE_TYPES: dict[str, MessageType] = {
     "tf2_msgs/TFMessage": _TF,
     "tf/tfMessage": _TF,
     "geometry_msgs/TransformStamped": MessageType({"pose": 0}, _TRANSFORM),
-    "geometry_msgs/PoseStamped": MessageType(
-        {"pose": 0},
-        (
-            Header(),
-            Numbers("pose.position", 3, "position"),
-            Numbers("pose.orientation", 4, "quaternion"),
-        ),
-    ),
+    "geometry_msgs/PoseStamped": MessageType({"pose": 0}, (*_HEADER, *_pose("pose"))),
     "geometry_msgs/PoseWithCovarianceStamped": MessageType(
-        {"pose": 0},
-        (
-            Header(),
-            Numbers("pose.pose.position", 3, "position"),
-            Numbers("pose.pose.orientation", 4, "quaternion"),
-            Numbers("pose.covariance", 36),
-        ),
+        {"pose": 0}, (*_HEADER, *_pose("pose.pose"), Numbers("pose.covariance", 36))
     ),
     "nav_msgs/Odometry": MessageType(
         {"pose": 0},
         (
-            Header(),
-            Text("child_frame_id"),
-            Numbers("pose.pose.position", 3, "position"),
-            Numbers("pose.pose.orientation", 4, "quaternion"),
+            *_HEADER,
+            Text("child_frame_id", "child_frame_id"),
+            *_pose("pose.pose"),
             Numbers("pose.covariance", 36),
             Numbers("twist.twist", 6),
             Numbers("twist.covariance", 36),
@@ -246,41 +248,33 @@ MESSAGE_TYPES: dict[str, MessageType] = {
     "unitree_go/LowState": MessageType(
         {"imu": 0, "joints": 1},
         (
-            Numbers("head", 2, "", "u1"),
-            Numbers("level_flag", 1, "", "u1"),
-            Numbers("frame_reserve", 1, "", "u1"),
-            Numbers("sn", 2, "", "u4"),
-            Numbers("version", 2, "", "u4"),
-            Numbers("bandwidth", 1, "", "u2"),
+            *_unread("u1", head=2, level_flag=1, frame_reserve=1),
+            *_unread("u4", sn=2, version=2),
+            *_unread("u2", bandwidth=1),
             *_unitree_imu("imu_state.", "i1"),
             Structs(
                 "motor_state",
                 (
-                    Numbers("mode", 1, "", "u1"),
-                    Numbers("q", 1, "position", "f4"),
-                    *(Numbers(name, 1, "", "f4") for name in ("dq", "ddq", "tau_est")),
-                    *(Numbers(name, 1, "", "f4") for name in ("q_raw", "dq_raw", "ddq_raw")),
-                    Numbers("temperature", 1, "", "i1"),
-                    Numbers("lost", 1, "", "u4"),
-                    Numbers("reserve", 2, "", "u4"),
+                    *_MOTOR,
+                    *_unread("f4", dq=1, ddq=1, tau_est=1, q_raw=1, dq_raw=1, ddq_raw=1),
+                    *_unread("i1", temperature=1),
+                    *_unread("u4", lost=1, reserve=2),
                 ),
                 20,
             ),
-            Numbers("bms_state.version_high", 4, "", "u1"),
-            Numbers("bms_state.current", 1, "", "i4"),
-            Numbers("bms_state.cycle", 1, "", "u2"),
-            Numbers("bms_state.bq_ntc", 4, "", "i1"),
-            Numbers("bms_state.cell_vol", 15, "", "u2"),
-            Numbers("foot_force", 4, "", "i2"),
-            Numbers("foot_force_est", 4, "", "i2"),
+            *_unread("u1", "bms_state.", version_high=4),
+            *_unread("i4", "bms_state.", current=1),
+            *_unread("u2", "bms_state.", cycle=1),
+            *_unread("i1", "bms_state.", bq_ntc=4),
+            *_unread("u2", "bms_state.", cell_vol=15),
+            *_unread("i2", foot_force=4, foot_force_est=4),
             Tick("tick"),
-            Numbers("wireless_remote", 40, "", "u1"),
-            Numbers("bit_flag", 1, "", "u1"),
-            Numbers("adc_reel", 1, "", "f4"),
-            Numbers("temperature_ntc1", 2, "", "i1"),
-            Numbers("power_v", 2, "", "f4"),
-            Numbers("fan_frequency", 4, "", "u2"),
-            Numbers("reserve", 2, "", "u4"),
+            *_unread("u1", wireless_remote=40, bit_flag=1),
+            *_unread("f4", adc_reel=1),
+            *_unread("i1", temperature_ntc1=2),
+            *_unread("f4", power_v=2),
+            *_unread("u2", fan_frequency=4),
+            *_unread("u4", reserve=2),
         ),
         motors(20),
         spellings=JOINTS_GO,
@@ -289,27 +283,23 @@ MESSAGE_TYPES: dict[str, MessageType] = {
     "unitree_hg/LowState": MessageType(
         {"imu": 0, "joints": 1},
         (
-            Numbers("version", 2, "", "u4"),
-            Numbers("mode_pr", 2, "", "u1"),
+            *_unread("u4", version=2),
+            *_unread("u1", mode_pr=2),
             Tick("tick"),
             *_unitree_imu("imu_state.", "i2"),
             Structs(
                 "motor_state",
                 (
-                    Numbers("mode", 1, "", "u1"),
-                    Numbers("q", 1, "position", "f4"),
-                    *(Numbers(name, 1, "", "f4") for name in ("dq", "ddq", "tau_est")),
-                    Numbers("temperature", 2, "", "i2"),
-                    Numbers("vol", 1, "", "f4"),
-                    Numbers("sensor", 2, "", "u4"),
-                    Numbers("motorstate", 1, "", "u4"),
-                    Numbers("reserve", 4, "", "u4"),
+                    *_MOTOR,
+                    *_unread("f4", dq=1, ddq=1, tau_est=1),
+                    *_unread("i2", temperature=2),
+                    *_unread("f4", vol=1),
+                    *_unread("u4", sensor=2, motorstate=1, reserve=4),
                 ),
                 35,
             ),
-            Numbers("wireless_remote", 40, "", "u1"),
-            Numbers("reserve", 4, "", "u4"),
-            Numbers("crc", 1, "", "u4"),
+            *_unread("u1", wireless_remote=40),
+            *_unread("u4", reserve=4, crc=1),
         ),
         motors(35),
         spellings=JOINTS_HG,
@@ -318,7 +308,7 @@ MESSAGE_TYPES: dict[str, MessageType] = {
     "unitree_go/IMUState": MessageType({"imu": 0}, _unitree_imu("", "i1"), _NO_FRAME, frames=TRUNK),
     "unitree_hg/IMUState": MessageType({"imu": 0}, _unitree_imu("", "i2"), _NO_FRAME, frames=TORSO),
     # such as a robot's URDF
-    "std_msgs/String": MessageType({"text": 0}, (Text("data", is_name=False),)),
+    "std_msgs/String": MessageType({"text": 0}, (Text("data", "data", is_name=False),)),
 }
 
 

@@ -44,9 +44,9 @@ _H2 = (
 _H1_2 = (*_sided("left", *_H1_2_LEG), *_sided("right", *_H1_2_LEG), "torso_joint", *_BOTH_ARMS)
 
 JOINTS_GO = {"Go2": _DOGS, "Go2W": (*_DOGS, *_WHEELS), "H1": _H1}
-"""Of unitree_go, by robot: in the order of the motors, empty for one that is not used."""
+"""Joints of unitree_go by robot, in the order of the motors; empty for an unused motor."""
 JOINTS_HG = {"G1": _G1, "H1_2": _H1_2, "H2": _H2}
-"""Of unitree_hg."""
+"""Joints of unitree_hg, likewise."""
 TRUNK = ("imu", "imu_link")
 """Links of the IMU of unitree_go: of Go2, of H1 and B2."""
 PELVIS = ("imu_in_pelvis", "imu_link")

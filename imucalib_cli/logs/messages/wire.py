@@ -132,26 +132,23 @@ class _Shape:
     def _labels(self, each: messages.Field, place: _Place) -> None:
         """Stamps and texts."""
         match each:
-            case messages.Header(_, is_stamp):
-                self._at = self._aligned(4) + (4 if self.ros1 else 0)
-                self._stamp(place, is_stamp=is_stamp)
-                frame = self._text("frame_id" if is_stamp else "")
-                if is_stamp:
-                    place.texts["frame_id"] = frame
+            case messages.Sequence() if self.ros1:
+                self._move(4)
             case messages.Stamp(_, is_stamp):
-                self._stamp(place, is_stamp=is_stamp)
+                self._at = self._aligned(4)
+                if is_stamp:
+                    place.stamp = self._at
+                self._move(8)
             case messages.Tick():
                 place.tick = self._at = self._aligned(4)
                 self._move(4)
-            case messages.Text(_, is_name):
-                text = self._text(each.key, is_name=is_name)
-                if each.key:
-                    place.texts[each.key] = text
-            case messages.Texts():
+            case messages.Text(_, name, is_name):
+                text = self._text(name, is_name=is_name)
+                place.texts |= {name: text} if name else {}
+            case messages.Texts(_, name):
                 # A string takes at least its length field, which bounds the count.
-                texts = tuple(self._text(each.key) for _ in range(self._count(4)))
-                if each.key:
-                    place.texts[each.key] = texts
+                texts = tuple(self._text(name) for _ in range(self._count(4)))
+                place.texts |= {name: texts} if name else {}
 
     def _structs(self, each: messages.Field, place: _Place) -> None:
         match each:
@@ -164,12 +161,6 @@ class _Shape:
                 for _ in range(self._count(_LEAST_ELEMENT)):
                     self.places.append(_Place({**self._texts}))
                     self._fields(inner, self.places[-1])
-
-    def _stamp(self, place: _Place, *, is_stamp: bool) -> None:
-        self._at = self._aligned(4)
-        if is_stamp:
-            place.stamp = self._at
-        self._move(8)
 
     def _interfaces(self, place: _Place) -> None:
         measured = []
@@ -219,7 +210,7 @@ class _Shape:
         return count
 
     def _text(self, key: str, *, is_name: bool = True) -> str:
-        """One string; of one that is skipped the length decides, and what it says does not."""
+        """One string; the content of a skipped one does not decide, only its length."""
         size = self._count(1)
         start = self._at
         self._move(size)

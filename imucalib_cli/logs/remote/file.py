@@ -43,7 +43,7 @@ _KEPT, _MOST_KEPT = 2 * _BATCH, 16 * _AT_ONCE
 
 
 class RemoteFile:
-    """A file behind a URL, with what readers use of a path.
+    """A file behind a URL, with the methods of a path that readers use.
 
     Its text shows neither user and password nor a query, where signatures are: so no message and
     no result can.
@@ -51,7 +51,7 @@ class RemoteFile:
     Attributes:
         address: The URL as the user gave it.
         name: Its last part.
-        traffic: What has been read so far.
+        traffic: Bytes and requests so far.
         copy: The temporary file it has been downloaded to, if it had to be.
     """
 
@@ -92,12 +92,12 @@ class RemoteFile:
 
     @property
     def version(self) -> str:
-        """Entity tag, or time of the last change; empty where the server tells none."""
+        """Entity tag, or time of the last change; empty if the server sends neither."""
         return self._store.version
 
     @property
     def account(self) -> str:
-        """What has been read of it, in words."""
+        """Its traffic in words."""
         read = self.traffic
         of = "" if self.size is None else f" of {in_bytes(self.size)}"
         repeats = f", {read.repeats} of them repeated" if read.repeats else ""
@@ -110,14 +110,14 @@ class RemoteFile:
 
         Raises:
             InputError: The file cannot be read.
-            NoRangesError: The server gives no parts of it.
+            NoRangesError: The server does not send parts of it.
         """
         data = self._fetch([(0, size)], self._received)[0]
         self._kept[0] = data
         return data
 
     def open(self, mode: str = "rb", buffering: int = -1) -> BinaryIO:  # noqa: ARG002 - as a path
-        """A file to be read here and there; closing it frees what was kept in memory.
+        """Open it for random access; closing frees the parts kept in memory.
 
         Every read raises InputError where the server fails.
         """
@@ -125,7 +125,7 @@ class RemoteFile:
         return cast("BinaryIO", io.BufferedReader(raw) if buffering else raw)
 
     def read_bytes(self, most: int) -> bytes:
-        """All of a small file, or as much of it as is allowed.
+        """The whole of a small file, or its first ``most`` bytes.
 
         Raises:
             InputError: The file cannot be read.
@@ -152,17 +152,9 @@ class RemoteFile:
             folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
         self._discard = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.copy = folder / self.name
-        done = 0
-
-        def received(count: int) -> None:
-            nonlocal done
-            done += count
-            if self.size:
-                progress(min(done / self.size, 1.0))
-
         try:
             with self._on_disk(), self.copy.open("wb") as file:
-                self._copy_to(file, received)
+                self._copy_to(file, _counting(lambda: self.size, progress))
         except BaseException:
             self.discard()
             raise
@@ -170,7 +162,7 @@ class RemoteFile:
 
     @contextmanager
     def _on_disk(self) -> Iterator[None]:
-        """What the disk has against a temporary file, as an InputError."""
+        """Turn an error of the disk with a temporary file into an InputError."""
         try:
             yield
         except OSError as error:
@@ -185,30 +177,24 @@ class RemoteFile:
         self._discard()
         self.copy = None
 
-    def see_unchanged(self) -> None:
-        """See that what has been read is of one version of the file.
+    def check_unchanged(self) -> None:
+        """Check that the file did not change while it was read.
 
         Raises:
-            InputError: It is not.
+            InputError: It did.
         """
-        self._named(self._store.see_unchanged)
+        self._named(self._store.check_unchanged)
 
     def expect(self, spans: Iterable[Span], progress: Callable[[float], None]) -> None:
         """Announce what will be read: neighbours are then read together, and some at once.
 
         Args:
-            spans: Which are read from the front of the file to its end.
-            progress: Called with the share of it that has been read, 0 to 1.
+            spans: Start and end of each part, which are read in the order of the file.
+            progress: Called with the share that has been read, 0 to 1.
         """
         self._plan = list(_parts(_joined(spans, self.size or 0)))
-        total, done = sum(stop - start for start, stop in self._plan) or 1, 0
-
-        def received(count: int) -> None:
-            nonlocal done
-            done += count
-            progress(min(done / total, 1.0))
-
-        self._received = received
+        total = sum(stop - start for start, stop in self._plan) or 1
+        self._received = _counting(lambda: total, progress)
 
     def read_into(self, at: int, buffer: memoryview) -> int:
         """Fill a buffer from a position on; fewer bytes only at the end of the file.
@@ -228,7 +214,7 @@ class RemoteFile:
         return max(0, done - at)
 
     def forget(self) -> None:
-        """Free what is kept in memory."""
+        """Free the parts kept in memory."""
         self._kept.clear()
         self._plan.clear()
         self._received = lambda _: None
@@ -246,7 +232,7 @@ class RemoteFile:
         return self._named(lambda: kind(self.address, self.traffic))
 
     def _part_with(self, at: int, stop: int) -> tuple[int, bytes]:
-        """The kept part with a position, which is read if it has to be, and where it begins."""
+        """The part with a position, read if it is not kept, and its start."""
         for start, data in self._kept.items():
             if start <= at < start + len(data):
                 return start, data
@@ -277,7 +263,7 @@ class RemoteFile:
         return number if number >= 0 and at < self._plan[number][1] else None
 
     def _missing(self, at: int, stop: int) -> list[Span]:
-        """What to read for a position: as announced from there on, or what is asked for."""
+        """The parts to read for a position: the announced ones from there on, or up to ``stop``."""
         number = self._announced(at)
         if number is not None:
             following = self._plan[number + 1 : number + _AT_ONCE]
@@ -303,7 +289,7 @@ class RemoteFile:
             raise
 
     def _named(self, read: Callable[[], _T]) -> _T:
-        """What a read gives; its error in one line that begins with the file's name."""
+        """The result of a read; an error becomes one line that begins with the file's name."""
         try:
             return read()
         except RemoteError as error:
@@ -342,14 +328,14 @@ class RangedReader(io.RawIOBase):
         return got
 
     def close(self) -> None:
-        """Free what is kept in memory."""
+        """Free the parts kept in memory."""
         self.file.forget()
         super().close()
 
 
 @contextmanager
 def without_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[RemoteFile]]:
-    """Those of some files that are remote; temporary copies of them are removed in the end."""
+    """The remote ones among some files; their temporary copies are removed at the end."""
     remote = [each for each in files if isinstance(each, RemoteFile)]
     try:
         yield remote
@@ -359,7 +345,7 @@ def without_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[R
 
 
 def path_or_url(text: str) -> Path | RemoteFile:
-    """What a user names: a path, or a file behind a URL."""
+    """The path or the file behind a URL that a user names."""
     if not is_url(text):
         return Path(text)
     if protocol_of(text) == "file":
@@ -379,7 +365,7 @@ def announce(file: BinaryIO, spans: Iterable[Span], progress: Progress) -> Progr
         progress: Called with the share that has been read, 0 to 1, of a remote file.
 
     Returns:
-        What is left to be called by who reads the parts: nothing for a remote file.
+        The progress that the caller still has to report: none for a remote file.
     """
     raw = getattr(file, "raw", file)
     if not isinstance(raw, RangedReader):
@@ -394,6 +380,20 @@ def in_bytes(count: int) -> str:
         if count >= size:
             return f"{count / size:.1f} {unit}"
     return f"{count} bytes"
+
+
+def _counting(total: Callable[[], int | None], progress: Progress) -> Received:
+    """Report the share of the bytes that have been received, if their total is known."""
+    done = 0
+
+    def received(count: int) -> None:
+        nonlocal done
+        done += count
+        size = total()
+        if size:
+            progress(min(done / size, 1.0))
+
+    return received
 
 
 def _joined(spans: Iterable[Span], size: int) -> list[Span]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 CONNECT_S, SILENCE_S, REQUEST_S = 10.0, 30.0, 300.0
 """s: time-outs of connecting, of waiting for the next byte, and of one request for a range."""
 TRIES = 4
-"""Of each range; what an earlier one received is kept."""
+"""Of each range; a further try continues where the last one ended."""
 _PAUSE_S = 0.5
 """s before the second try; doubled before each further one."""
 _RANGE = re.compile(r"bytes (?:(\d+)-\d+|\*)/(\d+)")
@@ -37,42 +37,37 @@ class _BusyError(Exception):
     """The server may answer later."""
 
 
-_FINAL: tuple[tuple[type[Exception], str], ...] = (
-    (
-        aiohttp.ClientConnectorCertificateError,
-        "cannot be read: the server's certificate is not valid: check URL and SSL_CERT_FILE",
+_FINAL: dict[type[Exception], str] = {
+    aiohttp.ClientConnectorCertificateError: (
+        "cannot be read: the server's certificate is not valid: check URL and SSL_CERT_FILE"
     ),
-    (
-        aiohttp.ClientSSLError,
-        "cannot be read: the server does not speak TLS there: check the port, or use http://",
+    aiohttp.ClientSSLError: (
+        "cannot be read: the server does not speak TLS there: check the port, or use http://"
     ),
-    (
-        aiohttp.ClientConnectorDNSError,
-        "cannot be read: there is no such host: check its name and the network",
+    aiohttp.ClientConnectorDNSError: (
+        "cannot be read: there is no such host: check its name and the network"
     ),
-    (
-        aiohttp.ClientConnectorError,
-        "cannot be read: the server cannot be reached: check host, port and network",
+    aiohttp.ClientConnectorError: (
+        "cannot be read: the server cannot be reached: check host, port and network"
     ),
-    (aiohttp.InvalidURL, "is no URL that can be read: check it"),
-    (aiohttp.TooManyRedirects, "cannot be read: the server redirects without end: check the URL"),
-)
-"""Errors that another try does not help, the particular ones first."""
-_PASSING: tuple[tuple[type[Exception], str], ...] = (
-    (aiohttp.ConnectionTimeoutError, f"the server did not answer within {CONNECT_S:g} s"),
-    (aiohttp.ServerTimeoutError, f"the server sent nothing for {SILENCE_S:g} s"),
-    (asyncio.TimeoutError, f"a request took longer than {REQUEST_S:g} s"),
-    (_BusyError, "the server answers {}"),
-    (aiohttp.ClientError, "the connection broke off"),
-)
-"""Errors that may pass, likewise."""
+    aiohttp.InvalidURL: "is no URL that can be read: check it",
+    aiohttp.TooManyRedirects: ("cannot be read: the server redirects without end: check the URL"),
+}
+"""Errors that another try does not solve; subclasses come first."""
+_PASSING: dict[type[Exception], str] = {
+    aiohttp.ConnectionTimeoutError: f"the server did not answer within {CONNECT_S:g} s",
+    aiohttp.ServerTimeoutError: f"the server sent nothing for {SILENCE_S:g} s",
+    asyncio.TimeoutError: f"a request took longer than {REQUEST_S:g} s",
+    _BusyError: "the server answers {}",
+    aiohttp.ClientError: "the connection broke off",
+}
+"""Errors that may pass; subclasses come first."""
 
 
 class HttpStore:
     """See :class:`~imucalib_cli.logs.remote.store.Store`.
 
-    fsspec brings the session and what the user configured for it; proxies are those of the
-    environment.
+    fsspec brings the session and its configuration by the user; proxies come from the environment.
     """
 
     def __init__(self, address: str, traffic: Traffic) -> None:
@@ -98,7 +93,7 @@ class HttpStore:
         """See :class:`~imucalib_cli.logs.remote.store.Store`."""
         sync(self._fs.loop, self._repeat, lambda: self._whole(target, received))
 
-    def see_unchanged(self) -> None:
+    def check_unchanged(self) -> None:
         """Nothing: every answer has been compared with the first."""
 
     async def _ranges(self, spans: Sequence[Span], received: Received) -> list[bytes]:
@@ -127,18 +122,18 @@ class HttpStore:
                 await asyncio.sleep(_PAUSE_S * 2 ** (number - 1))
             try:
                 return await once()
-            except tuple(kind for kind, _ in (*_FINAL, *_PASSING)) as error:
+            except (*_FINAL, *_PASSING) as error:
                 if final := _words(error, _FINAL):
                     raise RemoteError(final) from None
                 reason = _words(error, _PASSING)
         raise RemoteError(f"cannot be read: {reason}, {TRIES} times in a row: try again later")
 
     async def _take(self, start: int, stop: int, data: bytearray, received: Received) -> None:
-        """Append what is left of a range."""
+        """Append the missing bytes of a range."""
         start += len(data)
         headers = {"Range": f"bytes={start}-{stop - 1}"}
         async with self._answer(headers, REQUEST_S) as answer:
-            left = min(stop, self._see_range(answer, start)) - start
+            left = min(stop, self._check_range(answer, start)) - start
             if left <= 0:  # of an empty file
                 return
             async for block in answer.content.iter_any():
@@ -146,7 +141,7 @@ class HttpStore:
                 left -= len(block)
                 self._traffic.bytes += len(block)
                 received(len(block))
-                if left <= 0:  # whatever more the server promised
+                if left <= 0:  # even if the server promised more
                     break
         if left < 0:
             raise RemoteError("cannot be read: the server sends more than it was asked for")
@@ -154,11 +149,11 @@ class HttpStore:
             raise aiohttp.ClientPayloadError
 
     async def _whole(self, target: BinaryIO, received: Received) -> None:
-        received(-target.tell())  # what a request that broke off brought
+        received(-target.tell())  # bytes of a request that broke off
         target.seek(0)
         target.truncate()
         async with self._answer({}, None) as answer:
-            _see_found(answer)
+            _check_found(answer)
             self.size = answer.content_length
             self.version = _version(answer)
             async for block in answer.content.iter_any():
@@ -173,22 +168,22 @@ class HttpStore:
         self._traffic.requests += 1
         session = await self._fs.set_session()
         own = self._fs.kwargs
-        # what is compressed on its way has no ranges
+        # a compressed answer has no ranges
         headers = {**own.get("headers", {}), "Accept-Encoding": "identity", **headers}
         timeout = aiohttp.ClientTimeout(total=seconds, sock_connect=CONNECT_S, sock_read=SILENCE_S)
         given = {**own, "headers": headers, "timeout": timeout}
         async with session.get(self._url, **given) as answer:
             yield answer
 
-    def _see_range(self, answer: aiohttp.ClientResponse, start: int) -> int:
-        """See that an answer holds the range that begins there; the size of the file.
+    def _check_range(self, answer: aiohttp.ClientResponse, start: int) -> int:
+        """Check that an answer holds the range from ``start`` on; return the size of the file.
 
         Raises:
             NoRangesError: It is the whole file.
             RemoteError, _BusyError: There is no such file, or it is another one by now.
         """
         if answer.status != HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
-            _see_found(answer)
+            _check_found(answer)
         found = _RANGE.fullmatch(answer.headers.get("Content-Range", ""))
         is_plain = answer.headers.get("Content-Encoding", "identity") == "identity"
         if answer.status == HTTPStatus.OK or found is None or not is_plain:
@@ -204,8 +199,8 @@ class HttpStore:
         return size
 
 
-def _see_found(answer: aiohttp.ClientResponse) -> None:
-    """See that the server gives the file.
+def _check_found(answer: aiohttp.ClientResponse) -> None:
+    """Check that the server sends the file.
 
     Raises:
         RemoteError, _BusyError: It does not.
@@ -229,7 +224,7 @@ def _version(answer: aiohttp.ClientResponse) -> str:
     return headers.get("ETag") or headers.get("Last-Modified") or ""
 
 
-def _words(error: Exception, known: Sequence[tuple[type[Exception], str]]) -> str:
-    """What is said of an error; never its own text, which may hold the URL with its secrets."""
-    said = next((words for kind, words in known if isinstance(error, kind)), "")
+def _words(error: Exception, known: dict[type[Exception], str]) -> str:
+    """Words for an error; never its own text, which may hold the URL with its secrets."""
+    said = next((words for kind, words in known.items() if isinstance(error, kind)), "")
     return said.format(error) if isinstance(error, _BusyError) else said

@@ -33,10 +33,10 @@ class NoRangesError(Exception):
 
 @dataclass
 class Traffic:
-    """What has been read over the network."""
+    """Amounts read over the network."""
 
     bytes: int = 0
-    """Of content; headers and what lies below HTTP are not counted."""
+    """Of content, without headers and lower protocols."""
     requests: int = 0
     repeats: int = 0
     """Requests that had to be repeated."""
@@ -58,18 +58,18 @@ class Store(Protocol):
         """Read parts of the file, at once where the file system can do that.
 
         Raises:
-            NoRangesError: It gives no parts.
+            NoRangesError: The server sends only the whole file.
         """
 
     def copy_to(self, target: BinaryIO, received: Received) -> None:
         """Read the whole file from front to back."""
 
-    def see_unchanged(self) -> None:
-        """See that the file is still the one that was opened."""
+    def check_unchanged(self) -> None:
+        """Check that the file is still the one that was opened."""
 
 
 class AnyStore:
-    """A file of any file system but HTTP's, with that one's own time-outs and repetitions."""
+    """A file of any file system but HTTP's, with its own time-outs and repetitions."""
 
     def __init__(self, address: str, traffic: Traffic) -> None:
         from fsspec.core import url_to_fs
@@ -92,7 +92,7 @@ class AnyStore:
             raise NoRangesError
         starts, ends = [start for start, _ in spans], [min(stop, self.size) for _, stop in spans]
         self._traffic.requests += len(spans)
-        found: list[bytes] = _in_our_words(
+        found: list[bytes] = _translated(
             lambda: self._fs.cat_ranges([self._path] * len(spans), starts, ends, on_error="raise")
         )
         for data, start, end in zip(found, starts, ends, strict=True):
@@ -108,16 +108,16 @@ class AnyStore:
             target.write(data)
             self._count(len(data), received)
 
-    def see_unchanged(self) -> None:
+    def check_unchanged(self) -> None:
         """See :class:`Store`."""
         self._fs.invalidate_cache()
         if self._identity() != (self.size, self.version):
             raise RemoteError(CHANGED)
 
     def _blocks(self) -> Iterator[bytes]:
-        file = _in_our_words(lambda: self._fs.open(self._path, "rb"))
+        file = _translated(lambda: self._fs.open(self._path, "rb"))
         with file:
-            while data := _in_our_words(lambda: file.read(_STEP)):
+            while data := _translated(lambda: file.read(_STEP)):
                 yield data
 
     def _count(self, size: int, received: Received) -> None:
@@ -126,7 +126,7 @@ class AnyStore:
 
     def _identity(self) -> tuple[int | None, str]:
         self._traffic.requests += 1
-        info = _in_our_words(lambda: self._fs.info(self._path))
+        info = _translated(lambda: self._fs.info(self._path))
         if info.get("type") == "directory":
             raise RemoteError("is a folder: name its .mcap or .bag files one by one")
         version = next((str(info[key]) for key in _VERSIONS if info.get(key)), "")
@@ -136,8 +136,8 @@ class AnyStore:
 CHANGED = "changed while it was read: try again when nothing writes to it any more"
 
 
-def _in_our_words(read: Callable[[], Any]) -> Any:
-    """What a file system gives.
+def _translated(read: Callable[[], Any]) -> Any:
+    """The result of a call of a file system.
 
     Raises:
         RemoteError: It fails; each file system raises exceptions of its own.

@@ -19,7 +19,7 @@ def is_url(text: str) -> bool:
 
 
 def protocol_of(url: str) -> str:
-    """Of the first file system of a chain, in small letters."""
+    """The protocol of the first file system of a chain, in small letters."""
     return re.split(r"::|://", url, maxsplit=1)[0].lower()
 
 
