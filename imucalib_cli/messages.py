@@ -1,7 +1,7 @@
-"""What every finding says: one table from its code to a template of sentences.py, or a function.
+"""The words of every finding: a table from its code to a template of sentences.py or a function.
 
 A message is one line in plain English: the cause, the numbers with their units, the remedy. It
-begins with the file, topic or stream that it is about. ``±`` is one standard deviation.
+begins with its file, topic or stream. ``±`` is one standard deviation.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _ROTATION = (
     "{rotation_axis} of {parent}"
 )
 MESSAGES: dict[str, str | Callable[..., str]] = {
-    # As it is, for words may carry more than their letters.
+    # A text without a code.
     "text": "{text}",
     # The recording and its files.
     "log.cut_short": "{file}: the {what} is cut short or damaged at byte {byte} of {size}: what "
@@ -83,7 +83,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "are left out",
     "log.files_overlap": "{first} and {second} overlap by {seconds:.3g} s: if they are two "
     "recordings, name each alone",
-    # What messages hold.
+    # Contents of messages.
     "imu.frames_mixed": "{topic}: {count} messages in other frames ({others:quoted}) than "
     "{frame:quoted} are left out",
     "imu.joined": "{gyro}: one IMU with the accelerometer of {accel}; {slow} is interpolated onto "
@@ -233,7 +233,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "in the IMU, where the pose of the IMU in the parent belongs: inverted it is "
     "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} off the pose found, as it stands "
     "{distance:mm.3g} and {angle:deg.3g}",
-    # What was asked of a result, and two results.
+    # Requirements of a result, and two results.
     "require.sigma": "--require asks for [" + _TRANSLATION + "]"
     "[translation_axis?; and for " + _ROTATION + "][translation_axis=?" + _ROTATION + "]: "
     "[remedy=motion?record the motion that determines it]"
@@ -284,7 +284,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
     "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
     "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",
-    # What a fit shows.
+    # The fit.
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation is left over): is this the right parent link, URDF and joint topic[, or do "
     "the clocks differ by more than {max_offset:g} s (--max-offset)]?",
