@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.sentences import (
     CAUSES,
     cause,
-    implausible,
     publishers,
-    stated,
     unknown_found,
     unusual_bias,
 )
@@ -331,11 +329,14 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{seconds:.0f} ± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming "
     "up; " + _ONE_SIDE,
     "unknown.found": unknown_found,
-    "unknown.implausible": implausible,
+    "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
+    "sensor has ({limit:in unit}): [other?not so by a window of {other:.2g} s (try --window), "
+    "vibration may look like that][other=?{name:cure}]",
     "robot.joints_still": "{joints:list} do not move in this log: their zeros and lengths cannot "
     "be told from the mount, and put {translation:mm.2g} and {rotation:deg.2g} into sigma; move "
     "them too, or say --robot exact or --robot DEG,MM",
-    "prior.contradicted": stated,
+    "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
+    "from what is stated; leave the option out, or measure again",
     "prior.untested": "the log says nothing on {components:list} beyond what was told by --fix or "
     "--prior-std: it neither confirms nor contradicts it",
     "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "

@@ -4,6 +4,8 @@
 - ``{name:mm.3g}`` is a value in m, shown as ``4.12 mm``; likewise deg (of rad), ms and µs (of s).
 - ``{name:± other}`` is a value with its 1 sigma, which is the value ``other``, to the digits that
   sigma earns; ``{name:mm± other}`` is the same in mm, without sigma where that is missing.
+- ``{name:in unit std}`` is a value with the unit and 1 sigma in these other values, in the unit
+  that people use; ``{name:in unit}`` has no sigma.
 - ``{name:fig3}`` is a number to three significant figures.
 - ``{name:list}`` joins a tuple by commas, ``{name:list.4g}`` also formats its numbers; ``spaced``
   puts blanks between letters, ``quoted`` quotes each element.
@@ -84,6 +86,11 @@ _FORMS: dict[str, Callable[[Any], str]] = {
         "accelerometer": "point up at rest",
         "gyroscope": "be right-handed",
     }.__getitem__,
+    "cure": lambda name: (
+        "it hangs elsewhere in each pose; stiffen the mount, or record slower motion"
+        if name == "mount_give"
+        else "check units, ranges, axes and the URDF"
+    ),
 }
 _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "±": with_std,
@@ -139,6 +146,9 @@ def _shown(value: Any, spec: str, values: Mapping[str, Any]) -> str:
         text = _FORMS[spec](value)
     elif form in _OF_TWO:
         text = _OF_TWO[form](value, values[other])
+    elif form == "in":
+        unit, *std = other.split()
+        text = _quantity(values[unit], value, *(values[each] for each in std))
     elif spec.startswith("list"):
         text = ", ".join(e if isinstance(e, str) else f"{e + 0.0:{spec[4:]}}" for e in value)
     elif spec.startswith("fig"):
@@ -164,9 +174,9 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
     "1": (100.0, "%"),
     "m/(m/s²)": (1e3 * 9.80665, "mm for each g"),
 }
-"""Units of the table of unknowns, as people write them: factor and name; others stay."""
+"""Units of the table of unknowns as people write them: factor and name; other units stay."""
 _OF_BASE: Final = "base_"
-"""Before the name of an unknown of the base IMU, where the other IMU has the same."""
+"""Prefix of unknowns of the base IMU that the other IMU has too."""
 _REMEDIES: dict[str, str] = {
     "clock_drift": "synchronise the clocks",
     "gyro_delay": "give both sensors the same bandwidth, or expect the same delay in use",
@@ -186,15 +196,12 @@ _REMEDIES: dict[str, str] = {
     "rotation": "measure it on the robot before the URDF is edited",
     "pose_scale": "calibrate the tracker",
 }
-_CURES: dict[str, str] = {
-    "mount_give": "it hangs elsewhere in each pose; stiffen the mount, or record slower motion",
-}
-"""Where a value is larger than it can be; others are wrong units, ranges, axes or lengths."""
 
 
-def _quantity(unit: str, label: str, value: float, std: float) -> str:
+def _quantity(unit: str, value: float, std: float | None = None) -> str:
     factor, name = _QUANTITIES.get(unit, (1.0, unit))
-    return f"{label} {with_std(value * factor, std * factor)} {name}".strip()
+    size = value * factor
+    return f"{f'{size:.3g}' if std is None else with_std(size, std * factor)} {name}"
 
 
 def unknown_found(
@@ -210,7 +217,7 @@ def unknown_found(
     rotation: float,
     like: str = "",
 ) -> str:
-    """An unknown that stands clear of its sigma."""
+    """An unknown that is significant, and has been corrected."""
     of_base, name = name.startswith(_OF_BASE), name.removeprefix(_OF_BASE)
     if name == "clock_drift":
         gain = with_std(abs(values[0]) * 1e6, stds[0] * 1e6)
@@ -221,7 +228,7 @@ def unknown_found(
             "synchronise the clocks"
         )
     what = ", ".join(
-        _quantity(unit, label, value, std)
+        f"{label} {_quantity(unit, value, std)}".strip()
         for label, value, std in zip(labels, values, stds, strict=True)
     )
     remedy = _REMEDIES.get(name, "")
@@ -230,38 +237,6 @@ def unknown_found(
         f"{math.degrees(rotation):.2g} deg"
         f"{f'; it may as well be the {like}, which looks the same' if like else ''}"
         f"{f'; {remedy}' if remedy else ''}"
-    )
-
-
-def implausible(
-    *,
-    name: str,
-    words: str,
-    unit: str,
-    label: str,
-    value: float,
-    std: float,
-    limit: float,
-    other: float | None = None,
-) -> str:
-    """An unknown that is larger than it can be."""
-    factor, unit_name = _QUANTITIES.get(unit, (1.0, unit))
-    remedy = _CURES.get(name, "check units, ranges, axes and the URDF")
-    if other is not None:
-        remedy = f"not so by a window of {other:.2g} s (try --window), vibration may look like that"
-    return (
-        f"{words} {_quantity(unit, label, value, std)}, more than any sound robot or sensor has "
-        f"({limit * factor:.3g} {unit_name}): {remedy}"
-    )
-
-
-def stated(option: str, unit: str, step: float, std: float) -> str:
-    """Something stated that the data contradict."""
-    factor, name = _QUANTITIES.get(unit, (1.0, unit))
-    return (
-        f"the data contradict {option}: left free, it would be "
-        f"{with_std(step * factor, std * factor)} {name} from what is stated; leave the option "
-        "out, or measure again"
     )
 
 
@@ -385,7 +360,7 @@ _DETAILS: dict[str, tuple[str, ...]] = {
     "axes": ("form", "which", "order"),
     "base_imu": ("link", "base"),
 }
-"""What else the words of a kind need, in the order in which a finding has it."""
+"""Further values for the words of a kind, in the order of a finding."""
 _MOST_LISTED = 3
 """Joints named in a sentence about their order."""
 
@@ -433,8 +408,8 @@ def cause(
         unsure = len(names) > 1
     else:
         unsure = len(ties) > 1
-    told = [_clauses(kind, names, sizes, *detail) for kind, names, sizes, detail in ties]
-    causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
+    pairs = [_clauses(kind, names, sizes, *detail) for kind, names, sizes, detail in ties]
+    causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*pairs, strict=True))
     which = ", the log cannot tell which" if unsure else ""
     left = _unexplained(rotation, acceleration, ratio)
     return f"{causes}{which} (that leaves {left}): {remedies}"

@@ -49,7 +49,7 @@ _STYLE = {
 _PANEL = 2.1
 """Inches: height of a panel of a trend."""
 _AXES = (("x", "#0072b2", "o"), ("y", "#d55e00", "s"), ("z", "#009e73", "^"))
-"""Colours of Okabe and Ito; marks tell them apart without colours."""
+"""Colours of Okabe and Ito; the marks differ too."""
 _EDGE = 0.9
 """Share of the margin above and below at which an odd recording beyond it is drawn."""
 _BESIDE = 0.003

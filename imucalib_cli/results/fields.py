@@ -73,8 +73,8 @@ def verdict(result: Result) -> str:
 
 def solved_with(result: Result) -> tuple[str, ...]:
     """Topics of the IMUs that a result was solved together with; empty if there are none."""
-    told = (each.values["others"] for each in _findings(result, "imus.together"))
-    return tuple(str(each) for others in told if isinstance(others, Sequence) for each in others)
+    named = (each.values["others"] for each in _findings(result, "imus.together"))
+    return tuple(str(each) for others in named if isinstance(others, Sequence) for each in others)
 
 
 def _findings(result: Result, code: str) -> list[FindingEntry]:

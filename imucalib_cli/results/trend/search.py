@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
 
 LEAST = 4
-"""Recordings from which a move can be told from a scatter: two before and two after."""
+"""Recordings needed to tell a move from scatter: two before and two after."""
 LEAST_OF_LINE = 6
 """Recordings needed to look for a drift. Four or five determine the scatter about a line so badly
 that one in twenty mounts that stand still seems to drift."""

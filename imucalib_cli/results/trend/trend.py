@@ -55,10 +55,14 @@ class _Seen:
     used: Sequence[Named] = ()
     recordings: Sequence[answers.TrendRecording] = ()
     mounts: Sequence[answers.MountEntry] = ()
-    changes: Sequence[tuple[PoseComparison, answers.ChangeEntry]] = ()
+    changes: Sequence[answers.ChangeEntry] = ()
+    drift: answers.DriftEntry | None = None
+    moves: Sequence[PoseComparison] = ()
+    """Of the changes, or of the drift."""
+    words: str = ""
+    """The moves in words."""
     odd: Mapping[int, tuple[PoseComparison, answers.OddEntry]] = field(default_factory=dict)
-    """By their places."""
-    drift: tuple[PoseComparison, answers.DriftEntry] | None = None
+    """By place."""
     scatter: answers.Scatter | None = None
     chance: float = 1.0
     """Probability that sigma alone explains how much the recordings differ."""
@@ -105,9 +109,9 @@ def trend(
         within=None if within is None else within_entry(within),
         scatter=seen.scatter,
         mounts=list(seen.mounts),
-        changes=[entry for _, entry in seen.changes],
+        changes=list(seen.changes),
         odd=[entry for _, entry in seen.odd.values()],
-        drift=None if seen.drift is None else seen.drift[1],
+        drift=seen.drift,
         recordings=list(seen.recordings),
         left_out=left_out,
         warnings=[each.message for each in warnings],
@@ -158,8 +162,8 @@ def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> 
     """Reasons why a result cannot be used, the first counts."""
     covariance, when = result.uncertain_pose.covariance, result.recorded_at
     if since is not None and (when is None or when < since):
-        told = "when it was recorded is not known" if when is None else instant(when)
-        yield f"before --since: {told}"
+        date = "when it was recorded is not known" if when is None else instant(when)
+        yield f"before --since: {date}"
     if result.diagnostics.combined is not None:
         yield "it is of several recordings together"
     if result.status != "ok":
@@ -174,8 +178,7 @@ def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> 
         yield "its covariance is singular"
     if _held(result) != held:
         names = [name for name, is_held in zip(POSE_NAMES, _held(result), strict=True) if is_held]
-        told = f"--fix holds {', '.join(names)}" if names else "--fix holds nothing of it"
-        yield f"{told}, unlike most of the others"
+        yield f"--fix holds {', '.join(names) or 'nothing of it'}, unlike most of the others"
 
 
 def _held(result: Result) -> tuple[bool, ...]:
@@ -276,11 +279,11 @@ def _steps(
     values, covariances = search.means(series, found.weights, numbers)
     poses = [vectors.pose(*each) for each in zip(values, covariances, strict=True)]
     mounts = [poses[numbers[each[0]]] for each in rows]
-    changes = []
+    changes, moves = [], []
     for k, without in enumerate(search.without_a_change(series, found)):
         (name, last), (next_name, first) = used[rows[k][-1]], used[rows[k + 1][0]]
         apart = compare_poses(mounts[k], mounts[k + 1])
-        entry = answers.ChangeEntry(
+        change = answers.ChangeEntry(
             after=name,
             before=next_name,
             after_start=last.recorded_at,
@@ -290,7 +293,8 @@ def _steps(
             place_probability=plain(search.certainty_of_place(series, found, rows[k], rows[k + 1])),
             other_urdf=_urdf(last) != _urdf(first),
         )
-        changes.append((apart, entry))
+        changes.append(change)
+        moves.append(apart)
     odd = {
         place: _odd(used[place], poses[other], poses[numbers[place]], _evidence(joined, found))
         for place, (other, joined) in search.with_an_odd_one(series, found).items()
@@ -311,6 +315,8 @@ def _steps(
             for row, mount in zip(rows, mounts, strict=True)
         ],
         changes=changes,
+        moves=moves,
+        words="; ".join(map(_change_words, moves, changes)),
         odd=odd,
         scatter=_scatter(found.variances),
         chance=chance_of_more(chi2, series.values.size - series.values.shape[1]),
@@ -350,8 +356,10 @@ def _drifting(
     return _Seen(
         used=used,
         recordings=_recordings(used, poses[0], (), odd),
+        drift=drift,
+        moves=[apart],
+        words=_drift_words(apart, drift),
         odd=odd,
-        drift=(apart, drift),
         scatter=_scatter(found.variances),
     )
 
@@ -365,12 +373,9 @@ def _odd(
     named: Named, usual: UncertainPose, own: UncertainPose, evidence: float
 ) -> tuple[PoseComparison, answers.OddEntry]:
     """An odd recording, and how far it is off the mount around it."""
-    apart = compare_poses(usual, own)
+    apart, (name, result) = compare_poses(usual, own), named
     return apart, answers.OddEntry(
-        file=named[0],
-        start=named[1].recorded_at,
-        **apart.entries(),
-        evidence=evidence,
+        file=name, start=result.recorded_at, **apart.entries(), evidence=evidence
     )
 
 
@@ -408,31 +413,24 @@ def _recordings(
 
 
 def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.Moved, str]:
-    first, last = (
-        _named(name, result.recorded_at) for name, result in (seen.used[0], seen.used[-1])
-    )
+    first, last = (_named(name, each.recorded_at) for name, each in (seen.used[0], seen.used[-1]))
     span = f"{len(seen.used)} recordings, {first} to {last}"
     if seen.odd:
         each = (f"{entry.file} by {apart}" for apart, entry in seen.odd.values())
         span += f", of which odd and left out: {', '.join(each)}"
-    moves = [apart for apart, _ in seen.changes] + ([seen.drift[0]] if seen.drift else [])
     allowed = "" if within is None else f", within {within}"
-    verdicts = {"no" if within is None else each.verdict(within) for each in moves}
-    if seen.drift is not None:
-        said = _drift_words(*seen.drift)
-    else:
-        said = "; ".join(_change_words(*each) for each in seen.changes)
+    verdicts = {"no" if within is None else each.verdict(within) for each in seen.moves}
     if "no" in verdicts:
         moved: answers.Moved = "moved" if seen.drift is None else "drifting"
         how = "has moved" if seen.drift is None else "moves steadily"
-        return moved, f"{place} {how}{allowed}: {said}; {span}"
+        return moved, f"{place} {how}{allowed}: {seen.words}; {span}"
     doubt = _doubt(seen, within)
     if "unknown" in verdicts:
-        doubt = f"{said}, and {within} is allowed" if within else said
+        doubt = f"{seen.words}, and {within} is allowed"
     if doubt:
         return "unknown", f"cannot tell whether {place} has moved{allowed}: {doubt}; {span}"
-    if moves:
-        return "not moved", f"{place} has not moved{allowed}: {said}; {span}"
+    if seen.moves:
+        return "not moved", f"{place} has not moved{allowed}: {seen.words}; {span}"
     return "not moved", f"{place} has not moved: {span}, {_agreement(seen.scatter)}"
 
 
