@@ -113,16 +113,12 @@ def _convert(hint: Any, value: object, where: str) -> Any:
         kinds = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)
         if len(kinds) == len(value):
             return tuple(_convert(k, v, where) for k, v in zip(kinds, value, strict=True))
-    if hint is float and _is_number(value):
-        return float(value)  # type: ignore[arg-type]  # seen to be one
     # bool is an int in Python, but not here
+    if hint is float and type(value) in {int, float} and math.isfinite(value):  # type: ignore[arg-type]
+        return float(value)  # type: ignore[arg-type]
     if (hint in {bool, int, str} and type(value) is hint) or (origin is Literal and value in args):
         return value
     raise InputError(f"{where}: {value!r} does not fit; see configs/ for an example")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _configs() -> Traversable:

@@ -46,9 +46,9 @@ class JointOrigin:
     """A joint's name and its new origin."""
 
     joint: str
-    xyz: tuple[float, float, float]
+    xyz: tuple[float, ...]
     """m, in the joint's parent link."""
-    rpy: tuple[float, float, float]
+    rpy: tuple[float, ...]
     """rad, URDF convention: Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
@@ -92,7 +92,7 @@ def joint_for(
 
 def joint_origin(joint: str, R: Floats, p: Floats) -> JointOrigin:
     """The origin of a joint: R (3, 3) and p (3,), m, in its parent link."""
-    return JointOrigin(joint=joint, xyz=_triple(p), rpy=_triple(rpy_from_matrix(R)))
+    return JointOrigin(joint=joint, xyz=tuple(p.tolist()), rpy=tuple(rpy_from_matrix(R).tolist()))
 
 
 def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[float]) -> bytes:
@@ -254,11 +254,6 @@ def _with_attributes(tag: str, values: dict[str, str]) -> str:
     attributes = re.sub(_ATTRIBUTE, replaced, tag[:end])
     added = "".join(f" {name}={quote}{value}{quote}" for name, value in missing.items())
     return attributes + added + tag[end:]
-
-
-def _triple(values: Sequence[float] | Floats) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
 
 
 def _words(values: Sequence[float] | Floats) -> str:

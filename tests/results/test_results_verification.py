@@ -279,7 +279,7 @@ def test_results_of_the_same_samples_are_told_and_of_other_parts_of_the_log_not(
         return structs.replace(result, provenance=source)
 
     for sides in ((first, second), (second, first)):
-        said = moved(*map(of_part, sides)).warnings
+        said = moved(of_part(sides[0]), of_part(sides[1])).warnings
         assert ["computed from the same log" in each for each in said] == [True] * is_said
 
 
