@@ -240,116 +240,62 @@ def unknown_found(
     )
 
 
+_UNEXPLAINED = " (…): "
 _REMAP = "mend the driver's axis mapping"
 _REORDER = "let the publisher list positions in the order of its names"
 _JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
-CAUSES: dict[str, tuple[str, str]] = {
-    "link": (
-        "the IMU moves as {any} does[ (rigidly joined: {joined})], not as {told}",
-        (
-            "rerun with --parent {parents}; if --parent was not given, correct also the frame_id "
-            "or the URDF's joint that holds the IMU"
-        ),
-    ),
-    "sign": (
-        "joint {first} turns the other way than the URDF says: its axis is of the wrong sign",
-        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    ),
-    "sign.several": (
-        "joints {all} turn the other way than the URDF says: their axes are of the wrong sign",
-        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    ),
-    "order": ("the positions of {all} are exchanged in {topic}[ ({how:order})]", _REORDER),
-    "order.many": (
-        "positions and names of the joints in {topic} do not belong together[ ({how:order})]",
-        _REORDER,
-    ),
-    "unit.joints": ("the joint positions of {topics} are in degrees", _JOINT_STATES.format("rad")),
-    "unit.sliding": (
-        "the positions of sliding joints in {topics} are in millimetres",
-        _JOINT_STATES.format("m"),
-    ),
-    "unit.origins": (
-        "the origins in the URDF are in millimetres",
-        "URDF is in m: divide them by 1000",
-    ),
-    "unit.poses": (
-        "the positions of {topics} are in millimetres",
-        "ROS poses are in m: convert them in the publisher",
-    ),
-    "inverse": (
-        "the poses of {first} are the wrong way round, of the parent in the child",
-        "publish their inverse, or exchange the two frames' names",
-    ),
-    "quaternion": (
-        "the quaternions of {first} come in the order {order}",
-        "ROS has x y z w: let the publisher reorder them",
-    ),
-    "conjugate": (
-        "the rotations of {first} are inverted while the positions are not",
-        "publish conjugate quaternions",
-    ),
-    "zero": (
-        (
-            "joint {first} stands {size:deg+.4g} from where its position says (true angle less "
-            "position)"
-        ),
-        "turn the joint's origin in the URDF by it, or correct the encoder's zero",
-    ),
-    "offset": (
-        (
-            "the IMU's stamps are {size:later} than the robot's, beyond the search of "
-            "±{max_offset:g} s"
-        ),
-        "rerun with --max-offset {size:beyond}",
-    ),
-    "offset.given": (
-        "the IMU's stamps are {size:later} than the robot's, not the {given:g} s that were given",
-        "rerun without --time-offset, or give this one",
-    ),
-    "base_clock": (
-        "the stamps of the base IMU {first} are {size:later} than those of the joints",
-        "let one clock stamp both, or rerun with --clock log",
-    ),
-    "base_sign": (
-        "the accelerometer of the base IMU {first} points down at rest (should point up)",
-        "negate its data",
-    ),
-    "base_frame": (
-        "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF",
-        "correct the frame's rpy there, or its driver's axis mapping",
-    ),
-    "base_imu": (
-        (
-            "{base} moves though the log does not say so, or what it says of the joints up to "
-            "{link} is wrong: against {first} on {link} the motion is explained"
-        ),
-        "rerun with --base-imu {first}, or record the base's pose and name it with --pose-topic",
-    ),
-    "axes.left-handed": (
-        (
-            "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
-            "an axis has the wrong sign, or two are swapped"
-        ),
-        _REMAP,
-    ),
-    "axes.reversed": (
-        "the {which}'s sign is reversed on all axes (should {which:sound})",
-        "negate its data",
-    ),
-    "axes": (
-        (
-            "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point "
-            "along the accelerometer's {order}||they are turned by {size:deg.0f} against each "
-            "other]"
-            "[; those of the {which} are left-handed]"
-        ),
-        _REMAP,
-    ),
+CAUSES: dict[str, str] = {
+    "link": "the IMU moves as {any} does[ (rigidly joined: {joined})], not as {told} (…): rerun "
+    "with --parent {parents}; if --parent was not given, correct also the frame_id or the URDF's "
+    "joint that holds the IMU",
+    "sign": "joint {first} turns the other way than the URDF says: its axis is of the wrong sign "
+    "(…): reverse <axis> in the URDF, or the sign of these positions in their publisher",
+    "sign.several": "joints {all} turn the other way than the URDF says: their axes are of the "
+    "wrong sign (…): reverse <axis> in the URDF, or the sign of these positions in their "
+    "publisher",
+    "order": "the positions of {all} are exchanged in {topic}[ ({how:order})] (…): " + _REORDER,
+    "order.many": "positions and names of the joints in {topic} do not belong together[ "
+    "({how:order})] (…): " + _REORDER,
+    "unit.joints": "the joint positions of {topics} are in degrees (…): sensor_msgs/JointState "
+    "is in rad: convert them in the publisher",
+    "unit.sliding": "the positions of sliding joints in {topics} are in millimetres (…): "
+    "sensor_msgs/JointState is in m: convert them in the publisher",
+    "unit.origins": "the origins in the URDF are in millimetres (…): URDF is in m: divide them "
+    "by 1000",
+    "unit.poses": "the positions of {topics} are in millimetres (…): ROS poses are in m: convert "
+    "them in the publisher",
+    "inverse": "the poses of {first} are the wrong way round, of the parent in the child (…): "
+    "publish their inverse, or exchange the two frames' names",
+    "quaternion": "the quaternions of {first} come in the order {order} (…): ROS has x y z w: "
+    "let the publisher reorder them",
+    "conjugate": "the rotations of {first} are inverted while the positions are not (…): publish "
+    "conjugate quaternions",
+    "zero": "joint {first} stands {size:deg+.4g} from where its position says (true angle less "
+    "position) (…): turn the joint's origin in the URDF by it, or correct the encoder's zero",
+    "offset": "the IMU's stamps are {size:later} than the robot's, beyond the search of "
+    "±{max_offset:g} s (…): rerun with --max-offset {size:beyond}",
+    "offset.given": "the IMU's stamps are {size:later} than the robot's, not the {given:g} s "
+    "that were given (…): rerun without --time-offset, or give this one",
+    "base_clock": "the stamps of the base IMU {first} are {size:later} than those of the joints "
+    "(…): let one clock stamp both, or rerun with --clock log",
+    "base_sign": "the accelerometer of the base IMU {first} points down at rest (should point "
+    "up) (…): negate its data",
+    "base_frame": "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF "
+    "(…): correct the frame's rpy there, or its driver's axis mapping",
+    "base_imu": "{base} moves though the log does not say so, or what it says of the joints up "
+    "to {link} is wrong: against {first} on {link} the motion is explained (…): rerun with "
+    "--base-imu {first}, or record the base's pose and name it with --pose-topic",
+    "axes.left-handed": "the IMU's axes are left-handed (both sensors fit a mirrored frame and "
+    "no rotation): an axis has the wrong sign, or two are swapped (…): " + _REMAP,
+    "axes.reversed": "the {which}'s sign is reversed on all axes (should {which:sound}) (…): "
+    "negate its data",
+    "axes": "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point "
+    "along the accelerometer's {order}||they are turned by {size:deg.0f} against each other][; "
+    "those of the {which} are left-handed] (…): " + _REMAP,
 }
-"""Causes that one change of the model or of the readings explains: what is wrong, and the remedy.
+"""Causes that one change of the model or of the readings explains, and the remedy.
 
-A kind has further forms behind a dot.
+What remains unexplained is written at ``(…)``. Some kinds have further forms, after a dot.
 """
 _DETAILS: dict[str, tuple[str, ...]] = {
     "link": ("told", "joined"),
@@ -388,8 +334,8 @@ def _clauses(
         "offset": "" if values.get("given") is None else "given",
         "axes": values.get("form"),
     }.get(kind)
-    templates = CAUSES.get(f"{kind}.{form}") or CAUSES[kind]
-    return [sentence(template, values) for template in templates]
+    template = CAUSES.get(f"{kind}.{form}") or CAUSES[kind]
+    return [sentence(each, values) for each in template.split(_UNEXPLAINED)]
 
 
 def cause(
