@@ -254,6 +254,13 @@ def test_the_sentence_of_a_no_has_the_figures() -> None:
     assert found.rotation.difference_deg == pytest.approx(1.0)
 
 
+def test_an_ignored_component_counts_as_right() -> None:
+    off = found_at([0.5, 0.0, 0.0])
+    found = verify(off, TOLD, TIGHT, ignored=frozenset({0}))
+    assert (found.verdict, found.ignored, found.translation.difference_mm) == ("yes", ("tx",), 0.0)
+    assert verify(off, TOLD, TIGHT, ignored=frozenset({1})).verdict == "no"
+
+
 def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
     for angle in (math.pi, math.pi - 1e-9, 3.0):
         found = answer(found_at(turn=[0.0, angle, 0.0], covariance=SMALL * 1e4))
