@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -245,6 +245,7 @@ def test_several_imus_are_a_stream_or_an_array() -> None:
         assert [c.status for c in read_results(text, "x")] == ["ok", "untrusted"]
 
 
+@settings(deadline=None)
 @given(value=st.floats(allow_nan=False, allow_infinity=False))
 def test_floats_survive_yaml_and_json(value: float) -> None:
     document = {"value": [value], "again": value}
