@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")
+_CONDITION = re.compile(r"\[\w+(?:=[^?\]]*)?\?")
+"""Of a clause of a message."""
 _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
 
@@ -93,11 +95,11 @@ def _numbered(names: Sequence[str]) -> Iterator[str]:
 def messages() -> str:
     """Every message by its code; what is not always there stands in brackets."""
     told = {code: words for code, words in MESSAGES.items() if words is not cause}
-    causes = {f"cause.{kind}": f"{what} (…): {remedy}" for kind, (what, remedy) in CAUSES.items()}
+    causes = {f"cause.{kind}": text for kind, text in CAUSES.items()}
     rows = (
         (
             f"`{code}`",
-            _VALUE.sub("…", words).replace("||", " or: ")
+            _VALUE.sub("…", _CONDITION.sub("[", words)).replace("||", " or: ")
             if isinstance(words, str)
             else _subject(words),
         )

@@ -1,4 +1,4 @@
-"""Names of array types; shapes, units and frames are told where arrays are used."""
+"""Names of array types; shapes, units and frames are documented where arrays are used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Configurations that come with the package, or from the user's own YAML, each key checked."""
+"""Configurations from the package or from the user's YAML, with every key checked."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read_builtin(name: str) -> dict[str, Any]:
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
-    """Keys and values of the user's own file.
+    """Keys and values of the user's file.
 
     Raises:
         InputError: It cannot be read or holds something else.
@@ -58,8 +58,8 @@ def load_named(
     Args:
         kind: The dataclass.
         name_or_file: One of the names, or a path with the suffix of YAML.
-        names: Those that come with the package.
-        folder: Of configs/ that holds them; empty for configs/ itself.
+        names: The names in the package.
+        folder: Their folder in configs/; empty for configs/ itself.
         unknown: Message for another name, with ``{name}`` and ``{names}``.
 
     Raises:
@@ -76,11 +76,11 @@ def load_named(
 
 
 def build(kind: type[T], raw: object, where: str) -> T:
-    """Make a dataclass from what YAML gave, each key and type checked.
+    """Make a dataclass from parsed YAML, with every key and type checked.
 
     Raises:
-        InputError: A key is missing, unknown or of another type, or against the rules of its
-            dataclass, which raises a ValueError; names it.
+        InputError: A key, which it names, is missing, unknown or of another type, or breaks a rule
+            of the dataclass, which raises ValueError.
     """
     if not isinstance(raw, dict):
         raise InputError(f"{where}: expected keys and values, found {raw!r}")
@@ -99,7 +99,7 @@ def build(kind: type[T], raw: object, where: str) -> T:
     values = {n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()}
     try:
         return kind(**values)
-    except ValueError as error:  # a rule of the dataclass's own
+    except ValueError as error:  # a rule of the dataclass
         raise InputError(f"{where}: {error}") from error
 
 
@@ -113,20 +113,16 @@ def _convert(hint: Any, value: object, where: str) -> Any:
         kinds = [args[0]] * len(value) if args[-1] is Ellipsis else list(args)
         if len(kinds) == len(value):
             return tuple(_convert(k, v, where) for k, v in zip(kinds, value, strict=True))
-    if hint is float and _is_number(value):
-        return float(value)  # type: ignore[arg-type]  # seen to be one
-    # bool is an int to Python, and is none here
+    # bool is an int in Python, but not here
+    if hint is float and type(value) in {int, float} and math.isfinite(value):  # type: ignore[arg-type]
+        return float(value)  # type: ignore[arg-type]
     if (hint in {bool, int, str} and type(value) is hint) or (origin is Literal and value in args):
         return value
     raise InputError(f"{where}: {value!r} does not fit; see configs/ for an example")
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
 def _configs() -> Traversable:
-    """The repository's configs/, which the package carries as imucalib_cli.configs."""
+    """The repository's configs/, installed as imucalib_cli.configs."""
     try:
         return resources.files("imucalib_cli.configs")
     except ModuleNotFoundError:  # run from the source tree without an install

@@ -1,19 +1,19 @@
-"""Print a value to the digits its uncertainty earns, as the Particle Data Group does."""
+"""Numbers with as many digits as their uncertainty justifies, by the Particle Data Group's rule."""
 
 from __future__ import annotations
 
 import math
 
 _LEAST, _MOST = 1e-100, 1e100
-"""Sizes that can be a sigma: beyond, floats run out of digits."""
+"""Range of a sigma; beyond it floats run out of digits."""
 
 
 def decimals(std: float) -> int:
-    """Decimal places that a value with this 1 sigma deserves.
+    """Decimal places of a value with this 1 sigma.
 
     The three leading digits of sigma, positive and finite, decide: 100 to 354 keeps two digits, 355
     to 949 one, and 950 to 999 rounds up to 1000 and keeps two (PDG Review of Particle Physics,
-    Introduction). Negative where even units are noise.
+    Introduction). Negative where even the units digit is noise.
     """
     exponent = math.floor(math.log10(std))
     leading = round(std / 10.0 ** (exponent - 2))
@@ -25,7 +25,7 @@ def decimals(std: float) -> int:
 
 
 def with_std(value: float, std: float | None, *, default: int = 6) -> str:
-    """``value ± std``, both to the same place; without a sigma, to ``default`` decimal places."""
+    """``value ± std``, both to the same decimal; without a sigma, to ``default`` decimals."""
     if std is None or not _LEAST < std < _MOST or abs(value) >= _MOST:
         return f"{fixed(value, default)} (no sigma)"
     places = decimals(std)
@@ -33,17 +33,14 @@ def with_std(value: float, std: float | None, *, default: int = 6) -> str:
 
 
 def sigma(std: float) -> str:
-    """A lone 1 sigma to the digits it earns; a dash where there is none."""
+    """A 1 sigma alone, with its one or two digits; a dash where there is none."""
     if not _LEAST < std < _MOST:
         return "-"
     return fixed(std, decimals(std))
 
 
 def figures(value: float, count: int) -> str:
-    """A number to ``count`` significant figures, without an exponent where one reads well so.
-
-    From 0.001 to 100000 plain decimals: 180, not 1.8e+02.
-    """
+    """A number to ``count`` significant figures; from 0.001 to 100000 without an exponent."""
     if not math.isfinite(value):
         return str(value)
     if value == 0.0:
@@ -56,7 +53,7 @@ def figures(value: float, count: int) -> str:
 
 
 def fixed(value: float, places: int) -> str:
-    """A number to so many decimal places; negative ones round before the point."""
+    """A number to some decimal places; negative places round before the point."""
     if not abs(value) < _MOST:
         return f"{value:g}"
     rounded = round(value, places) + 0.0  # no minus zero

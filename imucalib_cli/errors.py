@@ -1,4 +1,4 @@
-"""What can go wrong in a way a user can mend: one class for each exit code."""
+"""Errors that a user can correct: one class for each exit code."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class ImucalibError(Exception):
     """Base of every error a user may see; its text is one line that names the remedy.
 
     Attributes:
-        finding: What was found, where the error rests on a finding.
-        topic: That the text names already; None where it names none.
-        option: That would solve it, such as ``--parent``; None where no single one does.
-        reason: The text without its candidates; None where it has none.
+        finding: The finding behind the error, if any.
+        topic: The topic that the text names, if any.
+        option: The one option that would solve it, such as ``--parent``, if there is one.
+        reason: The text without its candidates, if it has any.
     """
 
     def __init__(
@@ -41,24 +41,24 @@ class ImucalibError(Exception):
         self.topic, self.option, self.reason = topic, option, reason
 
     def about(self, name: str) -> Self:
-        """The same error, its text beginning with what it is about: a file or a topic."""
+        """The same error, with a file or a topic in front of its text."""
         error = copy(self)
         error.args = (f"{name}: {self}",)
         return error
 
     def followed_by(self, reasons: Iterable[str]) -> Self:
-        """The same error, its text ending with what else was found out."""
+        """The same error, with further reasons after its text."""
         error = copy(self)
         error.args = ("; ".join((str(self), *reasons)),)
         return error
 
 
 class InputError(ImucalibError):
-    """An input cannot be used: says which file and topic, why, and what to do (exit code 1)."""
+    """An input cannot be used; says which file and topic, why, and what to do (exit code 1)."""
 
 
 class ChoiceError(ImucalibError):
-    """The user must choose or named something that is not there; lists the candidates (exit 2)."""
+    """The user must choose, or named something missing; lists the candidates (exit code 2)."""
 
 
 class UntrustedError(ImucalibError):

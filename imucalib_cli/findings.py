@@ -1,6 +1,6 @@
-"""What was found out about a log, a robot or a result: a code, how grave it is, and the numbers.
+"""Findings about a log, a robot or a result: a code, a severity and values.
 
-Decisions rest on codes and values. The words for people are made from them in messages.py.
+Decisions use codes and values. messages.py makes the words for people from them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Scalar = float | int | str | bool | None
 Value = Scalar | tuple["Value", ...]
 
 TEXT = "text"
-"""Code of a sentence that has none: of a stored result that was written without codes."""
+"""Code of a sentence without one, from a stored result that was written without codes."""
 
 
 class Severity(Enum):
@@ -34,7 +34,7 @@ class Severity(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """One thing that was found out.
+    """One finding.
 
     Values are in SI units and radians unless their name says otherwise; numpy scalars become
     Python's, lists become tuples.
@@ -72,22 +72,22 @@ class Finding:
 
 
 def note(code: str, **values: Any) -> Finding:
-    """A finding that is worth knowing."""
+    """A finding worth knowing."""
     return Finding(code=code, severity=Severity.NOTE, values=values)
 
 
 def warning(code: str, **values: Any) -> Finding:
-    """A finding of something wrong that leaves the result as it stands."""
+    """A finding of something wrong that does not change the result."""
     return Finding(code=code, severity=Severity.WARNING, values=values)
 
 
 def untrusted(code: str, **values: Any) -> Finding:
-    """A finding that forbids to use the result."""
+    """A finding that forbids using the result."""
     return Finding(code=code, severity=Severity.UNTRUSTED, values=values)
 
 
 def texts(severity: Severity, sentences: Iterable[str]) -> tuple[Finding, ...]:
-    """Sentences that have no code."""
+    """Findings from sentences without a code."""
     return tuple(
         Finding(code=TEXT, severity=severity, values={"text": sentence}) for sentence in sentences
     )
@@ -99,12 +99,12 @@ def reasons(findings: Iterable[Finding]) -> tuple[str, ...]:
 
 
 def warnings(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """What else is to be told of a result, in words and in order: warnings and notes."""
+    """Warnings and notes, in words and in order."""
     return tuple(each.message for each in findings if each.severity is not Severity.UNTRUSTED)
 
 
 def status(findings: Iterable[Finding]) -> Literal["ok", "untrusted"]:
-    """Whether a result of which these were found may be used."""
+    """Whether a result with these findings may be used."""
     grave = any(each.severity is Severity.UNTRUSTED for each in findings)
     return "untrusted" if grave else "ok"
 

@@ -1,7 +1,7 @@
-"""YAML from outside: the one way it is read, with its size bounded before anything is built.
+"""Read YAML from outside; its size is checked before anything is built.
 
-A few hundred bytes of anchors unfold to gigabytes, and a hundred kilobytes of brackets overflow
-the stack of a recursive reader. Nothing that is read here needs either.
+A few hundred bytes of anchors can expand to gigabytes, and a hundred kilobytes of brackets overflow
+the stack of a recursive reader. No file of this tool needs either.
 """
 
 from __future__ import annotations
@@ -15,34 +15,35 @@ if TYPE_CHECKING:
     from collections.abc import Hashable
 
 LARGEST = 1 << 22
-"""Bytes of a text; a result has a few ten thousand for each IMU."""
+"""Bytes of a text; a result has some ten thousand for each IMU."""
 _DEEPEST = 64
 _TOO_DEEP = f"nested more than {_DEEPEST} deep"
 _MOST_NODES = 200_000
 
-FLOAT = re.compile(
-    r"^[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
-    r"|\.(?:inf|Inf|INF))$|^\.(?:nan|NaN|NAN)$"
-)
-INT = re.compile(r"^[-+]?[0-9]+$")
-"""Numbers as JSON and YAML 1.2 have them: 1e-05 is one, and 1:30 is none."""
 NUMBERS = (
-    ("tag:yaml.org,2002:float", FLOAT, list("-+.0123456789")),
-    ("tag:yaml.org,2002:int", INT, list("-+0123456789")),
+    (
+        "tag:yaml.org,2002:float",
+        re.compile(
+            r"^[-+]?(?:(?:\.[0-9]+|[0-9]+\.[0-9]*)(?:[eE][-+]?[0-9]+)?|[0-9]+[eE][-+]?[0-9]+"
+            r"|\.(?:inf|Inf|INF))$|^\.(?:nan|NaN|NAN)$"
+        ),
+        list("-+.0123456789"),
+    ),
+    ("tag:yaml.org,2002:int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789")),
 )
-"""Arguments of add_implicit_resolver, for who reads and for who writes."""
+"""Arguments of add_implicit_resolver for numbers of JSON and YAML 1.2, as 1e-05 but not 1:30."""
 
 
 class YamlError(ValueError):
-    """A text is no YAML, or more than is read; its message is one line."""
+    """A text is no YAML, or too much; its message is one line."""
 
 
-# libyaml where it is there: ten times as fast
+# libyaml, if installed, is ten times as fast
 _SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Loader(_SafeLoader):  # type: ignore[misc]  # one of two classes
-    """Plain values only; a key that stands twice in a mapping is an error."""
+    """Reads plain values only; a key that occurs twice in a mapping is an error."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
         known: set[tuple[str, str]] = set()
@@ -61,9 +62,8 @@ class _Loader(_SafeLoader):  # type: ignore[misc]  # one of two classes
         return int(node.value)
 
 
-_NUMERIC = {tag for tag, _, _ in NUMBERS}
 _Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag not in _NUMERIC]
+    first: [pair for pair in resolvers if pair[0] not in {tag for tag, _, _ in NUMBERS}]
     for first, resolvers in _SafeLoader.yaml_implicit_resolvers.items()
 }
 for _number in NUMBERS:
@@ -72,19 +72,19 @@ _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_int)
 
 
 def load_yaml(text: str) -> list[Any]:
-    """The documents of a text, in plain Python values.
+    """The documents of a text as plain Python values.
 
     Raises:
         YamlError: It is no YAML, too large or too deep, or has aliases or a key twice.
     """
     try:
-        _see_bounded(text)
+        _check_bounds(text)
         return list(yaml.load_all(text, Loader=_Loader))
     except YamlError:
         raise
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         words = " ".join(str(error).split())
-        if "nesting depth" in words:  # what libyaml reads ahead has a limit too, by PyYAML 6.0.4
+        if "nesting depth" in words:  # the limit of libyaml, by PyYAML 6.0.4
             words = _TOO_DEEP
         raise YamlError(words) from error
 
@@ -102,12 +102,10 @@ def load_one(text: str) -> Any:
 
 
 def read_bounded(file: BinaryIO, errors: str = "strict") -> str:
-    """All of a file as text, unless it is far too much: a log, or an endless device.
-
-    What becomes of bytes that are no text ``errors`` says, as for decode.
+    """All of a file as text; ``errors`` is as for decode.
 
     Raises:
-        YamlError: It is.
+        YamlError: It is far too long, such as a log or an endless device.
         UnicodeDecodeError: It is no text.
     """
     content = file.read(LARGEST + 1)
@@ -116,8 +114,8 @@ def read_bounded(file: BinaryIO, errors: str = "strict") -> str:
     return content.decode("utf-8", errors)
 
 
-def _see_bounded(text: str) -> None:
-    """Go through a text without building anything of it."""
+def _check_bounds(text: str) -> None:
+    """Parse a text without building anything from it."""
     if len(text) > LARGEST:
         raise YamlError(f"more than {LARGEST >> 20} MB")
     nodes = depth = 0

@@ -1,4 +1,4 @@
-"""Lines and tables for people, how they read as plain text, and rows as CSV."""
+"""Lines and tables as plain text, and rows as CSV."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Table:
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     numbers: frozenset[str] = frozenset()
-    """Heads of the columns that are aligned to the right."""
+    """Heads of the columns that are aligned right."""
     least: tuple[int, ...] = ()
-    """Least widths of the first columns, where other text continues them."""
+    """Least widths of the first columns, to align other text with them."""
 
 
 Block: TypeAlias = "str | Table"
@@ -36,9 +36,9 @@ Block: TypeAlias = "str | Table"
 
 
 def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
-    """A header and rows by commas, a newline after each; None is empty.
+    """A header and rows, separated by commas and newlines; None is empty.
 
-    Names in cells command neither a terminal nor a spreadsheet, which takes some for formulas.
+    Names in cells are escaped, so that neither a terminal nor a spreadsheet executes them.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -50,9 +50,9 @@ def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 def csv_columns(
     columns: Mapping[str, Callable[..., Any]], rows: Iterable[tuple[object, ...]]
 ) -> str:
-    """CSV of what each column takes of a row.
+    """CSV with a function for each column, of a row's values.
 
-    Names with blanks between are columns of a vector, empty where there is none.
+    Several names separated by blanks are the columns of a vector, empty where it is missing.
     """
 
     def cells(row: tuple[object, ...]) -> Iterator[object]:
@@ -71,7 +71,7 @@ def _cell(value: object) -> object:
 
 
 def plain(blocks: Iterable[Block]) -> str:
-    """Text with a newline after each line; what does not print is escaped."""
+    """Text with a newline after each line; unprintable characters are escaped."""
     return "".join(f"{line}\n" for block in blocks for line in _lines(block))
 
 

@@ -1,7 +1,7 @@
-"""What every finding says: one table from its code to a template of sentences.py, or a function.
+"""The words of every finding: a table from its code to a template of sentences.py or a function.
 
 A message is one line in plain English: the cause, the numbers with their units, the remedy. It
-begins with the file, topic or stream that it is about. ``±`` is one standard deviation.
+begins with its file, topic or stream. ``±`` is one standard deviation.
 """
 
 from __future__ import annotations
@@ -10,21 +10,10 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.sentences import (
     CAUSES,
-    base_moves,
     cause,
-    gyro_factor,
-    held,
-    implausible,
-    incomplete,
     publishers,
-    rate_changes,
-    require_no_sigma,
-    require_sigma,
-    stamps,
-    stated,
     unknown_found,
     unusual_bias,
-    zero,
 )
 
 if TYPE_CHECKING:
@@ -34,8 +23,23 @@ _ONE_SIDE = (
     "use a part on one side of it (--to {seconds:before uncertainty} or --from "
     "{seconds:after uncertainty})"
 )
+_STAMPS = "{stamps:stamps} of {topic} "
+_THEN = (
+    "[then=receive times?: receive times are used for all topics (--clock log)]"
+    "[then=no better?, and receive times are no better: {other}]"
+    "[then=asked?, yet --clock {clock} was asked for: ][then=asked?and {other}]"
+    "[other=?try --clock {clock:other}]"
+)
+_TRANSLATION = (
+    "{translation:mm.6g}, the largest sigma is {translation_sigma:mm apart translation} along "
+    "{translation_axis} of {parent}"
+)
+_ROTATION = (
+    "{rotation:deg.6g}, the largest sigma is {rotation_sigma:deg apart rotation} about "
+    "{rotation_axis} of {parent}"
+)
 MESSAGES: dict[str, str | Callable[..., str]] = {
-    # As it is, for words may carry more than their letters.
+    # A text without a code.
     "text": "{text}",
     # The recording and its files.
     "log.cut_short": "{file}: the {what} is cut short or damaged at byte {byte} of {size}: what "
@@ -77,7 +81,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "are left out",
     "log.files_overlap": "{first} and {second} overlap by {seconds:.3g} s: if they are two "
     "recordings, name each alone",
-    # What messages hold.
+    # Contents of messages.
     "imu.frames_mixed": "{topic}: {count} messages in other frames ({others:quoted}) than "
     "{frame:quoted} are left out",
     "imu.joined": "{gyro}: one IMU with the accelerometer of {accel}; {slow} is interpolated onto "
@@ -85,7 +89,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.not_finite": "{topic}: {count} messages whose values are not finite or beyond {limit:g} "
     "are left out",
     "joints.named_twice": "{topic}: {count} messages that name a joint twice are left out",
-    "joints.incomplete": incomplete,
+    "joints.incomplete": "{topic}: {count} of {total} messages are left out, as they have "
+    "[positions?{positions}||no] position[positions=1?||s] for [named?{named}||no] joint"
+    "[named=1?||s] by name[positions?; say which joints they are by --joints]",
     "joints.columns": "{topic}: {count} messages are left out, as {field} has {numbers} "
     "numbers and --joints names {named}: name a part, or - for what is no joint",
     "joints.not_finite": "{topic}: {count} messages whose positions are not finite or beyond "
@@ -112,21 +118,21 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{robot}",
     "stamps.none": "{topics:list}: no stamps in the messages; receive times are used for all "
     "topics",
-    "stamps.all_zero": stamps("are all zero"),
-    "stamps.some_zero": stamps("are zero in {count} of {total} messages"),
-    "stamps.all_same": stamps("are all the same"),
-    "stamps.stand_still": stamps("advance in only {count} of {total} steps"),
-    "stamps.backwards": stamps("run backwards in {count} of {total} steps"),
-    "stamps.set_back": stamps(
-        "are set back by {seconds:.3g} s at message {number} and run through it again"
-    ),
-    "stamps.step": stamps(
-        "step by {milliseconds:+.0f} ms against the receive times near {when:.0f} s"
-    ),
-    "stamps.other_pace": stamps(
-        "advance at {rate:.3g} times the receive times, those of other topics at {others:.3g} times"
-    ),
-    "stamps.other_epoch": stamps("lie {seconds:.4g} s apart from those of other topics"),
+    "stamps.all_zero": _STAMPS + "are all zero" + _THEN,
+    "stamps.some_zero": _STAMPS + "are zero in {count} of {total} messages" + _THEN,
+    "stamps.all_same": _STAMPS + "are all the same" + _THEN,
+    "stamps.stand_still": _STAMPS + "advance in only {count} of {total} steps" + _THEN,
+    "stamps.backwards": _STAMPS + "run backwards in {count} of {total} steps" + _THEN,
+    "stamps.set_back": _STAMPS
+    + "are set back by {seconds:.3g} s at message {number} and run through it again"
+    + _THEN,
+    "stamps.step": _STAMPS
+    + "step by {milliseconds:+.0f} ms against the receive times near {when:.0f} s"
+    + _THEN,
+    "stamps.other_pace": _STAMPS
+    + "advance at {rate:.3g} times the receive times, those of other topics at {others:.3g} times"
+    + _THEN,
+    "stamps.other_epoch": _STAMPS + "lie {seconds:.4g} s apart from those of other topics" + _THEN,
     "stamps.bunched": "{stream}: stamps come in bursts[ of {batch:many}] ({share:.0%} of the "
     "intervals are far shorter than the {period:ms.4g} between samples[, {lost:some} messages "
     "seem to be missing]): they are times of arrival, and were replaced by even ticks; the time "
@@ -134,7 +140,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "stamps.surplus": "{stream}: {share:.0%} of the intervals are far shorter than those between "
     "samples, and the motion says that those messages are no samples of an even rate: they are "
     "left out; look for a driver or a recorder that sends a buffer twice",
-    "stamps.rate_changes": rate_changes,
+    "stamps.rate_changes": "{stream}: the rate changes within the log ({rates:rates starts}): the "
+    "stamps are used as they are; check the driver's setting if one rate was meant",
     # Units and readings of the IMU.
     "imu.accel_looks_like": "{topic}: |accel| at rest is {norm:.4g}, which looks like {unit}; "
     "sensor_msgs/Imu is in m/s²",
@@ -145,7 +152,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "sensor_msgs/Imu is in rad/s",
     "imu.gyro_unit_converted": "{topic}: gyro reads {ratio:.3g} times the rate at which the robot "
     "turns: taken as {unit} and multiplied by {factor} (--gyro-unit {keep} keeps it)",
-    "imu.gyro_factor_unknown": gyro_factor,
+    "imu.gyro_factor_unknown": "{topic}: gyro reads [std?{factor:± std}||{factor:fig6}] times the "
+    "rate at which the robot turns, a constant factor that belongs to no known unit "
+    "({known:list}): raw counts or a wrong scale of the gyroscope, or of the joint positions; "
+    "correct it in the driver and record again",
     "imu.gyro_too_fast": "{topic}: gyro reaches {largest:.3g}, more than any in rad/s, and [it is "
     "{ratio:.3g} times the robot's rate, where deg/s would be 57.3 times||the robot's own motion "
     "cannot tell its unit]: if it is in deg/s rerun with --gyro-unit deg/s, else mend the driver "
@@ -164,7 +174,11 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "--gravity none was given",
     "imu.gravity_removed": "{topic}: accel at rest is {norm:.4g} m/s², so gravity is not in it: if "
     "the robot floats without gravity or the driver took gravity off, rerun with --gravity none",
-    "imu.zero": zero,
+    "imu.zero": "{topic}: [sensor=both?gyro and accel are||{sensor} is] [reads?{reads}||zero] in "
+    "all {count} messages: the driver does not fill [sensor=both?them in, and nothing can be "
+    "calibrated from it; turn it on in the driver, or choose another {option}||it in, and "
+    "{sensor:other} alone does not tell the pose; turn it on in the driver, choose another "
+    "{option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]",
     "imu.impossible": "{topic}: {sensor} is beyond {limit:g} {unit} in {count} of {total} "
     "messages, which no IMU measures: mend the driver or the log's layout and record again",
     "imu.axes_dead": "{topic}: {sensor} {axes:spaced} reads {held:list.4g} from first message to "
@@ -208,7 +222,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "cause.pose_unread": "no link of the robot moves as the IMU does, but {topics:list} was not "
     "read: if it is the pose of the robot's base, give --pose-topic {first}",
     "robot.unused": "{urdf} is not used, the log's own frames tell the motion: {reason}",
-    "robot.held": held,
+    "robot.held": "{streams:list}: stands still from {stretches:spans} while the IMU turns: "
+    "frozen, or something else moves the robot; these stretches were left out",
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "
     "stood still: record again with a publisher that runs throughout",
     "robot.static": "the robot does not move in this log",
@@ -216,9 +231,16 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "in the IMU, where the pose of the IMU in the parent belongs: inverted it is "
     "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} off the pose found, as it stands "
     "{distance:mm.3g} and {angle:deg.3g}",
-    # What was asked of a result, and two results.
-    "require.sigma": require_sigma,
-    "require.no_sigma": require_no_sigma,
+    # Requirements of a result, and two results.
+    "require.sigma": "--require asks for [" + _TRANSLATION + "]"
+    "[translation_axis?; and for " + _ROTATION + "][translation_axis=?" + _ROTATION + "]: "
+    "[remedy=motion?record the motion that determines it]"
+    "[remedy=longer?record about {longer:fig2} times as long (sigma falls with the root of the "
+    "duration), or livelier motion]"
+    "[remedy=livelier?record livelier motion (faster turns about several axes) and more of it]",
+    "require.no_sigma": "--require asks for [{translation:mm.6g}]"
+    "[translation? and {rotation:deg.6g}][translation=?{rotation:deg.6g}], and --method {method} "
+    "states no sigma to show it: use --method matched",
     "require.text": "{text}",
     "trend.unknown_time": "{file}[ and {others:some} more]: when it was recorded is not known (a "
     "result of an earlier version, or a log without dates), so the results are taken in the order "
@@ -260,7 +282,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
     "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
     "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",
-    # What a fit shows.
+    # The fit.
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation is left over): is this the right parent link, URDF and joint topic[, or do "
     "the clocks differ by more than {max_offset:g} s (--max-offset)]?",
@@ -307,11 +329,14 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{seconds:.0f} ± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming "
     "up; " + _ONE_SIDE,
     "unknown.found": unknown_found,
-    "unknown.implausible": implausible,
+    "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
+    "sensor has ({limit:in unit}): [other?not so by a window of {other:.2g} s (try --window), "
+    "vibration may look like that][other=?{name:cure}]",
     "robot.joints_still": "{joints:list} do not move in this log: their zeros and lengths cannot "
     "be told from the mount, and put {translation:mm.2g} and {rotation:deg.2g} into sigma; move "
     "them too, or say --robot exact or --robot DEG,MM",
-    "prior.contradicted": stated,
+    "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
+    "from what is stated; leave the option out, or measure again",
     "prior.untested": "the log says nothing on {components:list} beyond what was told by --fix or "
     "--prior-std: it neither confirms nor contradicts it",
     "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
@@ -338,7 +363,11 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "which was filtered alone: prefer --method matched",
     **{f"cause.{kind.partition('.')[0]}": cause for kind in CAUSES},
     "cause.publishers": publishers,
-    "cause.base_moves": base_moves,
+    "cause.base_moves": "the IMU [turns at {turning:deg.2g}/s][turning? and is accelerated by "
+    "{pushing:.2g} m/s²][turning=?is accelerated by {pushing:.2g} m/s²] (rms) while all that the "
+    "log knows of stands still: {names:list} moves, [joints?the mount swings, or a joint on the "
+    "way moves and the log does not say so; clamp it||or the poses are held; mend that], or record "
+    "its pose and name it with --pose-topic",
     "cause.base_link": "the base IMU {topic} moves as {names:list} does, not as {told}: correct "
     "its frame_id, or the URDF's joint that holds that frame",
     "cause.imu_still": "the IMU stands still while {names:list} turns at {turning:deg.2g}/s (rms): "

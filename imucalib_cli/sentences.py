@@ -1,20 +1,26 @@
-"""How a finding becomes a sentence: the language of the templates in messages.py, and functions.
+"""The template language of messages.py, and the functions for what a template cannot say.
 
-- ``{name}`` and ``{name:.3g}`` are those of Python.
-- ``{name:mm.3g}`` is a value in m as ``4.12 mm``; likewise deg (of rad), ms and µs (of s).
-- ``{name:± other}`` is a value with the 1 sigma that another value holds, to the digits it earns;
-  ``{name:mm± other}`` the same in mm, as ``4.1 ± 0.2 mm``, without sigma where there is none.
-- ``{name:list}`` joins a tuple by commas, ``{name:list.4g}`` its numbers; ``spaced`` puts blanks
-  between letters, ``quoted`` quotes each of a tuple.
-- ``{name:sensor}`` and ``{name:unit}`` are the sensor's name and the unit of its readings,
-  ``{name:stamps}`` whose stamps are meant.
-- ``{name:many}`` is a count that is there only if it is more than one, ``some`` if it is not zero.
-- ``{name:before other}`` is the last whole number that is surely less, if the other value is its
-  uncertainty, ``{name:after other}`` the first that is surely more.
-- ``{name:/ other}`` is how many times another value it is; further forms stand in ``_FORMS``.
-- ``[...]`` is left out where a value in it is not there; ``[...||...]`` then has its second part.
+- ``{name}`` and ``{name:.3g}`` are as in Python.
+- ``{name:mm.3g}`` is a value in m, shown as ``4.12 mm``; likewise deg (of rad), ms and µs (of s).
+- ``{name:± other}`` is a value with its 1 sigma, which is the value ``other``, to the digits that
+  sigma earns; ``{name:mm± other}`` is the same in mm, without sigma where that is missing.
+- ``{name:in unit std}`` is a value with the unit and 1 sigma in these other values, in the unit
+  that people use; ``{name:in unit}`` has no sigma.
+- ``{name:fig3}`` is a number to three significant figures.
+- ``{name:list}`` joins a tuple by commas, ``{name:list.4g}`` also formats its numbers; ``spaced``
+  puts blanks between letters, ``quoted`` quotes each element.
+- ``{name:sensor}`` and ``{name:unit}`` are a sensor's name and the unit of its readings,
+  ``{name:stamps}`` the kind of stamps.
+- ``{name:many}`` is a count, there only if it is more than one; ``some``: if it is not zero.
+- ``{name:before other}`` is the last whole number surely below a value with the uncertainty
+  ``other``; ``{name:after other}`` is the first surely above it.
+- ``{name:/ other}`` is the ratio of two values; ``_FORMS`` and ``_OF_TWO`` hold further forms.
+- ``[...]`` is a clause. It is left out where a value in it is missing; ``[...||...]`` then shows
+  its second part.
+- ``[name?...]`` needs a value that is neither missing nor zero, ``[name=text?...]`` one that is
+  this text; ``[name=?...]`` needs it to be missing.
 
-What takes more than that is a function of the values, below. ``±`` is one standard deviation.
+``±`` is one standard deviation.
 """
 
 from __future__ import annotations
@@ -29,12 +35,39 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 SENSORS = {"accel": ("accelerometer", "m/s²"), "gyro": ("gyroscope", "rad/s")}
-STAMPS = {"header": "header stamps", "log": "receive times"}
 _SCALES = {"mm": 1e3, "deg": math.degrees(1.0), "ms": 1e3, "µs": 1e6}
+_SHOWN = 3
+"""Stretches or changes listed with their times, of many."""
+
+
+def _listed(items: list[str], more: str) -> str:
+    """The first items by commas; ``more`` counts the others."""
+    left = len(items) - _SHOWN
+    return ", ".join(items[:_SHOWN]) + (more.format(left) if left > 0 else "")
+
+
+def _spans(stretches: tuple[tuple[float, float], ...]) -> str:
+    return _listed([f"{start:.1f} to {end:.1f} s" for start, end in stretches], " and {} more")
+
+
+def _rates(rates: tuple[float, ...], starts: tuple[float, ...]) -> str:
+    pairs = zip(rates[1:], starts[1:], strict=False)
+    later = [f"{rate:.4g} Hz from {start:.1f} s" for rate, start in pairs]
+    return f"{rates[0]:.4g} Hz at first, {_listed(later, ' and {} changes more')}"
+
+
+def _apart_from(value: float, bound: float) -> str:
+    """A number to as many figures as tell it from a bound."""
+    candidates = (figures(value, count) for count in range(3, 12))
+    return next((text for text in candidates if text != figures(bound, 11)), repr(value))
+
+
 _FORMS: dict[str, Callable[[Any], str]] = {
     "sensor": lambda name: SENSORS[name][0],
     "unit": lambda name: SENSORS[name][1],
-    "stamps": STAMPS.__getitem__,
+    "stamps": {"header": "header stamps", "log": "receive times"}.__getitem__,
+    "other": {"header": "log", "log": "header", "gyro": "accel", "accel": "gyro"}.__getitem__,
+    "spans": _spans,
     "spaced": " ".join,
     "quoted": lambda names: ", ".join(map(repr, [names] if isinstance(names, str) else names)),
     "many": str,
@@ -53,16 +86,24 @@ _FORMS: dict[str, Callable[[Any], str]] = {
         "accelerometer": "point up at rest",
         "gyroscope": "be right-handed",
     }.__getitem__,
+    "cure": lambda name: (
+        "it hangs elsewhere in each pose; stiffen the mount, or record slower motion"
+        if name == "mount_give"
+        else "check units, ranges, axes and the URDF"
+    ),
 }
-_OF_TWO: dict[str, Callable[[float, float], str]] = {
+_OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "±": with_std,
+    "apart": _apart_from,
+    "rates": _rates,
     "/": lambda value, other: f"{value / other:.2g}",
     "before": lambda value, std: str(max(math.floor(value - std), 0)),
     "after": lambda value, std: str(math.ceil(value + std)),
 }
 _VALUE = re.compile(r"\{(\w+)(?::([^{}]*))?\}")
-_CLAUSE = re.compile(r"\[([^\[\]]*)\]")
-_QUANTITY = re.compile(r"(mm|deg|ms|µs)(\W.*)")
+_CLAUSE = re.compile(r"\[(?:(\w+)(=[^?\]]*)?\?)?([^\[\]]*)\]")
+_QUANTITY = re.compile(r"(mm|deg|ms|µs)(?: ?(\W[^ ]*|apart))(?: (\w+))?")
+_MISSING = (None, "", ())
 
 
 def sentence(template: str, values: Mapping[str, Any]) -> str:
@@ -73,9 +114,15 @@ def sentence(template: str, values: Mapping[str, Any]) -> str:
     """
 
     def clause(found: re.Match[str]) -> str:
-        full, _, other = found[1].partition("||")
-        needed = _VALUE.findall(full)
-        return full if all(_is_there(values.get(name), spec) for name, spec in needed) else other
+        name, wanted, text = found.groups()
+        full, _, other = text.partition("||")
+        is_shown = all(_is_there(values.get(each), spec) for each, spec in _VALUE.findall(full))
+        if wanted:
+            held = values.get(name)
+            is_shown = is_shown and ("" if held in _MISSING else str(held)) == wanted[1:]
+        elif name:
+            is_shown = is_shown and bool(values.get(name))
+        return full if is_shown else other
 
     def value(found: re.Match[str]) -> str:
         return _shown(values[found[1]], found[2] or "", values)
@@ -90,183 +137,32 @@ def _duration(seconds: float) -> str:
 def _is_there(value: Any, spec: str) -> bool:
     if spec in {"many", "some"}:
         return bool(value > (spec == "many"))
-    return value not in (None, "", ())
+    return value not in _MISSING
 
 
 def _shown(value: Any, spec: str, values: Mapping[str, Any]) -> str:
-    if spec in _FORMS:
-        return _FORMS[spec](value)
     form, _, other = spec.partition(" ")
-    if other and form in _OF_TWO:
-        return _OF_TWO[form](value, values[other])
-    if spec.startswith("list"):
-        shown = (each if isinstance(each, str) else f"{each + 0.0:{spec[4:]}}" for each in value)
-        return ", ".join(shown)
-    if quantity := _QUANTITY.fullmatch(spec):
-        unit, form = quantity.groups()
-        scale, std = _SCALES[unit], None
-        if form.startswith("± "):
-            std, form = values.get(form[2:]), ".3g"
-        size = value * scale
-        return f"{format(size, form) if std is None else with_std(size, std * scale)} {unit}"
-    return format(value, spec)
-
-
-_SHOWN = 3
-"""Of many stretches, those that are told with their times."""
-
-
-def stamps(words: str) -> Callable[..., str]:
-    """Of a fault of a topic's stamps: the fault, then what becomes of it."""
-
-    def message(
-        topic: str,
-        stamps: str,
-        then: str = "",
-        clock: str = "",
-        other: str | None = None,
-        **of: Any,
-    ) -> str:
-        fault = f"{STAMPS[stamps]} of {topic} {words.format(**of)}"
-        match then:
-            case "receive times":
-                return f"{fault}: receive times are used for all topics (--clock log)"
-            case "no better":
-                return f"{fault}, and receive times are no better: {other}"
-            case "asked":
-                advice = f"try --clock {'log' if clock == 'header' else 'header'}"
-                if other is not None:
-                    advice = f"and {other}"
-                return f"{fault}, yet --clock {clock} was asked for: {advice}"
-            case _:
-                return fault
-
-    return message
-
-
-def rate_changes(stream: str, rates: tuple[float, ...], starts: tuple[float, ...]) -> str:
-    """At which times a stream's rate changes."""
-    parts = [f"{rates[0]:.4g} Hz at first"] + [
-        f"{rate:.4g} Hz from {start:.1f} s"
-        for rate, start in zip(rates[1 : 1 + _SHOWN], starts[1:], strict=False)
-    ]
-    more = f" and {len(rates) - 1 - _SHOWN} changes more" if len(rates) > 1 + _SHOWN else ""
-    return (
-        f"{stream}: the rate changes within the log ({', '.join(parts)}{more}): the stamps are "
-        "used as they are; check the driver's setting if one rate was meant"
-    )
-
-
-def gyro_factor(topic: str, factor: float, std: float, known: tuple[str, ...]) -> str:
-    """A gyroscope that reads a constant factor of no unit."""
-    return (
-        f"{topic}: gyro reads {_factor(factor, std)} times the rate at which the robot turns, a "
-        f"constant factor that belongs to no known unit ({', '.join(known)}): raw counts or a "
-        "wrong scale of the gyroscope, or of the joint positions; correct it in the driver and "
-        "record again"
-    )
-
-
-def _factor(value: float, std: float) -> str:
-    return with_std(value, std) if std > 0.0 else figures(value, 6)
-
-
-def zero(
-    topic: str, sensor: str, count: int, reads: str = "zero", option: str = "--imu-topic"
-) -> str:
-    """Readings that are all zero, or all NaN."""
-    if sensor == "both":
-        return (
-            f"{topic}: gyro and accel are {reads} in all {count} messages: the driver does not "
-            "fill them in, and nothing can be calibrated from it; turn it on in the driver, or "
-            f"choose another {option}"
-        )
-    other = "accel" if sensor == "gyro" else "gyro"
-    return (
-        f"{topic}: {sensor} is {reads} in all {count} messages: the driver does not fill it in, "
-        f"and {other} alone does not tell the pose; turn it on in the driver, choose another "
-        f"{option}, or, if another topic has it, name both by --gyro-topic and --accel-topic"
-    )
-
-
-def incomplete(topic: str, count: int, total: int, named: int, positions: int) -> str:
-    """Joint states without one position for each joint."""
-    remedy = "; say which joints they are by --joints" if positions else ""
-    held, joints = (
-        f"{number or 'no'} {word}{'' if number == 1 else 's'}"
-        for number, word in ((positions, "position"), (named, "joint"))
-    )
-    return (
-        f"{topic}: {count} of {total} messages are left out, as they have {held} for {joints} by "
-        f"name{remedy}"
-    )
-
-
-def held(streams: tuple[str, ...], stretches: tuple[tuple[float, float], ...]) -> str:
-    """When a robot's stream stands still although it moves."""
-    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in stretches[:_SHOWN])
-    more = f" and {len(stretches) - _SHOWN} more" if len(stretches) > _SHOWN else ""
-    return (
-        f"{', '.join(streams)}: stands still from {shown}{more} while the IMU turns: frozen, or "
-        "something else moves the robot; these stretches were left out"
-    )
-
-
-def require_sigma(
-    *,
-    parent: str,
-    remedy: str,
-    longer: float | None = None,
-    translation: float | None = None,
-    translation_sigma: float | None = None,
-    translation_axis: str = "",
-    rotation: float | None = None,
-    rotation_sigma: float | None = None,
-    rotation_axis: str = "",
-) -> str:
-    """Which sigma is larger than was asked for, and what would help."""
-    said = []
-    for bound, sigma, axis, scale, unit, where in (
-        (translation, translation_sigma, translation_axis, 1e3, "mm", "along"),
-        (rotation, rotation_sigma, rotation_axis, math.degrees(1.0), "deg", "about"),
-    ):
-        if bound is not None and sigma is not None:
-            said.append(
-                f"{bound * scale:.6g} {unit}, the largest sigma is "
-                f"{_apart_from(sigma * scale, bound * scale)} {unit} {where} {axis} of {parent}"
-            )
-    advice = {
-        "motion": "record the motion that determines it",
-        "model": "the robot model or the mount, not noise, sets it, so correct the URDF's lengths "
-        "and joint zeros or tighten the mount; more of the same motion will not help",
-        "longer": f"record about {figures(longer or math.nan, 2)} times as long (sigma falls with "
-        "the root of the duration), or livelier motion",
-        "livelier": "record livelier motion (faster turns about several axes) and more of it",
-    }[remedy]
-    return f"--require asks for {'; and for '.join(said)}: {advice}"
-
-
-def require_no_sigma(translation: float | None, rotation: float | None, method: str) -> str:
-    """A requirement that a method without sigma cannot meet."""
-    return (
-        f"--require asks for {_tolerance(translation, rotation)}, and --method {method} states no "
-        "sigma to show it: use --method matched"
-    )
-
-
-def _tolerance(translation: float | None, rotation: float | None) -> str:
-    asked = []
-    if translation is not None:
-        asked.append(f"{translation * 1e3:.6g} mm")
-    if rotation is not None:
-        asked.append(f"{math.degrees(rotation):.6g} deg")
-    return " and ".join(asked)
-
-
-def _apart_from(value: float, bound: float) -> str:
-    """A number to as many figures as tell it from a bound."""
-    candidates = (figures(value, count) for count in range(3, 12))
-    return next((text for text in candidates if text != figures(bound, 11)), repr(value))
+    if spec in _FORMS:
+        text = _FORMS[spec](value)
+    elif form in _OF_TWO:
+        text = _OF_TWO[form](value, values[other])
+    elif form == "in":
+        unit, *std = other.split()
+        text = _quantity(values[unit], value, *(values[each] for each in std))
+    elif spec.startswith("list"):
+        text = ", ".join(e if isinstance(e, str) else f"{e + 0.0:{spec[4:]}}" for e in value)
+    elif spec.startswith("fig"):
+        text = figures(value, int(spec[3:]))
+    elif found := _QUANTITY.fullmatch(spec):
+        unit, form, other = found.groups()
+        scale = _SCALES[unit]
+        if (second := values.get(other)) is not None:
+            text = f"{_OF_TWO[form](value * scale, second * scale)} {unit}"
+        else:
+            text = f"{value * scale:{'.3g' if other else form}} {unit}"
+    else:
+        text = format(value, spec)
+    return text
 
 
 _QUANTITIES: dict[str, tuple[float, str]] = {
@@ -278,9 +174,9 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
     "1": (100.0, "%"),
     "m/(m/s²)": (1e3 * 9.80665, "mm for each g"),
 }
-"""Units of the table of unknowns, as people write them: factor and name; others stay."""
+"""Units of the table of unknowns as people write them: factor and name; other units stay."""
 _OF_BASE: Final = "base_"
-"""Before the name of an unknown of the base IMU, where the other IMU has the same."""
+"""Prefix of unknowns of the base IMU that the other IMU has too."""
 _REMEDIES: dict[str, str] = {
     "clock_drift": "synchronise the clocks",
     "gyro_delay": "give both sensors the same bandwidth, or expect the same delay in use",
@@ -300,15 +196,12 @@ _REMEDIES: dict[str, str] = {
     "rotation": "measure it on the robot before the URDF is edited",
     "pose_scale": "calibrate the tracker",
 }
-_CURES: dict[str, str] = {
-    "mount_give": "it hangs elsewhere in each pose; stiffen the mount, or record slower motion",
-}
-"""Where a value is larger than it can be; others are wrong units, ranges, axes or lengths."""
 
 
-def _quantity(unit: str, label: str, value: float, std: float) -> str:
+def _quantity(unit: str, value: float, std: float | None = None) -> str:
     factor, name = _QUANTITIES.get(unit, (1.0, unit))
-    return f"{label} {with_std(value * factor, std * factor)} {name}".strip()
+    size = value * factor
+    return f"{f'{size:.3g}' if std is None else with_std(size, std * factor)} {name}"
 
 
 def unknown_found(
@@ -324,7 +217,7 @@ def unknown_found(
     rotation: float,
     like: str = "",
 ) -> str:
-    """An unknown that stands clear of its sigma."""
+    """An unknown that is significant, and has been corrected."""
     of_base, name = name.startswith(_OF_BASE), name.removeprefix(_OF_BASE)
     if name == "clock_drift":
         gain = with_std(abs(values[0]) * 1e6, stds[0] * 1e6)
@@ -335,7 +228,7 @@ def unknown_found(
             "synchronise the clocks"
         )
     what = ", ".join(
-        _quantity(unit, label, value, std)
+        f"{label} {_quantity(unit, value, std)}".strip()
         for label, value, std in zip(labels, values, stds, strict=True)
     )
     remedy = _REMEDIES.get(name, "")
@@ -347,148 +240,62 @@ def unknown_found(
     )
 
 
-def implausible(
-    *,
-    name: str,
-    words: str,
-    unit: str,
-    label: str,
-    value: float,
-    std: float,
-    limit: float,
-    other: float | None = None,
-) -> str:
-    """An unknown that is larger than it can be."""
-    factor, unit_name = _QUANTITIES.get(unit, (1.0, unit))
-    remedy = _CURES.get(name, "check units, ranges, axes and the URDF")
-    if other is not None:
-        remedy = f"not so by a window of {other:.2g} s (try --window), vibration may look like that"
-    return (
-        f"{words} {_quantity(unit, label, value, std)}, more than any sound robot or sensor has "
-        f"({limit * factor:.3g} {unit_name}): {remedy}"
-    )
-
-
-def stated(option: str, unit: str, step: float, std: float) -> str:
-    """Something stated that the data contradict."""
-    factor, name = _QUANTITIES.get(unit, (1.0, unit))
-    return (
-        f"the data contradict {option}: left free, it would be "
-        f"{with_std(step * factor, std * factor)} {name} from what is stated; leave the option "
-        "out, or measure again"
-    )
-
-
+_UNEXPLAINED = " (…): "
 _REMAP = "mend the driver's axis mapping"
 _REORDER = "let the publisher list positions in the order of its names"
 _JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
-CAUSES: dict[str, tuple[str, str]] = {
-    "link": (
-        "the IMU moves as {any} does[ (rigidly joined: {joined})], not as {told}",
-        (
-            "rerun with --parent {parents}; if --parent was not given, correct also the frame_id "
-            "or the URDF's joint that holds the IMU"
-        ),
-    ),
-    "sign": (
-        "joint {first} turns the other way than the URDF says: its axis is of the wrong sign",
-        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    ),
-    "sign.several": (
-        "joints {all} turn the other way than the URDF says: their axes are of the wrong sign",
-        "reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    ),
-    "order": ("the positions of {all} are exchanged in {topic}[ ({how:order})]", _REORDER),
-    "order.many": (
-        "positions and names of the joints in {topic} do not belong together[ ({how:order})]",
-        _REORDER,
-    ),
-    "unit.joints": ("the joint positions of {topics} are in degrees", _JOINT_STATES.format("rad")),
-    "unit.sliding": (
-        "the positions of sliding joints in {topics} are in millimetres",
-        _JOINT_STATES.format("m"),
-    ),
-    "unit.origins": (
-        "the origins in the URDF are in millimetres",
-        "URDF is in m: divide them by 1000",
-    ),
-    "unit.poses": (
-        "the positions of {topics} are in millimetres",
-        "ROS poses are in m: convert them in the publisher",
-    ),
-    "inverse": (
-        "the poses of {first} are the wrong way round, of the parent in the child",
-        "publish their inverse, or exchange the two frames' names",
-    ),
-    "quaternion": (
-        "the quaternions of {first} come in the order {order}",
-        "ROS has x y z w: let the publisher reorder them",
-    ),
-    "conjugate": (
-        "the rotations of {first} are inverted while the positions are not",
-        "publish conjugate quaternions",
-    ),
-    "zero": (
-        (
-            "joint {first} stands {size:deg+.4g} from where its position says (true angle less "
-            "position)"
-        ),
-        "turn the joint's origin in the URDF by it, or correct the encoder's zero",
-    ),
-    "offset": (
-        (
-            "the IMU's stamps are {size:later} than the robot's, beyond the search of "
-            "±{max_offset:g} s"
-        ),
-        "rerun with --max-offset {size:beyond}",
-    ),
-    "offset.given": (
-        "the IMU's stamps are {size:later} than the robot's, not the {given:g} s that were given",
-        "rerun without --time-offset, or give this one",
-    ),
-    "base_clock": (
-        "the stamps of the base IMU {first} are {size:later} than those of the joints",
-        "let one clock stamp both, or rerun with --clock log",
-    ),
-    "base_sign": (
-        "the accelerometer of the base IMU {first} points down at rest (should point up)",
-        "negate its data",
-    ),
-    "base_frame": (
-        "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF",
-        "correct the frame's rpy there, or its driver's axis mapping",
-    ),
-    "base_imu": (
-        (
-            "{base} moves though the log does not say so, or what it says of the joints up to "
-            "{link} is wrong: against {first} on {link} the motion is explained"
-        ),
-        "rerun with --base-imu {first}, or record the base's pose and name it with --pose-topic",
-    ),
-    "axes.left-handed": (
-        (
-            "the IMU's axes are left-handed (both sensors fit a mirrored frame and no rotation): "
-            "an axis has the wrong sign, or two are swapped"
-        ),
-        _REMAP,
-    ),
-    "axes.reversed": (
-        "the {which}'s sign is reversed on all axes (should {which:sound})",
-        "negate its data",
-    ),
-    "axes": (
-        (
-            "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point "
-            "along the accelerometer's {order}||they are turned by {size:deg.0f} against each "
-            "other]"
-            "[; those of the {which} are left-handed]"
-        ),
-        _REMAP,
-    ),
+CAUSES: dict[str, str] = {
+    "link": "the IMU moves as {any} does[ (rigidly joined: {joined})], not as {told} (…): rerun "
+    "with --parent {parents}; if --parent was not given, correct also the frame_id or the URDF's "
+    "joint that holds the IMU",
+    "sign": "joint {first} turns the other way than the URDF says: its axis is of the wrong sign "
+    "(…): reverse <axis> in the URDF, or the sign of these positions in their publisher",
+    "sign.several": "joints {all} turn the other way than the URDF says: their axes are of the "
+    "wrong sign (…): reverse <axis> in the URDF, or the sign of these positions in their "
+    "publisher",
+    "order": "the positions of {all} are exchanged in {topic}[ ({how:order})] (…): " + _REORDER,
+    "order.many": "positions and names of the joints in {topic} do not belong together[ "
+    "({how:order})] (…): " + _REORDER,
+    "unit.joints": "the joint positions of {topics} are in degrees (…): sensor_msgs/JointState "
+    "is in rad: convert them in the publisher",
+    "unit.sliding": "the positions of sliding joints in {topics} are in millimetres (…): "
+    "sensor_msgs/JointState is in m: convert them in the publisher",
+    "unit.origins": "the origins in the URDF are in millimetres (…): URDF is in m: divide them "
+    "by 1000",
+    "unit.poses": "the positions of {topics} are in millimetres (…): ROS poses are in m: convert "
+    "them in the publisher",
+    "inverse": "the poses of {first} are the wrong way round, of the parent in the child (…): "
+    "publish their inverse, or exchange the two frames' names",
+    "quaternion": "the quaternions of {first} come in the order {order} (…): ROS has x y z w: "
+    "let the publisher reorder them",
+    "conjugate": "the rotations of {first} are inverted while the positions are not (…): publish "
+    "conjugate quaternions",
+    "zero": "joint {first} stands {size:deg+.4g} from where its position says (true angle less "
+    "position) (…): turn the joint's origin in the URDF by it, or correct the encoder's zero",
+    "offset": "the IMU's stamps are {size:later} than the robot's, beyond the search of "
+    "±{max_offset:g} s (…): rerun with --max-offset {size:beyond}",
+    "offset.given": "the IMU's stamps are {size:later} than the robot's, not the {given:g} s "
+    "that were given (…): rerun without --time-offset, or give this one",
+    "base_clock": "the stamps of the base IMU {first} are {size:later} than those of the joints "
+    "(…): let one clock stamp both, or rerun with --clock log",
+    "base_sign": "the accelerometer of the base IMU {first} points down at rest (should point "
+    "up) (…): negate its data",
+    "base_frame": "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF "
+    "(…): correct the frame's rpy there, or its driver's axis mapping",
+    "base_imu": "{base} moves though the log does not say so, or what it says of the joints up "
+    "to {link} is wrong: against {first} on {link} the motion is explained (…): rerun with "
+    "--base-imu {first}, or record the base's pose and name it with --pose-topic",
+    "axes.left-handed": "the IMU's axes are left-handed (both sensors fit a mirrored frame and "
+    "no rotation): an axis has the wrong sign, or two are swapped (…): " + _REMAP,
+    "axes.reversed": "the {which}'s sign is reversed on all axes (should {which:sound}) (…): "
+    "negate its data",
+    "axes": "accelerometer and gyroscope do not share their axes: [the gyroscope's x, y, z point "
+    "along the accelerometer's {order}||they are turned by {size:deg.0f} against each other][; "
+    "those of the {which} are left-handed] (…): " + _REMAP,
 }
-"""Causes that one change of the model or of the readings explains: what is wrong, and the remedy.
+"""Causes that one change of the model or of the readings explains, and the remedy.
 
-A kind has further forms behind a dot.
+What remains unexplained is written at ``(…)``. Some kinds have further forms, after a dot.
 """
 _DETAILS: dict[str, tuple[str, ...]] = {
     "link": ("told", "joined"),
@@ -499,7 +306,7 @@ _DETAILS: dict[str, tuple[str, ...]] = {
     "axes": ("form", "which", "order"),
     "base_imu": ("link", "base"),
 }
-"""What else the words of a kind need, in the order in which a finding has it."""
+"""Further values for the words of a kind, in the order of a finding."""
 _MOST_LISTED = 3
 """Joints named in a sentence about their order."""
 
@@ -527,8 +334,8 @@ def _clauses(
         "offset": "" if values.get("given") is None else "given",
         "axes": values.get("form"),
     }.get(kind)
-    templates = CAUSES.get(f"{kind}.{form}") or CAUSES[kind]
-    return [sentence(template, values) for template in templates]
+    template = CAUSES.get(f"{kind}.{form}") or CAUSES[kind]
+    return [sentence(each, values) for each in template.split(_UNEXPLAINED)]
 
 
 def cause(
@@ -547,8 +354,8 @@ def cause(
         unsure = len(names) > 1
     else:
         unsure = len(ties) > 1
-    told = [_clauses(kind, names, sizes, *detail) for kind, names, sizes, detail in ties]
-    causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*told, strict=True))
+    pairs = [_clauses(kind, names, sizes, *detail) for kind, names, sizes, detail in ties]
+    causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*pairs, strict=True))
     which = ", the log cannot tell which" if unsure else ""
     left = _unexplained(rotation, acceleration, ratio)
     return f"{causes}{which} (that leaves {left}): {remedies}"
@@ -585,24 +392,6 @@ def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind
     return (
         f"{told} jumps to and fro by {by} from message to message: two publishers tell it and "
         "contradict each other; stop one of them, and record again"
-    )
-
-
-def base_moves(
-    names: tuple[str, ...], turning: float | None, pushing: float | None, joints: bool
-) -> str:
-    """An IMU that moves while the robot stands still."""
-    seen = [] if turning is None else [f"turns at {math.degrees(turning):.2g} deg/s"]
-    seen += [] if pushing is None else [f"is accelerated by {pushing:.2g} m/s²"]
-    cause = (
-        f"{names[0]} moves, the mount swings, or a joint on the way moves and the log does not "
-        "say so; clamp it"
-        if joints
-        else f"{names[0]} moves, or the poses are held; mend that"
-    )
-    return (
-        f"the IMU {' and '.join(seen)} (rms) while all that the log knows of stands still: "
-        f"{cause}, or record its pose and name it with --pose-topic"
     )
 
 

@@ -1,4 +1,4 @@
-"""Text for a terminal or a page: names in a log may hold what would command or reorder it."""
+"""Text that is safe for a terminal or a page: names in a log may contain control characters."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ if TYPE_CHECKING:
 
 _PROTOCOL = r"[A-Za-z][A-Za-z0-9+.-]+"
 _LINK = re.compile(rf"({_PROTOCOL}):/{{1,2}}((?:(?!::{_PROTOCOL}(?:::|:/))\S)*)")
-"""A URL, or one of a chain of fsspec; of a path that was made of one, a slash is gone."""
+"""A URL, or one of a chain of fsspec; a path made from a URL has lost a slash."""
 
 
 def shown(line: str) -> str:
-    """A line in which all that does not print is written as an escape, line breaks too."""
+    """A line with escapes for everything that does not print, line breaks too."""
     if line.isprintable():
         return line
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 _HIDDEN = re.compile(r"[?#](?!…(?:\W|$))")
-"""Begins query or fragment, unless it has been taken out already."""
+"""Begin of a query or fragment that has not been removed yet."""
 
 
 def natural(name: str) -> list[tuple[int, str]]:
-    """What names are sorted by, so that numbers in them count as numbers."""
+    """Sort key of names, in which numbers count as numbers."""
     parts = re.split(r"(\d+)", name)
     return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
 
 
 def meant(name: str, known: Sequence[str]) -> str:
-    """End of an error message: the names that are similar to one; empty if none is."""
+    """End of an error message: names similar to this one; empty if none is."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     quoted = " or ".join(f"'{match}'" for match in near)
     return f"; did you mean {quoted}?" if near else ""
 
 
 def near_matches(name: str, known: Sequence[str], *, limit: int = 12) -> str:
-    """End of an error message: similar names, else the first of all names."""
+    """End of an error message: similar names, or else the first of all names."""
     near = meant(name, known)
     if near or not known:
         return near
@@ -48,16 +48,19 @@ def near_matches(name: str, known: Sequence[str], *, limit: int = 12) -> str:
 
 
 def without_secrets(text: str) -> str:
-    """A text whose URLs show neither user and password nor a query, where signatures are."""
+    """A text whose URLs have no user, password and query, which may hold a signature."""
     return _LINK.sub(lambda found: f"{found[1]}://{_without_secrets(found[2])}", text)
 
 
 def _without_secrets(address: str) -> str:
-    """What of a URL behind its protocol may be shown."""
-    place, mark, hidden = _cut(address)
+    """The part of a URL after its protocol that may be shown."""
+    found = _HIDDEN.search(address)
+    place, mark, hidden = address, "", ""
+    if found is not None:
+        place, mark, hidden = address[: found.start()], found[0], address[found.end() :]
     authority, slash, path = place.partition("/")
     user, _, host = authority.rpartition("@")
-    # A password may hold what ends it: its last letters then seem to be path, query or fragment.
+    # A password may contain what ends it: its end then looks like path, query or fragment.
     if ":" in (user or host) and "@" in path + hidden:
         if "@" in hidden:
             return "…"
@@ -65,21 +68,13 @@ def _without_secrets(address: str) -> str:
     return f"{host}{slash}{path}{'?…' if mark else ''}"
 
 
-def _cut(address: str) -> tuple[str, str, str]:
-    """A URL without query and fragment, and these."""
-    found = _HIDDEN.search(address)
-    if found is None:
-        return address, "", ""
-    return address[: found.start()], found[0], address[found.end() :]
-
-
 def as_html(line: str) -> str:
-    """A line as text of an HTML page: names in a log may hold what would be markup."""
+    """A line as text of an HTML page; names in a log may contain markup."""
     from html import escape
 
     return escape(shown(line))
 
 
 def shown_lines(text: str) -> str:
-    """The same of a text whose line breaks are meant."""
+    """As :func:`shown`, for a text that keeps its line breaks."""
     return "\n".join(shown(line) for line in text.split("\n"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -43,9 +44,8 @@ DEEP = "x: " + "[" * 100_000
     ],
 )
 def test_what_is_not_read(text: str, words: str) -> None:
-    with pytest.raises(YamlError) as caught:
+    with pytest.raises(YamlError, match=re.escape(words)) as caught:
         load_yaml(text)
-    assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -63,10 +63,8 @@ def test_a_frame_that_looks_like_a_number_is_read_back(name: str) -> None:
 
 def test_nothing_that_is_written_needs_an_alias() -> None:
     shared = [1, "1e3"]
-    assert load_one(yaml.dump({"a": shared, "b": shared}, Dumper=PlainDumper)) == {
-        "a": shared,
-        "b": shared,
-    }
+    twice = {"a": shared, "b": shared}
+    assert load_one(yaml.dump(twice, Dumper=PlainDumper)) == twice
 
 
 @pytest.mark.parametrize("content", [MERGES, DEEP], ids=["merges", "deep"])

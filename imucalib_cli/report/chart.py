@@ -1,4 +1,4 @@
-"""What a page draws: figures of plots of traces, as plain data for the page's script."""
+"""Figures, plots and traces of a page, as plain data for its script."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Style = Literal["line", "dashed", "dotted", "points", "band", "bars"]
 Colour = Literal["first", "second", "third", "faint"]
 AXIS_COLOURS: tuple[Colour, Colour, Colour] = ("first", "second", "third")
 AXIS_STYLES: tuple[Style, Style, Style] = ("line", "dashed", "dotted")
-"""Of smooth lines of the axes x, y, z: told apart without colours."""
+"""Of smooth lines of the axes x, y, z, which differ without colours too."""
 _BINS = 800
-"""Of a thinned series: about the pixels of a plot on a wide screen."""
+"""Of a thinned series: about as many as a plot has pixels on a wide screen."""
 _FIGURES = 5
 """Significant figures of a number on a page: finer than a pixel at any useful zoom."""
 
@@ -38,12 +38,8 @@ def trace(
     columns = [*values.T] if values.ndim == 2 else [values]
     if half_width is not None:
         columns += [values - half_width, values + half_width]
-    return {
-        "label": label,
-        "style": style,
-        "colour": colour,
-        "columns": [plain(column) for column in columns],
-    }
+    drawn = [plain(column) for column in columns]
+    return {"label": label, "style": style, "colour": colour, "columns": drawn}
 
 
 def plot(
@@ -60,11 +56,11 @@ def plot(
     ticks_at_x: bool = False,
     y_range: tuple[float, float] | None = None,
 ) -> Data:
-    """Traces over one x, (N,), ascending.
+    """Traces over one ascending x, (N,).
 
-    Plots of the same ``shared_x`` zoom together; ``log`` names axes with a logarithmic scale: x, y
-    or xy. Stretches of x are shaded; levels are horizontal lines with their names. Where x has few
-    values, they are labelled.
+    Plots with the same ``shared_x`` zoom together. ``log`` names the logarithmic axes: x, y or xy.
+    ``shaded`` are stretches of x, ``levels`` horizontal lines with their names. With ``ticks_at_x``
+    every value of x is labelled.
     """
     return {
         "title": title,
@@ -90,7 +86,7 @@ class Figure:
     words: Words
     plots: Sequence[Data] = ()
     drawing: str = ""
-    """HTML that needs no script, instead of plots."""
+    """HTML without a script, instead of plots."""
 
 
 def plain(values: Floats, digits: int = _FIGURES) -> list[float | None]:
@@ -101,9 +97,9 @@ def plain(values: Floats, digits: int = _FIGURES) -> list[float | None]:
 
 
 def thinned(series: Floats, bins: int = _BINS) -> Indices:
-    """Places of the samples of (N, C) to draw: least and greatest of each column in each bin.
+    """Places of the samples to draw of (N, C): least and greatest of each column in each bin.
 
-    Peaks of a single sample stay. Bins have equal numbers of samples.
+    So peaks of a single sample stay. All bins have the same number of samples.
     """
     count = len(series)
     size = max(math.ceil(count / bins), 1)
@@ -118,9 +114,9 @@ def thinned(series: Floats, bins: int = _BINS) -> Indices:
 
 
 def ranges(t: Floats, values: Floats, at: Floats) -> Floats:
-    """(M, C, 2), least and greatest of the samples (N, C) nearest to each of some instants (M,).
+    """(M, C, 2), least and greatest of the samples (N, C) that are nearest to each instant (M,).
 
-    Instants ascend as t (N,) does; one that has no sample takes the next one.
+    Both t (N,) and the instants ascend; an instant without a sample takes the next sample.
     """
     edges = np.concatenate([[-np.inf], 0.5 * (at[1:] + at[:-1])])
     starts = np.minimum(np.searchsorted(t, edges), len(t) - 1)

@@ -1,7 +1,7 @@
-"""What a calibration saw, as an MCAP of ROS 2 messages that Foxglove, Rerun and PlotJuggler open.
+"""The data of a calibration as an MCAP of ROS 2 messages, for Foxglove, Rerun and PlotJuggler.
 
-Every message is stamped as the log stamps its publisher: readings by the IMU's clock, frames by
-the robot's.
+Every message has the stamps of its publisher in the log: readings by the IMU's clock, frames by the
+robot's clock.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Joint, Robot
 
     SeenImu = tuple[Result, WindowSeries]
-    """One IMU and what its windows saw."""
+    """The result of one IMU and the series of its windows."""
     Row = tuple[int, Callable[[int, Any], None], Any]
-    """Instant, ns; where a message goes; the message."""
+    """Instant, ns; what writes the message; the message."""
 
 DESCRIPTION = "/robot_description"
 RESULT = "result.yaml"
@@ -44,7 +44,7 @@ _LATEST_NS = 2**31 * _NS
 """Seconds of a ROS 2 message are an int32."""
 _IMU, _TF = "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
 _NUMBERS = "std_msgs/msg/Float64MultiArray"
-"""Of the messages without a header the one that Rerun plots unasked; Foxglove plots all."""
+"""The message without a header that Rerun plots by itself; Foxglove plots all."""
 
 
 class FrameSeries(NamedTuple):
@@ -59,7 +59,7 @@ class FrameSeries(NamedTuple):
 
 
 def topics_of(results: Sequence[Result]) -> list[str]:
-    """What the topics of each IMU begin with, such as ``/imucalib/imu_link``."""
+    """The prefix of each IMU's topics, such as ``/imucalib/imu_link``."""
     names = names_of(results, TOPIC)
     # no part of a topic begins with a digit
     return [f"/imucalib/{'imu_' if name[0].isdigit() else ''}{name}" for name in names]
@@ -70,9 +70,9 @@ def debug_mcap(
 ) -> bytes:
     """An MCAP with readings, predictions, residuals, weights, frames, URDF and results.
 
-    At least one IMU with its windows, by which the robot moves; tracks of the log's joint states;
-    the stamp of the log's second 0, ns. Raises InputError where stamps are later than ROS 2 can
-    tell.
+    ``seen`` has at least one IMU with its windows, whose poses move the robot. ``joints`` are the
+    log's joint states; ``origin_ns`` is the stamp of the log's second 0. Raises InputError where
+    stamps are later than ROS 2 can express.
     """
     results = [result for result, _ in seen]
     ends = np.concatenate([stamps_ns(windows.t[[0, -1]], origin_ns) for _, windows in seen])
@@ -117,16 +117,8 @@ def _readings(
         write = log.connect(f"{topic}/{what}", _IMU)
         values = (getattr(windows, f"{sensor}_{what}").tolist() for sensor in ("accel", "gyro"))
         for ns, accel, gyro in zip(stamps, *values, strict=True):
-            message = imu(
-                header=header(ns, frame),
-                orientation=no_turn,
-                orientation_covariance=no_orientation,
-                angular_velocity=vector(*gyro),
-                angular_velocity_covariance=unknown,
-                linear_acceleration=vector(*accel),
-                linear_acceleration_covariance=unknown,
-            )
-            yield ns, write, message
+            readings = vector(*gyro), unknown, vector(*accel), unknown
+            yield ns, write, imu(header(ns, frame), no_turn, no_orientation, *readings)
     write, numbers = log.connect(f"{topic}/weight", _NUMBERS), log.types[_NUMBERS]
     layout = log.types["std_msgs/msg/MultiArrayLayout"]([], 0)
     for ns, weight in zip(stamps, windows.weight, strict=True):
@@ -136,9 +128,9 @@ def _readings(
 def _frames(
     seen: Sequence[SeenImu], names: Sequence[str], robot: Robot | None, joints: Sequence[Track]
 ) -> tuple[list[FrameSeries], list[tuple[Floats, list[FrameSeries]]]]:
-    """Frames that stand still in others; those that move, at (M,), s by the robot's stamps.
+    """Fixed frames, and moving frames with their instants (M,), s by the robot's stamps.
 
-    Each IMU stands where it was found, and as ``<name>_nominal`` where it was said to be.
+    Each IMU has its estimated pose, and as ``<name>_nominal`` its nominal one.
     """
     still = []
     for (result, _), name in zip(seen, names, strict=True):
@@ -148,15 +140,15 @@ def _frames(
             R, p = nominal.R_parent_imu[None], nominal.t_parent_imu[None]
             still.append(FrameSeries(parent, f"{name}_nominal", R, p))
     moving = []
-    told = {frame.child for frame in still}
+    known = {frame.child for frame in still}
     for result, windows in seen:
         t = windows.t - result.time_offset.seconds
         frames = [
             frame
             for frame in frames_of(result, windows, robot, joints, t)
-            if frame.child not in told  # a frame has one parent
+            if frame.child not in known  # a frame has one parent
         ]
-        told |= {frame.child for frame in frames}
+        known |= {frame.child for frame in frames}
         still += [frame for frame in frames if len(frame.p) == 1]
         moves = [frame for frame in frames if len(frame.p) > 1]
         moving += [(t, moves)] if moves else []
@@ -175,15 +167,11 @@ def imu_frames(results: Sequence[Result]) -> list[str]:
 
 
 def frames_of(
-    result: Result,
-    windows: WindowSeries,
-    robot: Robot | None,
-    joints: Sequence[Track],
-    t: Floats,
+    result: Result, windows: WindowSeries, robot: Robot | None, joints: Sequence[Track], t: Floats
 ) -> list[FrameSeries]:
-    """How the robot moves: every joint of its URDF, or the parent link alone.
+    """The robot's motion: frames of all joints of its URDF, or of the parent link alone.
 
-    The windows tell where the parent is, at t (W,), s of the log by the robot's stamps.
+    ``windows`` have the poses of the parent at t (W,), s of the log by the robot's stamps.
     """
     world, parent = result.provenance.world, result.parent
     R, p = windows.R_world_parent, windows.p_world_parent
@@ -197,7 +185,7 @@ def frames_of(
         return alone  # by frames of the log, which have no joints
     if world in robot.links:
         return list(links.values())
-    # The base moves: from where the parent is, back along the joints.
+    # The base moves: its pose follows from that of the parent, back along the joints.
     R_base, p_base = np.eye(3)[None], np.zeros((1, 3))
     for joint in route:
         link = links[joint.child]
@@ -208,7 +196,7 @@ def frames_of(
 
 
 def _joint_values(tracks: Sequence[Track], t: Floats) -> dict[str, Floats]:
-    """Positions (M,) of each joint at instants (M,), s; of tracks too short for it none."""
+    """Positions (M,) of each joint at instants (M,), s; tracks that are too short have none."""
     values: dict[str, Floats] = {}
     for track in tracks:
         with suppress(InputError):
@@ -227,7 +215,7 @@ def _position(joint: Joint, values: dict[str, Floats]) -> Floats | None:
 
 
 def _link(joint: Joint, values: dict[str, Floats]) -> FrameSeries:
-    """Pose of a joint's child in its parent; a joint that the log does not tell is at zero."""
+    """Pose of a joint's child in its parent; a joint that is not in the log is at zero."""
     position = None if joint.kind == "fixed" else _position(joint, values)
     R, p = joint.R_origin[None], joint.p_origin[None]
     if position is not None and joint.kind == "prismatic":
@@ -240,7 +228,7 @@ def _link(joint: Joint, values: dict[str, Floats]) -> FrameSeries:
 
 
 def _transforms(log: McapWriter, frames: Sequence[FrameSeries]) -> Callable[[int, int], Any]:
-    """What makes the TFMessage of one row of the poses, stamped, ns."""
+    """A function that makes the TFMessage of a row of the poses, with a stamp in ns."""
     vector, quaternion, transform, stamped = (
         log.types[f"geometry_msgs/msg/{name}"]
         for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")
@@ -249,14 +237,11 @@ def _transforms(log: McapWriter, frames: Sequence[FrameSeries]) -> Callable[[int
     rows = [(each.p.tolist(), quaternion_from_matrix(each.R).tolist()) for each in frames]
 
     def make(row: int, ns: int) -> Any:
+        poses = (transform(vector(*p[row]), quaternion(*q[row])) for p, q in rows)
         return message(
             [
-                stamped(
-                    header=header(ns, frame.parent),
-                    child_frame_id=frame.child,
-                    transform=transform(vector(*p[row]), quaternion(*q[row])),
-                )
-                for frame, (p, q) in zip(frames, rows, strict=True)
+                stamped(header(ns, frame.parent), frame.child, pose)
+                for frame, pose in zip(frames, poses, strict=True)
             ]
         )
 

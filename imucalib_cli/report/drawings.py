@@ -1,4 +1,4 @@
-"""Drawings of a report that need no script: SVG and tables."""
+"""SVG drawings and tables of a report, which need no script."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 _LABELS, _CELLS, _ROW, _FOOT = 90, 700, 26, 40
 """Widths of labels and cells, heights of a row and the axis, in units of the drawing."""
 _MOST_TICKS = 6
-"""That fit side by side."""
+"""As many fit side by side."""
 _REACH = 2.0
 """Prior sigmas that a bar's scale reaches to either side."""
 _TINY = 1e-100
-"""Smaller numbers and their inverses are no sizes of anything."""
+"""Numbers below this, or above its inverse, are no real sizes."""
 _FARTHEST = 20.0
-"""Prior sigmas from zero, beyond which a value is about another nominal one."""
+"""Prior sigmas; a value farther from zero belongs to another nominal value."""
 
 
 def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> str:
-    """Cells of (C, R) shares, 0 to 1: darker for a greater one, the darkest of a row its greatest.
+    """Cells for shares (C, R), 0 to 1; darker is more, and the darkest of a row is its greatest.
 
-    The columns lie between edges (C + 1,) along x.
+    Column c reaches from edges[c] to edges[c + 1] along x; edges are (C + 1,).
     """
     span = float(edges[-1] - edges[0])
     x = _LABELS + _CELLS * (edges - edges[0]) / span
@@ -65,12 +65,12 @@ def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> st
 
 
 def parameter_table(parameters: Sequence[ParameterEntry]) -> str:
-    """A row for each unknown: name, value, prior, and both as bars on one scale."""
-    rows = []
-    for name, entries in groupby(parameters, lambda each: each.name):
-        rows += [
-            _parameter_row(each, name if place == 0 else "") for place, each in enumerate(entries)
-        ]
+    """One row for each unknown: name, value, prior, and both as bars on one scale."""
+    rows = [
+        _parameter_row(each, "" if place else name)
+        for name, entries in groupby(parameters, lambda each: each.name)
+        for place, each in enumerate(entries)
+    ]
     return (
         '<div class="wide"><table class="parameters"><thead><tr><th>unknown</th><th></th>'
         "<th>found, ± 1 σ</th><th>1 σ beforehand</th><th>before and after</th><th>taught</th></tr>"
@@ -97,7 +97,7 @@ def _parameter_row(entry: ParameterEntry, name: str) -> str:
 
 
 def _bars(value: float, std: float, prior: float) -> str:
-    """The prior's 1 sigma as a pale bar about zero, the posterior's as a dark one."""
+    """1 sigma of the prior as a pale bar about zero, 1 sigma of the posterior as a dark bar."""
     if abs(value) > _FARTHEST * prior:
         return ""
     scale = 100.0 / (_REACH * prior)
@@ -112,13 +112,11 @@ def _bars(value: float, std: float, prior: float) -> str:
 
 
 def _with_power(value: float, std: float | None = None) -> str:
-    """A number, ± its sigma if it has one, with a power of thousand where it is small or large."""
+    """A number, with its sigma if known, times a power of thousand where it is small or large."""
     size = max(abs(value), std or 0.0)
-    power = (
-        0
-        if not _TINY < size < 1.0 / _TINY or 1e-3 <= size < 1e4
-        else 3 * math.floor(math.log10(size) / 3.0)
-    )
+    power = 0
+    if _TINY < size < 1.0 / _TINY and not 1e-3 <= size < 1e4:
+        power = 3 * math.floor(math.log10(size) / 3.0)
     factor = 10.0**-power
     text = figures(value * factor, 2) if std is None else with_std(value * factor, std * factor)
     if not power:

@@ -43,28 +43,28 @@ _SENSORS = {
 _LONGEST_NAME = 70
 """Letters of a stream's name that fit above a plot."""
 _SILENT = 1e-12
-"""Density, of either unit, below which a sensor shows no noise of its own: it repeats samples."""
+"""Density in either unit; a sensor with less noise of its own repeats samples."""
 _WIDE = 8.0
-"""Times the median error bar, from which a part tells so little that the plot may cut it off."""
+"""Times the median error bar; the plot may cut off a part with a longer one."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Material:
-    """All that a report of one IMU is drawn from."""
+    """The data from which the report of one IMU is drawn."""
 
     result: Result
     details: Details | None = None
-    """None where only the result is at hand."""
+    """None where only the result is known."""
     spectra: tuple[Spectrum, Spectrum] | None = None
-    """Of what the fit leaves, accelerometer and gyroscope; the details have them too."""
+    """Of the residuals, accelerometer and gyroscope; the details have them too."""
     stretches: LogParts | None = None
-    """What each part of the log told; likewise."""
+    """Estimates from each part of the log; the details have them too."""
     stamps: Mapping[str, Floats] | None = None
-    """Stamps of each stream, s of the log, in the order in which they were recorded."""
+    """Stamps of each stream, s of the log, in the order of recording."""
 
 
 def figures(material: Material) -> Iterator[Figure]:
-    """All that the material can show."""
+    """All figures that the material allows."""
     details, spectra, stretches = material.details, material.spectra, material.stretches
     if details is not None:
         spectra, stretches = details.spectra, details.stretches
@@ -78,17 +78,10 @@ def figures(material: Material) -> Iterator[Figure]:
         yield _window(details)
     if stretches is not None:
         edges = stretches.fold_edges
-        yield _figure(
-            "segments",
-            count=len(edges) - 1,
-            plots=_pose_plots(
-                0.5 * (edges[1:] + edges[:-1]),
-                stretches.fold_difference,
-                stretches.fold_std,
-                x_label=_TIME,
-                shared=_LOG_TIME,
-            ),
-        )
+        differences = stretches.fold_difference, stretches.fold_std
+        middles = 0.5 * (edges[1:] + edges[:-1])
+        plots = _pose_plots(middles, *differences, x_label=_TIME, shared=_LOG_TIME)
+        yield _figure("segments", count=len(edges) - 1, plots=plots)
         yield _so_far(stretches)
         rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES)
         drawing = heat_map(stretches.share, rows=rows, edges=stretches.edges, unit="s")
@@ -114,25 +107,14 @@ def _motion(material: Material, details: Details, sensor: str) -> Figure:
         t = series.t[at]
         band = ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0]
         band[np.isnan(measured[at, axis])] = np.nan
-        plots.append(
-            _over_time(
-                title=name,
-                x=t,
-                traces=(
-                    trace("samples, less bias", band, "band", "faint"),
-                    trace("measured", measured[at, axis]),
-                    trace("predicted", predicted[at, axis], "dashed", "second"),
-                ),
-                y_label=unit,
-                shaded=series.left_out,
-            )
+        traces = (
+            trace("samples, less bias", band, "band", "faint"),
+            trace("measured", measured[at, axis]),
+            trace("predicted", predicted[at, axis], "dashed", "second"),
         )
-    return _figure(
-        sensor,
-        quantity=quantity,
-        seconds=f"{2.0 * details.half_window:.3g}",
-        plots=plots,
-    )
+        plots.append(_over_time(name, t, traces, y_label=unit, shaded=series.left_out))
+    seconds = f"{2.0 * details.half_window:.3g}"
+    return _figure(sensor, quantity=quantity, seconds=seconds, plots=plots)
 
 
 def _residuals(series: WindowSeries) -> Figure:
@@ -140,15 +122,8 @@ def _residuals(series: WindowSeries) -> Figure:
     for sensor, (name, _, unit) in _SENSORS.items():
         values = np.asarray(getattr(series, f"{sensor}_residual"))
         at = thinned(values)
-        plots.append(
-            _over_time(
-                title=name,
-                x=series.t[at],
-                traces=_by_axis(values[at]),
-                y_label=unit,
-                shaded=series.left_out,
-            )
-        )
+        traces = _by_axis(values[at])
+        plots.append(_over_time(name, series.t[at], traces, y_label=unit, shaded=series.left_out))
     return _figure("residuals", plots=plots)
 
 
@@ -170,21 +145,14 @@ def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
 
 def _window(details: Details) -> Figure:
     own = 2.0 * details.half_window
-    solved = sorted(
-        [(own, np.zeros(6), np.zeros(6))]
-        + [
-            (each.seconds, each.difference, np.sqrt(np.diag(each.covariance)))
-            for each in details.dependence
-        ],
-        key=lambda each: each[0],
-    )
-    seconds = np.array([each[0] for each in solved])
-    difference, std = (np.array([each[place] for each in solved]) for place in (1, 2))
-    return _figure(
-        "window",
-        seconds=f"{own:.3g}",
-        plots=_pose_plots(seconds, difference, std, x_label="window, s", log="x"),
-    )
+    solved = [(own, np.zeros(6), np.zeros(6))] + [
+        (each.seconds, each.difference, np.sqrt(np.diag(each.covariance)))
+        for each in details.dependence
+    ]
+    solved.sort(key=lambda each: each[0])
+    columns = (np.array(column) for column in zip(*solved, strict=True))
+    plots = _pose_plots(*columns, x_label="window, s", log="x")
+    return _figure("window", seconds=f"{own:.3g}", plots=plots)
 
 
 def _so_far(stretches: LogParts) -> Figure:
@@ -206,20 +174,15 @@ def _so_far(stretches: LogParts) -> Figure:
 
 def _offset(profile: OffsetProfile, found: TimeOffset) -> Figure:
     value, std = found.seconds * 1e3, (found.std or 0.0) * 1e3
-    return _figure(
-        "offset",
-        found=with_std(value, std),
-        plots=(
-            plot(
-                title="Time offset",
-                x=profile.seconds * 1e3,
-                traces=(trace("worse by", profile.sigmas),),
-                x_label="IMU stamp less robot stamp, ms",
-                y_label="σ",
-                shaded=[(value - std, value + std)],
-            ),
-        ),
+    drawn = plot(
+        title="Time offset",
+        x=profile.seconds * 1e3,
+        traces=(trace("worse by", profile.sigmas),),
+        x_label="IMU stamp less robot stamp, ms",
+        y_label="σ",
+        shaded=[(value - std, value + std)],
     )
+    return _figure("offset", found=with_std(value, std), plots=(drawn,))
 
 
 def _stamps(stamps: Mapping[str, Floats]) -> Figure:
@@ -241,14 +204,9 @@ def _stamps(stamps: Mapping[str, Floats]) -> Figure:
 
 def _figure(key: str, *, plots: Sequence[Data] = (), drawing: str = "", **values: object) -> Figure:
     words = WORDS[key]
-    return Figure(
-        key=key,
-        words=words._replace(
-            title=words.title.format(**values), shows=words.shows.format(**values)
-        ),
-        plots=plots,
-        drawing=drawing,
-    )
+    title, shows = words.title.format(**values), words.shows.format(**values)
+    filled = words._replace(title=title, shows=shows)
+    return Figure(key=key, words=filled, plots=plots, drawing=drawing)
 
 
 def _pose_plots(
@@ -273,7 +231,7 @@ def _pose_plots(
 
 
 def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
-    """Range that shows all but error bars of parts that tell next to nothing."""
+    """Range of y that shows all but the very long error bars."""
     usual = half_width <= _WIDE * np.median(half_width)
     most = float(np.max((np.abs(values) + half_width)[usual], initial=0.0))
     return (-1.1 * most, 1.1 * most) if most > 0.0 else (-1.0, 1.0)

@@ -1,4 +1,4 @@
-"""One HTML page about one or several IMUs, with all it needs in it: no network, no other file."""
+"""One HTML page about one or several IMUs that needs no network and no other file."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:"
-"""The page loads nothing, whatever a name in a log holds."""
+"""The page loads nothing, whatever a name in a log contains."""
 _FIRST = "urdf"
-"""Format that is shown first."""
+"""Format that is open at first."""
 
 
 def page(materials: Sequence[Material]) -> str:
@@ -36,7 +36,7 @@ def page(materials: Sequence[Material]) -> str:
     names = [f"{each.result.child} in {each.result.parent}" for each in materials]
     data: dict[str, Any] = {"plots": {}, "mounts": {}}
     articles = [_article(each, number, data) for number, each in enumerate(materials)]
-    # Nothing that ends the element may stand in it.
+    # The text must not contain what ends its element.
     text = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -55,15 +55,17 @@ def page(materials: Sequence[Material]) -> str:
 
 
 def _article(material: Material, number: int, data: dict[str, Any]) -> str:
-    """One IMU; what the script draws goes into ``data``."""
+    """The article about one IMU; the data that the script draws go into ``data``."""
     result = material.result
     prefix = f"imu{number}-"
     found = list(figures(material))
     mount = f"{prefix}mount"
     data["mounts"][mount] = _mount(result)
-    contents = [("pose", "The pose"), ("mount", "Where it is")]
-    contents += [(each.key, each.words.title) for each in found] + [
-        ("source", "Where this is from")
+    contents = [
+        ("pose", "The pose"),
+        ("mount", "Where it is"),
+        *((each.key, each.words.title) for each in found),
+        ("source", "Where this is from"),
     ]
     links = "".join(f'<li><a href="#{prefix}{key}">{title}</a></li>' for key, title in contents)
     drawn = "".join(_figure(each, prefix, data) for each in found)
@@ -73,11 +75,18 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
     elif companions := solved_with(result):
         listed = as_html(", ".join(companions))
         drawn = f"<p>{_TOGETHER.format(others=listed)}</p>{drawn}"
-    told = sections(result)
-    first = "".join(_section(each) for each in told if _is_told_first(each))
-    others = "".join(_section(each) for each in told if not _is_told_first(each))
+    first = others = ""
+    for section in sections(result):
+        # reasons against the result and warnings come first
+        if all(field.severity for field in section.fields):
+            first += _section(section)
+        else:
+            others += _section(section)
+    status, words = judgement(result)
     return (
-        f"<article><header>{_head(result)}{first}</header><nav><ul>{links}</ul></nav>"
+        f"<article><header><h1>{as_html(result.child)} in {as_html(result.parent)}</h1>"
+        f'<p class="verdict {status}"><strong>{status}</strong> {as_html(words)}</p>'
+        f"{first}</header><nav><ul>{links}</ul></nav>"
         f'<section id="{prefix}pose"><h2>The pose</h2>{others}{_copies(result)}</section>'
         f'<section id="{mount}"><h2>Where it is</h2>{_mount_words(result)}'
         f'<div class="views" data-mount="{mount}"></div></section>'
@@ -97,27 +106,11 @@ _PUBLISHED = (
     "The published method (<code>--method paper</code>) keeps no series of what it measured and "
     "predicted, and states no σ: these figures are of the default method."
 )
-
-
 _TOGETHER = (
     "This IMU was solved together with {others}. Motion and residuals are of that solution, whose "
     "numbers stand above; spectra, windows, parts of the log and the time offset's likelihood are "
     "of this IMU by itself."
 )
-
-
-def _head(result: Result) -> str:
-    status, words = judgement(result)
-    return (
-        f"<h1>{as_html(result.child)} in {as_html(result.parent)}</h1>"
-        f'<p class="verdict {status}"><strong>{status}</strong> '
-        f"{as_html(words)}</p>"
-    )
-
-
-def _is_told_first(section: Section) -> bool:
-    """Whether it holds reasons against the result, or warnings."""
-    return all(field.severity for field in section.fields)
 
 
 def _section(section: Section) -> str:
@@ -137,7 +130,7 @@ def _field(field: Field) -> str:
 
 def _copies(result: Result) -> str:
     """The pose in every format that takes it, ready to copy."""
-    entries, told = [], ""
+    entries, note = [], ""
     if result.status == "ok":
         for name, each in FORMATS.items():
             if each.is_bare_pose:
@@ -148,7 +141,7 @@ def _copies(result: Result) -> str:
                     f"{as_html(each.words)}</summary>{_copied(text)}</details>"
                 )
     else:
-        told = (
+        note = (
             '<p class="untrusted">The result is untrusted, so the pose is not given in forms that '
             "cannot say so; <code>imucalib run --format … --force</code> gives them.</p>"
         )
@@ -156,7 +149,7 @@ def _copies(result: Result) -> str:
         "<details><summary>YAML: the whole result</summary>"
         f"{_copied(FORMATS['yaml'].render([result]))}</details>"
     )
-    return f"<h3>To copy</h3>{told}{''.join(entries)}"
+    return f"<h3>To copy</h3>{note}{''.join(entries)}"
 
 
 def _copied(text: str) -> str:
@@ -186,25 +179,23 @@ def _figure(figure: Figure, prefix: str, data: dict[str, Any]) -> str:
 
 
 def _mount(result: Result) -> dict[str, Any]:
-    """Poses in the parent link for the 3D view, m, and the covariance of the place, m²."""
+    """Poses in the parent link for the 3D view, m, and the covariance of the translation, m²."""
     covariance, nominal = _place_covariance(result), result.nominal
+
+    def pose(R: Floats, t: Floats) -> dict[str, Any]:
+        return {"R": [plain(row, 9) for row in R], "t": plain(t, 9)}
+
     return {
         "parent": shown(result.parent),
         "child": shown(result.child),
-        "R": [plain(row, 9) for row in result.pose.R],
-        "t": plain(result.pose.t, 9),
-        "nominal": None
-        if nominal is None
-        else {
-            "R": [plain(row, 9) for row in nominal.R_parent_imu],
-            "t": plain(nominal.t_parent_imu, 9),
-        },
+        **pose(result.pose.R, result.pose.t),
+        "nominal": nominal and pose(nominal.R_parent_imu, nominal.t_parent_imu),
         "covariance": None if covariance is None else [plain(row) for row in covariance],
     }
 
 
 def _place_covariance(result: Result) -> Floats | None:
-    """(3, 3), m²; None where the place is not determined, or held."""
+    """(3, 3), m²; None where the translation is not determined, or is held."""
     covariance = result.uncertain_pose.covariance
     if covariance is None or None in result.transform.translation or not covariance[:3, :3].any():
         return None
@@ -229,9 +220,8 @@ def _mount_words(result: Result) -> str:
 
 def _source(result: Result, prefix: str) -> str:
     source = result.provenance
-    rows = [(each.path, each.identity) for each in source.files]
-    if source.urdf is not None:
-        rows.append((source.urdf.path, source.urdf.identity))
+    files_read = [*source.files, *([source.urdf] if source.urdf else [])]
+    rows = [(each.path, each.identity) for each in files_read]
     rows.append(("made by", f"{source.tool} {source.version}"))
     rows += [(name, "default" if v is None else str(v)) for name, v in source.options.items()]
     text = "".join(f"<dt>{as_html(name)}</dt><dd>{as_html(value)}</dd>" for name, value in rows)

@@ -1,7 +1,7 @@
-"""Pages for papers: readings against predictions with what is left, and mounts over time.
+"""Plots for papers: measured, predicted and residual series, and mounts over time.
 
-matplotlib is an optional dependency (extra ``plot``) and slow to import: only when drawn. The same
-series give the same bytes.
+matplotlib is an optional dependency (extra ``plot``) and slow to import, so it is imported only to
+draw. The same series give the same bytes.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.optional import optional
+from imucalib_cli.results.pose import PARTS
 from imucalib_cli.robot.rotations import matrix_from_quaternion, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ _WIDTH, _HEIGHT = 7.2, 8.6
 _DPI = 200
 """Of a PNG: pixels of a good print."""
 _MEASURED, _PREDICTED, _RESIDUAL = "#56b4e9", "#d55e00", "#444444"
-"""Two of Okabe and Ito's, told apart by colour-blind readers too, and a grey."""
+"""Two colours of Okabe and Ito, which colour-blind readers can tell apart, and a grey."""
 _LEFT_OUT = "#cccccc"
 _SENSORS = (
     ("accel", "acceleration", "m/s²", "mm/s²"),
@@ -44,15 +45,15 @@ _STYLE = {
     "axes.linewidth": 0.6,
     "lines.linewidth": 0.7,
 }
-"""Text stays text, so that it can be searched and edited."""
+"""Text stays text, to search and edit."""
 _PANEL = 2.1
 """Inches: height of a panel of a trend."""
 _AXES = (("x", "#0072b2", "o"), ("y", "#d55e00", "s"), ("z", "#009e73", "^"))
-"""Colours of Okabe and Ito; marks tell them apart without colours."""
+"""Colours of Okabe and Ito; the marks differ too."""
 _EDGE = 0.9
-"""Of the margin above and below: where an odd recording is drawn that lies beyond."""
+"""Share of the margin above and below at which an odd recording beyond it is drawn."""
 _BESIDE = 0.003
-"""Of what the panel spans, by which the marks of two axes stand apart."""
+"""Share of the panel's width between the marks of two axes."""
 _NO_DATES: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None, "Creator": "imucalib"},
     ".pdf": {"CreationDate": None, "Creator": "imucalib", "Producer": None},
@@ -61,10 +62,7 @@ _NO_DATES: dict[str, dict[str, Any]] = {
 
 
 def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
-    """A page on which something is drawn, of a size in inches, as one of SUFFIXES.
-
-    Raises InputError where matplotlib is not installed.
-    """
+    """A drawn page of a size in inches, as one of SUFFIXES; InputError without matplotlib."""
     style = optional("matplotlib.style", "--plot needs", "plot")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -79,7 +77,7 @@ def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: st
 
 
 def draw_residuals(windows: WindowSeries, suffix: str) -> bytes:
-    """Measured and predicted of both sensors by axis over time, residuals below each."""
+    """Measured and predicted values of both sensors by axis over time, each above its residuals."""
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(
@@ -111,7 +109,7 @@ def _draw_axis(upper: Axes, lower: Axes, windows: WindowSeries, sensor: str, axi
     lower.plot(t, residual, color=_RESIDUAL, linewidth=0.6, label="residual")
     lower.axhline(0.0, color="black", linewidth=0.4)
     used = windows.weight > 0.0
-    if used.any():  # what was left out may be far off
+    if used.any():  # left out values may be far off
         most = 1.1 * float(np.abs(residual[used]).max()) or 1.0
         lower.set_ylim(-most, most)
     for number, (start, end) in enumerate(windows.left_out):
@@ -124,7 +122,7 @@ def _draw_axis(upper: Axes, lower: Axes, windows: WindowSeries, sensor: str, axi
 
 
 def draw_trends(answers: Sequence[TrendAnswer], suffix: str) -> bytes:
-    """Shift and turn of every recording from the first mount, and what the mounts agree on.
+    """Shift and turn of every recording from the first mount, with the mean of each mount.
 
     IMUs without recordings are left out.
     """
@@ -153,7 +151,7 @@ def draw_trends(answers: Sequence[TrendAnswer], suffix: str) -> bytes:
 
 
 def _places(answer: TrendAnswer, panel: Axes) -> Floats:
-    """(k,), where each recording stands: days, or its number."""
+    """(k,), x of each recording: its date in days, or its number."""
     if answer.order == "as given":
         return np.arange(1.0, len(answer.recordings) + 1.0)
     dates = optional("matplotlib.dates", "--plot needs", "plot")
@@ -169,7 +167,7 @@ def _draw_trend(panel: Axes, answer: TrendAnswer, x: Floats, what: str, unit: st
         for name in (what, "std")
     )
     odd = np.array([each.odd for each in answer.recordings])
-    if not odd.all():  # one that is far off would hide a move
+    if not odd.all():  # an odd recording that is far off would hide a move
         low, high = (values - std)[~odd].min(), (values + std)[~odd].max()
         margin = 0.5 * float(high - low) or 1.0
         panel.set_ylim(low - margin, high + margin)
@@ -201,24 +199,21 @@ def _draw_trend(panel: Axes, answer: TrendAnswer, x: Floats, what: str, unit: st
 def _levels(
     answer: TrendAnswer, x: Floats, what: str, axis: int
 ) -> list[tuple[Floats, Floats, Floats]]:
-    """Where each mount, or the drift, lies on an axis: places, values, 1 sigma."""
-    part = "translation" if what == "shift" else "rotation"
-    unit = "mm" if what == "shift" else "deg"
+    """Lines of the mounts or of the drift on an axis: x, values and 1 sigma of their two ends."""
+    part, (block, unit, scale) = list(PARTS.items())[what == "turn"]
     if answer.drift is not None:
         change = getattr(answer.drift, part)
-        ends = np.array([0.0, getattr(change, f"vector_{unit}")[axis]])
-        return [(x[[0, -1]], ends, np.array([0.0, getattr(change, f"std_{unit}")[axis]]))]
+        ends, halves = (getattr(change, f"{name}_{unit}")[axis] for name in ("vector", "std"))
+        return [(x[[0, -1]], np.array([0.0, ends]), np.array([0.0, halves]))]
     found = []
     for number, mount in enumerate(answer.mounts):
-        first = answer.mounts[0]
+        first, place = answer.mounts[0], block.start + axis
         if what == "shift":
-            value = 1e3 * (mount.translation[axis] - first.translation[axis])
-            variance, scale = mount.covariance[axis][axis], 1e3
+            value = scale * (mount.translation[axis] - first.translation[axis])
         else:
             R, R_first = (matrix_from_quaternion(m.rotation_xyzw) for m in (mount, first))
             value = float(np.degrees(rotvec_from_matrix(R @ R_first.T)[axis]))
-            variance, scale = mount.covariance[axis + 3][axis + 3], float(np.degrees(1.0))
         rows = [k for k, each in enumerate(answer.recordings) if each.mount == number + 1]
-        half = scale * float(np.sqrt(variance or 0.0))
+        half = scale * float(np.sqrt(mount.covariance[place][place] or 0.0))
         found.append((x[[rows[0], rows[-1]]], np.full(2, value), np.full(2, half)))
     return found

@@ -1,9 +1,9 @@
-"""What the windows measure and predict, as a table that PlotJuggler and pandas open."""
+"""Measured and predicted values of the windows as a table that PlotJuggler and pandas read."""
 
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     Column = Floats | Integers
 
 AXES = "xyz"
-_DIGITS = ".10g"
 
 
 def stamps_ns(t: Floats, origin_ns: int) -> Integers:
@@ -30,14 +29,11 @@ def stamps_ns(t: Floats, origin_ns: int) -> Integers:
 def residual_table(windows: WindowSeries, origin_ns: int) -> dict[str, Column]:
     """One row for each instant, columns by name.
 
-    ``time_s`` is the seconds of the log, ``stamp_ns`` the same instant as the IMU stamps it, which
-    stamps the log's second 0 with ``origin_ns``. All other columns are named
+    ``time_s`` is seconds of the log. ``stamp_ns`` is the same instant by the IMU's clock, which has
+    ``origin_ns`` at the log's second 0. The other columns are named
     <sensor>_<axis>_<measured|predicted|residual>_<unit>, IMU axes.
     """
-    table: dict[str, Column] = {
-        "time_s": windows.t,
-        "stamp_ns": stamps_ns(windows.t, origin_ns),
-    }
+    table: dict[str, Column] = {"time_s": windows.t, "stamp_ns": stamps_ns(windows.t, origin_ns)}
     for sensor, unit in (("accel", "m_s2"), ("gyro", "rad_s")):
         for axis, letter in enumerate(AXES):
             for what in ("measured", "predicted", "residual"):
@@ -48,13 +44,12 @@ def residual_table(windows: WindowSeries, origin_ns: int) -> dict[str, Column]:
 
 def as_csv(table: Mapping[str, Column]) -> bytes:
     """A table with its header, by commas."""
-    columns: list[list[Any]] = [
-        [format(value, _DIGITS) for value in values.tolist()]
-        if values.dtype.kind == "f"
-        else values.tolist()
-        for values in table.values()
-    ]
-    return csv_text(table, zip(*columns, strict=True)).encode()
+    columns = (values.tolist() for values in table.values())
+    rows = (
+        [f"{each:.10g}" if isinstance(each, float) else each for each in row]
+        for row in zip(*columns, strict=True)
+    )
+    return csv_text(table, rows).encode()
 
 
 def as_parquet(table: Mapping[str, Column]) -> bytes:

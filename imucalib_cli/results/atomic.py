@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from typing import IO
 
 _WRITABLE = 0o222
-"""Bits of a mode that let anybody write."""
+"""Mode bits that allow anybody to write."""
 _PARTIAL = ".imucalib-{}.part"
 _ABANDONED = 60.0
-"""s without a change, after which nobody writes to a partial file any more."""
+"""s without a change after which a partial file counts as abandoned."""
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write content so that a reader sees the old file or the new one, never half of it.
+    """Write content so that a reader sees the old file or the new one, never a part.
 
-    Text becomes UTF-8 with its line ends as they are. A symbolic link is kept and its target
-    replaced; devices and pipes are written to as they are. Raises InputError where the path cannot
-    be written (folder missing, no permission, disk full).
+    Text becomes UTF-8 with unchanged line ends. A symbolic link is kept and its target replaced;
+    devices and pipes are written directly. Raises InputError where the path cannot be written
+    (folder missing, no permission, disk full).
     """
     data = content.encode() if isinstance(content, str) else content
-    with _told(path):
+    with _reported(path):
         target = _target(path)
         if target.exists() and not target.is_file():
             with target.open("wb") as device:
@@ -41,7 +41,7 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def clear_partial(folder: Path) -> None:
-    """Remove what killed processes have left of files that they were writing into a folder."""
+    """Remove partial files that killed processes left in a folder."""
     for partial in folder.glob(_PARTIAL.format("*")):
         with contextlib.suppress(OSError):
             if time.time() - partial.stat().st_mtime > _ABANDONED:
@@ -49,19 +49,19 @@ def clear_partial(folder: Path) -> None:
 
 
 def see_writable(path: Path, made: Path | None = None) -> None:
-    """See before a long computation that :func:`write_whole` will be able to write a file.
+    """Check before a long computation that :func:`write_whole` can write a file.
 
-    Nothing is written. The folder ``made`` will be there by then. Raises InputError as that does,
-    and where the file is write-protected.
+    Nothing is written. The folder ``made`` will exist by then. Raises InputError as
+    :func:`write_whole` does, and where the file is write-protected.
     """
-    with _told(path):
+    with _reported(path):
         target = _target(path)
         if not target.exists():
             if made is not None and target.parent == made.resolve():
                 see_folder_writable(made)
             else:
                 _see_folder(target.parent)
-        # replacing it needs only the folder; who protects a file means the file
+        # replacing needs only the folder, but protection of the file is respected
         elif not target.stat().st_mode & _WRITABLE or not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, "it is write-protected")
         elif target.is_file():
@@ -69,8 +69,8 @@ def see_writable(path: Path, made: Path | None = None) -> None:
 
 
 def see_folder_writable(folder: Path) -> None:
-    """See that files can be put into a folder, which need not be there yet; else InputError."""
-    with _told(folder):
+    """Raise InputError unless files can be written into a folder, which may not exist yet."""
+    with _reported(folder):
         nearest = folder.resolve()
         while not nearest.exists() and nearest != nearest.parent:
             nearest = nearest.parent
@@ -78,7 +78,7 @@ def see_folder_writable(folder: Path) -> None:
 
 
 def lock(file: IO[bytes]) -> bool:
-    """Lock a file until it is closed, unless another has; True where locking is not supported."""
+    """Lock a file until it is closed; False if it is locked. True where locking is unsupported."""
     try:
         import fcntl
     except ImportError:  # Windows
@@ -93,7 +93,7 @@ def lock(file: IO[bytes]) -> bool:
 
 
 def _target(path: Path) -> Path:
-    """The file that is to be written, links followed."""
+    """The file to write, with links followed."""
     target = path.resolve()
     if target.is_dir():
         raise InputError(f"{path}: is a folder; name a file in it")
@@ -111,8 +111,8 @@ def _see_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """What the operating system has against a path, as an InputError."""
+def _reported(path: Path) -> Iterator[None]:
+    """Turn errors of the operating system about a path into InputError."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -123,7 +123,7 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def identity(path: Path) -> object:
-    """The same for all names and links that lead to one file, which need not be there."""
+    """The same value for all names of and links to one file, which need not exist."""
     try:
         found = path.stat()
     except OSError:
@@ -135,7 +135,7 @@ def identity(path: Path) -> object:
 
 def _replace(target: Path, data: bytes) -> None:
     partial = target.with_name(_PARTIAL.format(secrets.token_hex(4)))
-    # os.open rather than tempfile: the new file obeys the umask as any other file does
+    # os.open, not tempfile: the new file obeys the umask
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
     try:
         with os.fdopen(handle, "wb") as file:

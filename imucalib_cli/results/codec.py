@@ -1,4 +1,4 @@
-"""Trees as YAML and JSON text, read back with checks that name file and key, and their schemas."""
+"""Trees as YAML and JSON, their schemas, and reading with errors that name file and key."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ Document = dict[str, Any]
 T = TypeVar("T")
 
 FARTHEST = 100.0
-"""m; no IMU sits farther from the frame that carries it."""
+"""m; no IMU is farther from its parent frame."""
 ROTATIONS_AGREE = 1e-6
-"""rad between the quaternion and the angles of one rotation, and of its norm from 1."""
+"""Largest angle, rad, between quaternion and rpy of one rotation, and largest error of its norm."""
 RESULT = "a result of `imucalib run`"
 _OLD_REQUIREMENT = "--require asks for "
-"""How the reasons of --require begin in results that were written without codes."""
+"""Beginning of the reasons of --require in results that were written without codes."""
 _LONGEST = 300
-"""Characters of a complaint: it may quote a value of any length."""
+"""Characters of an error: it may quote a value of any length."""
 _SURROGATE = re.compile("[\ud800-\udfff]")
 _SHOWN = reprlib.Repr()
-"""For values of a file, which may be long."""
+"""Shortens long values of a file."""
 _SHOWN.maxstring = _SHOWN.maxother = 100
 _WORDS = {
     "bool | int | float | str": "a number or a text",
@@ -54,15 +54,15 @@ _WORDS = {
     "str": "a text",
     "bool": "true or false",
 }
-"""What msgspec calls a type, and what a user does."""
+"""Names of types in msgspec and for users."""
 _SAID_BY_MSGSPEC = ("Expected ", "Invalid ", "Number out of range")
 
 
 class PlainDumper(yaml.SafeDumper):
-    """Nothing aliased, and every text quoted that a reader could take for a number."""
+    """Writes no aliases, and quotes every text that a reader could take for a number."""
 
     def ignore_aliases(self, data: Any) -> bool:
-        """Write what stands in two places twice."""
+        """Write an object that occurs twice twice."""
         del data
         return True
 
@@ -72,7 +72,7 @@ for _number in NUMBERS:
 
 
 class _Dumper(PlainDumper):
-    """Vectors on one line, everything else one item a line."""
+    """Writes vectors on one line, and other lists one item a line."""
 
 
 def _represent_list(dumper: yaml.SafeDumper, values: list[Any]) -> yaml.Node:
@@ -90,7 +90,7 @@ def to_document(tree: Tree) -> Document:
 
 
 def to_yaml(documents: Sequence[Tree | Document]) -> str:
-    """One document, or a stream of several separated by ``---``."""
+    """One document, or several separated by ``---``."""
     parts = (
         yaml.dump(
             document,
@@ -98,7 +98,7 @@ def to_yaml(documents: Sequence[Tree | Document]) -> str:
             sort_keys=False,
             default_flow_style=False,
             allow_unicode=True,
-            width=10_000,  # a vector that is broken over lines is no longer readable
+            width=10_000,  # keeps a vector on one line
         )
         for document in map(msgspec.to_builtins, documents)
     )
@@ -121,10 +121,9 @@ def to_jsonl(documents: Sequence[Tree | Document]) -> str:
 
 
 def read_results(text: str, name: str) -> list[Result]:
-    """Results of the text of one file: a YAML stream, a JSON object or a JSON array.
+    """Results from the text of the file ``name``: a YAML stream, a JSON object or a JSON array.
 
-    Raises InputError, which calls the file by its name, where it is no result of this tool, is
-    damaged, or is of a newer schema.
+    Raises InputError where it is no result of this tool, is damaged, or has a newer schema.
     """
     try:
         # JSON is YAML 1.2, so one parser reads both
@@ -139,10 +138,10 @@ def read_results(text: str, name: str) -> list[Result]:
 
 
 def result_from(document: object, name: str) -> Result:
-    """One result from its parsed document, checked; InputError names the key that is at fault."""
+    """One result from its parsed document, checked; InputError names the wrong key."""
     if not isinstance(document, dict):
         _fail(name, "", f"should be a mapping; is this {RESULT}?")
-    if "schema" not in document:  # it says what the rest should be, so it comes first
+    if "schema" not in document:  # checked first, because the rest depends on it
         _fail(name, "schema", f"is missing; is this {RESULT}?")
     schema = document["schema"]
     if isinstance(schema, int) and not isinstance(schema, bool) and schema != SCHEMA:
@@ -162,10 +161,10 @@ def result_from(document: object, name: str) -> Result:
 
 
 def convert(document: object, kind: type[T], name: str, what: str, where: str = "") -> T:
-    """A tree from a parsed document, all of which can be written again.
+    """A tree from a parsed document, checked so that it can be written again.
 
-    Messages call the file by its name, say what it should be, and where in it the document stands.
-    Raises InputError, which names the key, where one is missing or has a value that cannot be.
+    Messages have the name of the file, ``what`` it should be, and ``where`` in it the document is.
+    Raises InputError, which names the key, where one is missing or has an impossible value.
     """
     try:
         tree = msgspec.convert(document, kind)
@@ -184,7 +183,7 @@ def _fail(name: str, place: str, complaint: str) -> NoReturn:
 
 
 def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str, str]:
-    """Place and complaint of msgspec's message, such as "Expected `int`, got `str` - at `$.a`"."""
+    """Place and error from msgspec's message, such as "Expected `int`, got `str` - at `$.a`"."""
     said, _, path = error.partition(" - at ")
     place = path.removeprefix("`key` in ").strip("`").removeprefix("$").removeprefix(".")
     if missing := re.match(r"Object missing required field `(.*)`", said):
@@ -192,7 +191,7 @@ def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str,
     if path.startswith("`key` in "):
         odd = "this version does not know" if said.startswith("Invalid") else "is no text"
         return place, f"has a key that {odd}: leave it out"
-    if not said.startswith(_SAID_BY_MSGSPEC):  # a rule of the tree's own, which names the field
+    if not said.startswith(_SAID_BY_MSGSPEC):  # a rule of the tree itself, which names the field
         field, _, complaint = said.partition(" ")
         return f"{place}.{field}".removeprefix("."), complaint
     wanted = said.removeprefix("Expected ").partition(", got ")[0]
@@ -216,7 +215,7 @@ def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str,
 
 
 def _declared(kind: Any, keys: list[str]) -> Document:
-    """JSON Schema of what stands at a place of a tree; empty where the place is not that exact."""
+    """JSON Schema at a place of a tree; empty where the place is not exact."""
     (node,), parts = msgspec.json.schema_components([kind])
     for key in [*keys, ""]:
         for _ in range(2):  # null or a tree, and the tree
@@ -231,7 +230,7 @@ def _declared(kind: Any, keys: list[str]) -> Document:
 
 
 def _value_at(document: Any, keys: list[str]) -> Any:
-    """What stands at a place; UNSET where the place is not that exact."""
+    """The value at a place; UNSET where the place is not exact."""
     try:
         for key in keys:
             document = document[int(key) if isinstance(document, list) else key]
@@ -241,7 +240,7 @@ def _value_at(document: Any, keys: list[str]) -> Any:
 
 
 def _unwritable(node: Any, place: str) -> Iterator[tuple[str, str]]:
-    """Places of what JSON or UTF-8 does not have, and the complaint."""
+    """Places of values that JSON or UTF-8 cannot express, with the error."""
     if isinstance(node, dict):
         for key, value in node.items():
             yield from _unwritable(key, place)
@@ -256,7 +255,7 @@ def _unwritable(node: Any, place: str) -> Iterator[tuple[str, str]]:
 
 
 def _contradictions(result: Result) -> Iterator[tuple[str, str]]:
-    """Places of a result that contradict each other, as edits by hand leave them."""
+    """Places of a result that contradict each other, as after edits by hand, with the error."""
     yield from _pose_contradictions(result)
     covariance = result.uncertain_pose.covariance
     if covariance is not None and not is_covariance(covariance):
@@ -297,7 +296,7 @@ def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[
     if abs(norm - 1.0) > ROTATIONS_AGREE:
         yield f"{place}.rotation_xyzw", f"should have norm 1, not {norm:.6g}"
         return
-    # the angles are for readers only, so whoever edits them alone would wonder why nothing happens
+    # the angles are only for readers: an edit of them alone would have no effect
     turn = rotvec_from_matrix(
         matrix_from_rpy(pose.rotation_rpy).T @ matrix_from_quaternion(pose.rotation_xyzw)
     )
@@ -312,27 +311,25 @@ def _with(result: Result, **diagnostics: Any) -> Result:
 
 
 def _uncoded(result: Result) -> list[FindingEntry]:
-    """Findings of a result that was written without codes: the one place that looks at sentences.
+    """Findings of a result that was written without codes; only here sentences decide.
 
     A result that misses --require is not wrong, and must still answer `verify` and `diff`.
     """
-    missed, said = _OLD_REQUIREMENT, result.diagnostics
-    return [
-        *(
-            FindingEntry(
-                "require.text" if reason.startswith(missed) else TEXT,
-                "untrusted",
-                {"text": reason},
-                reason,
-            )
-            for reason in said.distrust
-        ),
-        *(FindingEntry(TEXT, "warning", {"text": each}, each) for each in said.warnings),
+    found = [
+        FindingEntry(
+            "require.text" if reason.startswith(_OLD_REQUIREMENT) else TEXT,
+            "untrusted",
+            {"text": reason},
+            reason,
+        )
+        for reason in result.diagnostics.distrust
     ]
+    warnings = result.diagnostics.warnings
+    return found + [FindingEntry(TEXT, "warning", {"text": each}, each) for each in warnings]
 
 
 def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:
-    """JSON Schema (2020-12) of a document of one of some kinds, or of an array of such."""
+    """JSON Schema (2020-12) of a document of one of these kinds, or of an array of them."""
     places, parts = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
     for kind in Tree.__subclasses__():
         if kind.__name__ in parts:
@@ -351,7 +348,7 @@ def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:
 
 
 def _describe(part: Document, kind: type[Tree]) -> None:
-    """Take the texts of a class and of its fields into its schema."""
+    """Add the docstrings of a class and of its fields to its schema."""
     (declared,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(declared, ast.ClassDef)  # noqa: S101 - a tree is a class
     part["description"] = " ".join((ast.get_docstring(declared) or "").split())

@@ -1,7 +1,4 @@
-"""What a person is told about a result: one list of fields, from which every form is rendered.
-
-The text summary is one renderer of it, the HTML report another.
-"""
+"""The fields that describe a result in words: one list, from which summary and report are made."""
 
 from __future__ import annotations
 
@@ -39,19 +36,19 @@ if TYPE_CHECKING:
 _GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
 _AXES = "xyz"
 _MANY = 3
-"""Directions that are told one by one."""
+"""Most directions that are listed one by one."""
 
 
 @dataclass(frozen=True)
 class Field:
-    """One thing to be told, as plain text: names in it may hold anything, so escape them."""
+    """One statement as plain text; names in it may contain anything, so it must be escaped."""
 
     label: str
-    """Empty where the text says itself what it is."""
+    """Empty where the text needs none."""
     text: str
     """A value with its unit, or a sentence."""
     severity: Literal["untrusted", "warning", "note"] | None = None
-    """Of a reason or a warning; None for a value."""
+    """Of a reason, a warning or a note; None for a value."""
 
     def __str__(self) -> str:
         """As a sentence."""
@@ -60,12 +57,12 @@ class Field:
 
 @dataclass(frozen=True)
 class Section:
-    """Fields that belong together; at least one."""
+    """At least one field, with a title."""
 
     title: str
     fields: tuple[Field, ...]
     formula: str = ""
-    """Of a pose: what it does to the coordinates of a point."""
+    """Of a pose: how it transforms the coordinates of a point."""
 
 
 def verdict(result: Result) -> str:
@@ -75,9 +72,9 @@ def verdict(result: Result) -> str:
 
 
 def solved_with(result: Result) -> tuple[str, ...]:
-    """Topics of the IMUs that a result was solved together with; empty if it stands alone."""
-    told = (each.values["others"] for each in _findings(result, "imus.together"))
-    return tuple(str(each) for others in told if isinstance(others, Sequence) for each in others)
+    """Topics of the IMUs that a result was solved together with; empty if there are none."""
+    named = (each.values["others"] for each in _findings(result, "imus.together"))
+    return tuple(str(each) for others in named if isinstance(others, Sequence) for each in others)
 
 
 def _findings(result: Result, code: str) -> list[FindingEntry]:
@@ -85,9 +82,9 @@ def _findings(result: Result, code: str) -> list[FindingEntry]:
 
 
 def judgement(result: Result) -> tuple[Status, str]:
-    """Whether the result can be used, and in words how well it is known, or the gravest reason.
+    """Whether the result can be used, and in words its accuracy or the gravest reason against it.
 
-    The gravest is the cause of a poor fit, where one was found, before what comes of it.
+    The cause of a poor fit, where one was found, is graver than its consequences.
     """
     if result.status != "ok":
         reason = "".join(f": {each}" for each in reasons(result)[:1])
@@ -104,14 +101,14 @@ def judgement(result: Result) -> tuple[Status, str]:
 
 
 def reasons(result: Result) -> list[str]:
-    """Why a result should not be used, the gravest first; empty for one that may be."""
+    """Why a result should not be used, the gravest first; empty where it may be used."""
     return [*result.diagnostics.distrust, *map(str, unobservable_fields(result))]
 
 
 def findings_of(results: Sequence[Result]) -> list[Field]:
-    """What was found of some IMUs beside the reasons against them: what is alike once, with names.
+    """Warnings and notes about some IMUs; findings that are alike are listed once, with names.
 
-    Findings are alike if they differ in numbers alone; notes, also in which of the IMUs they name.
+    Findings are alike if they differ only in numbers; notes also if they name other IMUs.
     """
     topics = {result.imu_topic for result in results}
     found: dict[tuple[object, ...], list[tuple[str, FindingEntry]]] = {}
@@ -119,7 +116,7 @@ def findings_of(results: Sequence[Result]) -> list[Field]:
         seen = Counter[tuple[str, ...]]()  # one IMU may have several that are alike
         for each in result.diagnostics.findings:
             if each.severity != "untrusted":
-                own = topics if each.severity == "note" else frozenset[str]()
+                own = topics if each.severity == "note" else set[str]()
                 words = (each.code, *(w for w in _words(each.values.values()) if w not in own))
                 seen[words] += 1
                 found.setdefault((*words, seen[words]), []).append((result.child, each))
@@ -145,18 +142,15 @@ def _words(values: Iterable[object]) -> Iterator[str]:
 
 
 def sections(result: Result) -> tuple[Section, ...]:
-    """All that is told about one IMU, in the order in which it is read."""
+    """All sections about one IMU, in reading order."""
     diagnostics, parent, child = result.diagnostics, result.parent, result.child
     R, t = result.pose.R, result.pose.t
     distrust = (Field("not trusted", reason, "untrusted") for reason in diagnostics.distrust)
-    warnings = (
-        Field(each.severity, each.message, each.severity)
-        for each in diagnostics.findings
-        if each.severity != "untrusted"
-    )
+    others = (each for each in diagnostics.findings if each.severity != "untrusted")
+    warnings = (Field(each.severity, each.message, each.severity) for each in others)
     given = "  (conditional: some of it is not determined, see above)" if result.partial else ""
     there, back = f"p_{parent} = R p_{child} + t{given}", f"p_{child} = R p_{parent} + t{given}"
-    told: tuple[tuple[str, str, Iterable[Field]], ...] = (
+    listed: tuple[tuple[str, str, Iterable[Field]], ...] = (
         ("log", "", _recorded(result)),
         ("reasons against it", "", (*distrust, *unobservable_fields(result))),
         (f"pose of {child} in {parent}", there, (*_paste(R, t), *_use(result))),
@@ -170,13 +164,13 @@ def sections(result: Result) -> tuple[Section, ...]:
     )
     return tuple(
         Section(title, fields, formula)
-        for title, formula, yielded in told
+        for title, formula, yielded in listed
         if (fields := tuple(yielded))
     )
 
 
 def summarise(result: Result, *, colour: bool = False) -> str:
-    """Some thirty lines about one IMU, the verdict perhaps in colour (ANSI codes)."""
+    """About thirty lines about one IMU; ``colour`` colours the verdict with ANSI codes."""
     trusted = result.status == "ok"
     verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
     if colour:
@@ -186,7 +180,7 @@ def summarise(result: Result, *, colour: bool = False) -> str:
 
 
 def _lines(result: Result) -> Iterator[str]:
-    """Values in a column, sentences as they are; the poses stand apart, each below its formula."""
+    """Values in a column, and sentences; each pose is set apart below its formula."""
     is_pose = False
     for section in sections(result):
         if bool(section.formula) != is_pose:
@@ -201,10 +195,10 @@ def _lines(result: Result) -> Iterator[str]:
 
 
 def unobservable_fields(result: Result) -> Iterator[Field]:
-    """What was not determined: each direction, or one field where one cause is behind many."""
+    """Undetermined directions one by one, or in one field where many have the same cause."""
     directions = result.diagnostics.unobservable
     if len(directions) > _MANY and len({each.motion for each in directions}) == 1:
-        # one cause behind them all: which way they point says nothing
+        # all have one cause, so their directions say nothing
         kinds = dict.fromkeys(each.kind for each in directions)
         sigmas = (
             f"{kind} (sigma "
@@ -217,14 +211,11 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
     for direction in directions:
         axis = _numbers(direction.direction_parent, 2)
         how = "along" if direction.kind == "translation" else "about"
-        text = (
-            f"{direction.kind} {how} ({axis}) of {result.parent}, "
-            f"sigma {_direction_std(direction)}; {direction.motion}"
-        )
+        place = f"{direction.kind} {how} ({axis}) of {result.parent}"
+        text = f"{place}, sigma {_direction_std(direction)}; {direction.motion}"
         yield Field("not determined", text, "untrusted")
     if known := result.diagnostics.observable:
-        text = "; ".join(_known(direction) for direction in known)
-        yield Field("known all the same", text, "note")
+        yield Field("known all the same", "; ".join(map(_known, known)), "note")
 
 
 def _known(direction: Observable) -> str:
@@ -250,15 +241,13 @@ def _recorded(result: Result) -> Iterator[Field]:
     if recording is None:
         return
     when = "at an unknown time" if recording.start is None else instant(recording.start)
-    yield Field(
-        "recorded",
-        f"{when}, {figures(recording.duration, 4)} s: {recording.imu_samples} samples of the IMU "
-        f"at {figures(recording.imu_rate, 4)} Hz, {recording.motion_samples} of the motion",
-    )
+    samples = f"{recording.imu_samples} samples of the IMU at {figures(recording.imu_rate, 4)} Hz"
+    duration, motion = figures(recording.duration, 4), recording.motion_samples
+    yield Field("recorded", f"{when}, {duration} s: {samples}, {motion} of the motion")
 
 
 def instant(when: datetime) -> str:
-    """Date and time for people, such as ``2026-05-04 09:15:02 UTC``."""
+    """Date and time such as ``2026-05-04 09:15:02 UTC``."""
     return f"{when:%Y-%m-%d %H:%M:%S} UTC"
 
 
@@ -286,14 +275,9 @@ def _sigmas(result: Result) -> Iterator[Field]:
             "this result"
         )
     yield Field("", f"± is 1 sigma{source}")
-    for axis, value, std, known in zip(
-        _AXES,
-        result.pose.t * 1e3,
-        result.std.translation_mm,
-        result.transform.translation,
-        strict=True,
-    ):
-        text = "not determined" if known is None else f"{with_std(value, std)} mm"
+    stds, known = result.std.translation_mm, result.transform.translation
+    for axis, value, std, found in zip(_AXES, result.pose.t * 1e3, stds, known, strict=True):
+        text = "not determined" if found is None else f"{with_std(value, std)} mm"
         if std == 0.0:
             text = f"{figures(value, 6)} mm, held as told by --fix"
         yield Field(axis, text)
@@ -305,9 +289,9 @@ def _sigmas(result: Result) -> Iterator[Field]:
 
 
 def _least_known(result: Result) -> Iterator[Field]:
-    """Where a log that determined the place told least of it, and what would tell more.
+    """The least accurate direction of a determined translation, and what would improve it.
 
-    The place along a direction is felt in turns about axes across it.
+    Turns about axes across a direction show the translation along it.
     """
     covariance = result.uncertain_pose.covariance
     if covariance is None or None in result.transform.translation:
@@ -317,15 +301,12 @@ def _least_known(result: Result) -> Iterator[Field]:
         return
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
     std = sigma(float(np.sqrt(variances[-1])) * 1e3)
-    yield Field(
-        "least known",
-        f"along ({_numbers(axis, 2)}) of {result.parent}, ± {std} mm: faster turns about axes "
-        "across it tell more",
-    )
+    where = f"along ({_numbers(axis, 2)}) of {result.parent}, ± {std} mm"
+    yield Field("least known", f"{where}: faster turns about axes across it tell more")
 
 
 def _rotation(stds: Sequence[float | None], parent: str) -> str:
-    """Of the axes that were found a sigma each; those that are held, once and in words."""
+    """The sigma of each estimated axis, then the held axes in words."""
     found = [axis for axis, std in zip(_AXES, stds, strict=True) if std != 0.0]
     held = ", ".join(axis for axis in _AXES if axis not in found)
     words = f"held about {held} of {parent}, as told by --fix"
@@ -341,16 +322,13 @@ def _nuisances(result: Result) -> Iterator[Field]:
         number = f"{offset * 1e3:g} ms, not estimated"
     else:
         number = f"{with_std(offset * 1e3, std * 1e3)} ms"
-    sense = "late" if offset > 0 else "early"
-    significant = abs(offset) > 2.0 * (std or 0.0)
     if "clock_drift" in result.diagnostics.corrections:
         number += " in the middle of the log"
-    stamps = "times of receipt" if result.provenance.clock == "log" else "stamps"
-    yield Field(
-        "time offset",
-        f"{number}: t_robot = t_imu - ({offset:.6f} s)"
-        + (f", the IMU's {stamps} are {sense}" if significant else ""),
-    )
+    text = f"{number}: t_robot = t_imu - ({offset:.6f} s)"
+    if abs(offset) > 2.0 * (std or 0.0):
+        stamps = "times of receipt" if result.provenance.clock == "log" else "stamps"
+        text += f", the IMU's {stamps} are {'late' if offset > 0 else 'early'}"
+    yield Field("time offset", text)
     yield Field("accel bias", f"{_bias(result.accel_bias)} m/s²")
     yield Field("gyro bias", f"{_bias(result.gyro_bias)} rad/s")
     yield Field("gravity", _gravity(result))
@@ -381,16 +359,11 @@ def _fit(result: Result) -> Iterator[Field]:
     window, rms = diagnostics.window, diagnostics.residual_rms
     seconds = figures(window.seconds, 3)
     yield Field("window", f"{window.samples} samples, {seconds} s: {window.reason}")
-    yield Field(
-        "windows",
-        f"{diagnostics.windows_used} used, {diagnostics.windows_dropped} dropped, "
-        f"{diagnostics.samples_replaced} spikes bridged, {diagnostics.gaps} gaps",
-    )
-    yield Field(
-        "residual rms",
-        f"accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s, axes of "
-        f"{result.parent}",
-    )
+    used = f"{diagnostics.windows_used} used, {diagnostics.windows_dropped} dropped"
+    lost = f"{diagnostics.samples_replaced} spikes bridged, {diagnostics.gaps} gaps"
+    yield Field("windows", f"{used}, {lost}")
+    sizes = f"accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s"
+    yield Field("residual rms", f"{sizes}, axes of {result.parent}")
     if (model := diagnostics.imu_model) is not None:
         yield Field(
             "noise",
@@ -427,17 +400,15 @@ def _logs(result: Result) -> Iterator[Field]:
 
 
 def _nominal(result: Result) -> Iterator[Field]:
-    told, pose = result.diagnostics.nominal, result.nominal
-    if told is None or pose is None:
+    entry, pose = result.diagnostics.nominal, result.nominal
+    if entry is None or pose is None:
         return
-    where = f"joint {told.joint}" if told.joint else "what URDF or tf say"
+    where = f"joint {entry.joint}" if entry.joint else "what URDF or tf say"
     shift = (result.pose.t - pose.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(result.pose.R @ pose.R_parent_imu.T))
-    yield Field(
-        "from nominal",
-        f"{figures(told.distance_mm, 3)} mm and {figures(told.distance_deg, 3)} deg away "
-        f"from {where}: ({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}",
-    )
+    apart = f"{figures(entry.distance_mm, 3)} mm and {figures(entry.distance_deg, 3)} deg away"
+    vectors = f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}"
+    yield Field("from nominal", f"{apart} from {where}: {vectors}")
 
 
 def _numbers(values: Sequence[float | None] | Floats, places: int) -> str:

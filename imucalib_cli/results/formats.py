@@ -1,6 +1,6 @@
-"""The formats of a result: one entry each, from which the command line takes its choices.
+"""The formats of a result, one entry each; the command line takes its choices from them.
 
-What a format needs is imported when it is used, so that ``--help`` can list them at once.
+Modules that a format needs are imported when it is used, so that ``--help`` is fast.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 
 class Format(NamedTuple):
-    """A form in which results are written."""
+    """A format in which results are written."""
 
     suffix: str
     """Of the files that ``-o FOLDER/`` writes."""
     is_bare_pose: bool
-    """Whether it cannot say that the pose should not be trusted."""
+    """Whether it is only a pose, so that it cannot say that the result is untrusted."""
     render: Callable[[Sequence[Result]], str]
-    """Text of one result for each IMU, at least one."""
+    """The text of results of one or several IMUs."""
     words: str = ""
-    """What it is, for the help; nothing where the name says it."""
+    """Description for the help; empty where the name says it."""
     command: str = ""
-    """What takes it in a shell."""
+    """Command that takes it in a shell."""
 
 
 def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
@@ -66,7 +66,7 @@ def _summary(results: Sequence[Result]) -> str:
 
 
 def _joint(result: Result) -> str:
-    """A <joint>, with its link where the URDF has none."""
+    """A <joint>, with its link if the URDF has none."""
     from imucalib_cli.results.urdf_edit import joint_snippet
 
     pose, nominal = result.pose, result.diagnostics.nominal
@@ -79,7 +79,7 @@ def _tf(result: Result) -> str:
     """The named arguments of ROS 2's static_transform_publisher, one line."""
     names = ("x", "y", "z", "qx", "qy", "qz", "qw")
     values = (*result.pose.translation, *result.pose.rotation_xyzw)
-    numbers = " ".join(f"--{n} {v + 0.0:.12g}" for n, v in zip(names, values, strict=True))
+    numbers = " ".join(f"--{n} {_number(v)}" for n, v in zip(names, values, strict=True))
     # the line is pasted into a shell
     parent, child = quote(shown(result.parent)), quote(shown(result.child))
     return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"
@@ -87,8 +87,7 @@ def _tf(result: Result) -> str:
 
 def _tf1(result: Result) -> str:
     """The arguments of ROS 1's static_transform_publisher, one line."""
-    values = (*result.pose.translation, *result.pose.rotation_xyzw)
-    numbers = " ".join(f"{value + 0.0:.12g}" for value in values)
+    numbers = " ".join(map(_number, (*result.pose.translation, *result.pose.rotation_xyzw)))
     return f"{numbers} {quote(shown(result.parent))} {quote(shown(result.child))}\n"
 
 
@@ -108,7 +107,7 @@ def _xacro(results: Sequence[Result]) -> str:
 
     lines = []
     for name, result in zip(names_of(results, r"\W+"), results, strict=True):
-        # a name of Python's, by which an expression of xacro calls it
+        # an identifier of Python, for expressions of xacro
         name = name if name[0].isalpha() else f"imu_{name}"  # noqa: PLW2901
         pose = {"xyz": result.pose.translation, "rpy": result.pose.rotation_rpy}
         lines += [
@@ -124,7 +123,7 @@ def _matrix(result: Result) -> str:
 
 
 def _kalibr(result: Result) -> str:
-    """As a Kalibr camchain has it, for a parent that is a camera."""
+    """As in a Kalibr camchain, for a parent that is a camera."""
     offset = result.time_offset
     shift = {} if offset.std is None else {"timeshift_cam_imu": offset.seconds}
     return _commented(
@@ -133,14 +132,14 @@ def _kalibr(result: Result) -> str:
 
 
 def _fast_lio(result: Result) -> str:
-    """As FAST-LIO's configurations have it, for a parent that is a LiDAR: its pose in the IMU."""
+    """As in FAST-LIO's configurations, for a parent that is a LiDAR: its pose in the IMU."""
     R, t = result.pose.R.T, -result.pose.R.T @ result.pose.t
     tree = {"extrinsic_T": t, "extrinsic_R": R.ravel()}
     return _commented(result, "pose of the LiDAR in the IMU, the LiDAR being", tree)
 
 
 def _commented(result: Result, words: str, tree: dict[str, Any]) -> str:
-    """YAML of numbers and lists of them."""
+    """YAML of numbers and lists of numbers, below a comment."""
     import yaml
 
     text = yaml.safe_dump(
@@ -153,7 +152,7 @@ def _commented(result: Result, words: str, tree: dict[str, Any]) -> str:
 
 
 def _rounded(value: Any) -> Any:
-    """Plain floats of twelve digits."""
+    """Plain floats with twelve digits."""
     if isinstance(value, float):  # numpy's too
         return float(_number(value))
     return [_rounded(each) for each in value]

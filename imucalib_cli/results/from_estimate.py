@@ -1,7 +1,7 @@
-"""From an estimate and its names to the result, and numbers and findings as results write them.
+"""Build a result from an estimate, and write numbers and findings as results do.
 
-What the motion did not determine is null in ``transform``; its conditional values stand in
-``partial``. Numbers are finite or null, so that the document is valid JSON.
+Undetermined values are null in ``transform``; ``partial`` has their conditional values. Numbers are
+finite or null, so that the document is valid JSON.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.estimate import Consistency, Estimate, Residuals
+    from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.robot.mount import Nominal
 
 
@@ -39,7 +39,7 @@ def result_of(
     nominal: Nominal | None,
     provenance: tree.Provenance,
 ) -> tree.Result:
-    """The result of one IMU; ``nominal`` is what the URDF, or the log's own frames, say of it."""
+    """The result of one IMU; ``nominal`` is its pose by the URDF or the log's own frames."""
     estimate = _with_nominal(estimate, nominal)
     pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
@@ -69,10 +69,7 @@ def result_of(
 
 
 def _with_nominal(estimate: Estimate, nominal: Nominal | None) -> Estimate:
-    """The estimate at the nominal place along directions that the motion did not determine.
-
-    Where it lies along them is a guess, and no other is better.
-    """
+    """The estimate, moved to the nominal translation along undetermined directions."""
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
     if nominal is None or not lost or len(lost) < len(estimate.unobservable):
         return estimate
@@ -84,10 +81,9 @@ def _with_nominal(estimate: Estimate, nominal: Nominal | None) -> Estimate:
 def known_directions(
     t_parent_imu: Floats, covariance: Floats | None, unobservable: list[tree.Unobservable]
 ) -> list[tree.Observable]:
-    """What the motion determined all the same, where it left something undetermined.
+    """The directions that the motion determined, where others are undetermined; else none.
 
-    Across the undetermined directions, in which the covariance (6, 6) is that of the estimate;
-    t_parent_imu is (3,), m.
+    They are orthogonal to the undetermined ones. ``covariance`` is (6, 6); t_parent_imu (3,), m.
     """
     if covariance is None or not unobservable:
         return []
@@ -104,9 +100,9 @@ def known_directions(
 
 
 def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostics:
-    residuals, check = estimate.residuals, estimate.imu_check
+    residuals, check, parts = estimate.residuals, estimate.imu_check, estimate.consistency
     unobservable = [copied(tree.Unobservable, each) for each in estimate.unobservable]
-    # a sigma that something contradicts tells nothing about any direction
+    # a sigma that is contradicted says nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
     return tree.Diagnostics(
         method=estimate.method,
@@ -131,8 +127,21 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
         nominal=None if nominal is None else _nominal(estimate, nominal),
         window=copied(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
         residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
-        residual_normalised=_normalised(residuals),
-        consistency=None if estimate.consistency is None else _consistency(estimate.consistency),
+        residual_normalised=None
+        if residuals.accel_normalised is None
+        else tree.ResidualNormalised(
+            plain(residuals.accel_normalised), plain(residuals.gyro_normalised)
+        ),
+        consistency=None
+        if parts is None
+        else copied(
+            tree.ConsistencyEntry,
+            parts,
+            folds=parts.folds,
+            fold_std=tree.Tangent(*tangent(parts.fold_std)),
+            halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+            whiteness=tree.Whiteness(*plain(parts.whiteness)),
+        ),
         imu_model=None
         if check is None
         else copied(
@@ -155,7 +164,7 @@ def pose_entry(R: ArrayLike, t: ArrayLike) -> tree.Pose:
 
 
 def finding_entry(finding: Finding) -> tree.FindingEntry:
-    """A finding: what decisions rest on, and the words."""
+    """A finding as results write it, with its words."""
     return tree.FindingEntry(
         code=finding.code,
         severity=finding.severity.value,
@@ -165,7 +174,7 @@ def finding_entry(finding: Finding) -> tree.FindingEntry:
 
 
 def finding_of(entry: tree.FindingEntry) -> Finding:
-    """A finding as a result has it."""
+    """A finding from its entry in a result."""
     values: Any = entry.values
     return Finding(code=entry.code, severity=Severity(entry.severity), values=values)
 
@@ -186,24 +195,6 @@ def _nominal(estimate: Estimate, nominal: Nominal) -> tree.NominalEntry:
     )
 
 
-def _normalised(residuals: Residuals) -> tree.ResidualNormalised | None:
-    accel, gyro = residuals.accel_normalised, residuals.gyro_normalised
-    if accel is None or gyro is None:
-        return None
-    return tree.ResidualNormalised(plain(accel), plain(gyro))
-
-
-def _consistency(parts: Consistency) -> tree.ConsistencyEntry:
-    return copied(
-        tree.ConsistencyEntry,
-        parts,
-        folds=parts.folds,
-        fold_std=tree.Tangent(*tangent(parts.fold_std)),
-        halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
-        whiteness=tree.Whiteness(*plain(parts.whiteness)),
-    )
-
-
 def tangent(values: ArrayLike) -> tuple[Any, Any]:
     """Millimetres and degrees of six components in m and rad."""
     six = np.asarray(values, dtype=np.float64)
@@ -211,25 +202,23 @@ def tangent(values: ArrayLike) -> tuple[Any, Any]:
 
 
 def copied(kind: type[T], source: object, **given: Any) -> T:
-    """A tree that takes from an object whatever has the same name, but what is given."""
+    """A tree with the attributes of an object that have the same names, and the given ones."""
     names = [name for name in kind.__struct_fields__ if name not in given]
     return kind(**given, **{name: plain(getattr(source, name)) for name in names})
 
 
 def plain(value: Any) -> Any:
-    """Texts as they are; numbers and arrays of them as floats, null where one is not finite."""
+    """Numbers and arrays as floats, null where not finite; texts stay."""
     if value is None or isinstance(value, str):
         return value
     if isinstance(value, (np.ndarray, list, tuple)):
         return [plain(each) for each in value]
-    number = float(value)
-    return (
-        number + 0.0 if math.isfinite(number) else None
-    )  # minus zero reads as if it meant something
+    # minus zero becomes zero: its sign means nothing
+    return float(value) + 0.0 if math.isfinite(value) else None
 
 
 def scalars(values: Mapping[str, object]) -> dict[str, tree.Scalar]:
-    """Notes or options: they may hold numpy scalars and infinities, a document may not."""
+    """Notes or options as a document may hold them: no numpy scalars, no infinities."""
     return {name: _scalar(value) for name, value in values.items()}
 
 

@@ -1,4 +1,4 @@
-"""A result of ours beside what Kalibr found of the same IMU, and beside the truth of a simulation.
+"""Compare our result with Kalibr's for the same IMU, and with the truth of a simulation.
 
 Kalibr writes ``*-camchain-imucam.yaml`` (kalibr_calibrate_imu_camera), ``imucalib simulate``
 writes ``<log>.truth.yaml``.
@@ -44,11 +44,11 @@ _Matrix4 = Annotated[list[_Four], Meta(min_length=4, max_length=4)]
 OPTICAL = "_optical_frame"
 """REP 103's suffix of frames whose z is forward, which Kalibr's cameras are."""
 _FAR = {"translation": 0.5, "rotation": math.radians(20.0)}
-"""m and rad: two calibrations of one mount are nearer, the wrong frame of a camera is farther."""
+"""m and rad: two calibrations of one mount differ by less, a wrong camera frame by more."""
 _LEAST = (15, 30, 30)
-"""Widths of the summary's first columns, below which further lines are aligned."""
+"""Widths of the summary's first columns, with which later lines are aligned."""
 _ROUNDING = 1e-4
-"""How far from orthonormal a rotation may be that was rounded when it was copied."""
+"""How far a rotation that was rounded in copying may be from orthonormal."""
 KALIBR = "the -camchain-imucam.yaml that kalibr_calibrate_imu_camera writes"
 TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
 """What the two files should be, for messages."""
@@ -101,7 +101,7 @@ class TrueTransform(Tree, frozen=True):
 
 
 class Truth(Tree, frozen=True):
-    """What is true about one IMU of a simulated log: what is read of its truth file."""
+    """The truth about one IMU of a simulated log, as far as it is read from its file."""
 
     transform: TrueTransform
     time_offset: float
@@ -110,9 +110,9 @@ class Truth(Tree, frozen=True):
 
 
 def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
-    """One camera of Kalibr's result, of the text of a file that messages call by its name.
+    """One camera from the text of Kalibr's result; ``name`` is its file, for messages.
 
-    Raises InputError where it is no such file or a value in it cannot be, ChoiceError where it has
+    Raises InputError where it is another file or has an impossible value, ChoiceError where it has
     no such camera.
     """
     loaded = _mapping(text, name)
@@ -125,12 +125,12 @@ def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
 
 
 def read_truth(text: str, name: str) -> Truth:
-    """``<log>.truth.yaml`` of ``imucalib simulate``; InputError where it is none or is damaged."""
+    """``<log>.truth.yaml`` of ``imucalib simulate``; InputError for another or a damaged file."""
     return convert(_mapping(text, name), Truth, name, TRUTH)
 
 
 def _mapping(text: str, name: str) -> dict[Any, Any]:
-    """The one mapping of a YAML file; an empty one where there is none."""
+    """The mapping in a YAML file; empty where there is none."""
     try:
         loaded = load_one(text)
     except YamlError as error:
@@ -146,15 +146,21 @@ def compare_with_kalibr(
     camera_link: str,
     truth: tuple[str, Truth] | None = None,
 ) -> tuple[answers.KalibrAnswer, tuple[Block, ...]]:
-    """Express both results in both frames through the URDF's fixed joints, in words too.
+    """Express both results in both frames through the URDF's fixed joints, also in words.
 
-    Ours stands after the name of its file, Kalibr's after those of its file and of the camera,
-    whose optical frame is ``camera_link``, and the truth, if anybody knows it, after that of its
-    file. Each is held against the truth in the frame that it was estimated in, so that a camera
-    that is drawn wrong counts against neither.
+    Each result is compared with the truth in the frame in which it was estimated, so that a wrong
+    camera pose in the URDF counts against neither.
 
-    Raises ChoiceError where a frame is not in the URDF, or a joint between them moves; or the truth
-    is of another IMU or parent.
+    Args:
+        result: File and content of our result.
+        kalibr: File, camera and content of Kalibr's result.
+        robot: The URDF.
+        camera_link: The camera's optical frame.
+        truth: File and content of the truth, if it is known.
+
+    Raises:
+        ChoiceError: A frame is not in the URDF, a joint between them moves, or the truth is of
+            another IMU or parent.
     """
     (file, ours), (kalibr_file, camera_name, camera) = result, kalibr
     found, shift = ours.uncertain_pose, camera.timeshift_cam_imu
@@ -215,7 +221,7 @@ def compare_with_kalibr(
 
 
 def _true_pose(name: str, truth: Truth, file: str, found: UncertainPose) -> answers.TruthPose:
-    """What is true as answers write it, if it is of the same IMU as a result."""
+    """The truth as answers write it; ChoiceError where it is of another IMU than the result."""
     true, camera = truth.transform, truth.camera
     if (true.parent, true.child) != (found.parent, found.child):
         raise ChoiceError(
@@ -283,7 +289,7 @@ def _distance_words(distance: answers.Distance) -> str:
 
 
 def _camera_clock_words(times: answers.TimeShifts) -> str:
-    """What both time shifts together say about the camera's clock."""
+    """The offset of the camera's clock that both time shifts imply."""
     late = times.camera_offset_ms
     return (
         f"by both time shifts the camera's stamps are {figures(abs(late), 3)} ms "
@@ -292,18 +298,16 @@ def _camera_clock_words(times: answers.TimeShifts) -> str:
 
 
 def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
-    """Two columns, then what is between them."""
+    """Both results in two columns, then the difference."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
     yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"
     yield f"  ours from {ours.file}: {answer.status}"
     yield f"  Kalibr's from {theirs.file}: {theirs.camera} at {answer.camera_link} of {answer.urdf}"
     yield ""
-    one, other = ours.T_parent_imu, theirs.T_parent_imu
-    places = _numbers(one.translation), _numbers(other.translation)
-    angles = _numbers(one.rotation_rpy), _numbers(other.rotation_rpy)
+    both = ours.T_parent_imu, theirs.T_parent_imu
     rows = [
-        ("xyz", *places, f"m, in {answer.parent}"),
-        ("rpy", *angles, "rad, about fixed x, y, z"),
+        ("xyz", *(_numbers(each.translation) for each in both), f"m, in {answer.parent}"),
+        ("rpy", *(_numbers(each.rotation_rpy) for each in both), "rad, about fixed x, y, z"),
     ]
     for name, mine, his in (
         ("from nominal", ours.from_nominal, theirs.from_nominal),
@@ -312,12 +316,13 @@ def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Blo
         if mine is not None and his is not None:
             rows.append((name, _distance_words(mine), _distance_words(his), ""))
     if times is not None and ours.time_offset is not None and theirs.timeshift_cam_imu is not None:
-        both = _milliseconds(ours.time_offset * 1e3), _milliseconds(theirs.timeshift_cam_imu * 1e3)
-        rows.append(("time shift", *both, "IMU stamp less the robot's, the camera's"))
+        shifts = (
+            _milliseconds(1e3 * each) for each in (ours.time_offset, theirs.timeshift_cam_imu)
+        )
+        rows.append(("time shift", *shifts, "IMU stamp less the robot's, the camera's"))
         if times.imucalib_error_ms is not None:
-            error = times.kalibr_error_ms
-            his_error = "" if error is None else _milliseconds(error)
-            rows.append(("its error", _milliseconds(times.imucalib_error_ms), his_error, ""))
+            errors = map(_milliseconds, (times.imucalib_error_ms, times.kalibr_error_ms))
+            rows.append(("its error", *errors, ""))
     yield Table(("", "ours", "Kalibr's", ""), tuple(rows), least=_LEAST)
     yield ""
     yield f"  Kalibr's - ours  {apart}"
@@ -329,8 +334,8 @@ def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Blo
     yield from (f"  warning: {said}" for said in answer.warnings)
 
 
-def _milliseconds(value: float) -> str:
-    return f"{figures(value, 5)} ms"
+def _milliseconds(value: float | None) -> str:
+    return "" if value is None else f"{figures(value, 5)} ms"
 
 
 def _numbers(values: list[float]) -> str:

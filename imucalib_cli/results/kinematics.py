@@ -1,4 +1,4 @@
-"""Errors of the robot's own geometry that a result found, as origins of the joints of a URDF."""
+"""New origins of a URDF's joints from the errors of the robot's geometry in a result."""
 
 from __future__ import annotations
 
@@ -19,48 +19,47 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Joint, Robot
 
 CLEAR: Final = 5.0
-"""Sigmas from which an error is taken to be there: by chance one of a million is."""
+"""Sigmas from which an error counts as real: noise alone gives one in a million."""
 _ROUNDING: Final = 1e-9
-"""m and rad: what one solution leaves between the values that it gives for several IMUs."""
+"""m and rad: rounding between the values of one solution for several IMUs."""
 ZERO: Final = "joint_zero"
 ORIGIN: Final = "origin"
 
 
 def joint_of(entry: ParameterEntry) -> str:
-    """The joint of which an entry is the zero or a component of the origin."""
+    """The joint whose zero or origin an entry is about."""
     return entry.label if entry.name == ZERO else entry.label.rpartition(" ")[0]
 
 
 def sigmas(entry: ParameterEntry) -> float:
-    """How far an entry stands from its nominal value of zero, in sigmas."""
+    """Distance of an entry from its nominal value, zero, in sigmas."""
     if entry.value is None or not entry.std:
         return 0.0
     return abs(entry.value) / entry.std
 
 
 def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOrigin, ...]:
-    """New origins of the joints whose errors, by results of one IMU or several, are clear of zero.
+    """New origins of the joints whose errors, by results of one or several IMUs, are significant.
 
-    The zero of a joint becomes a rotation of its origin about its axis, so that the values that
-    the robot reports stay as they are. Raises ChoiceError where a result is of another URDF, to
-    whose origins the errors belong, or two IMUs hang on a joint that they correct otherwise, of
-    which the mount of each has a part; InputError where an error cannot be written into this URDF.
+    The error of a joint's zero becomes a rotation of its origin about its axis, so that the
+    positions that the robot reports do not change.
+
+    Raises:
+        ChoiceError: A result is of another URDF, or results disagree on a joint that carries their
+            IMUs.
+        InputError: An error cannot be written into this URDF.
     """
     by_result = [_corrections(robot, each) for each in results]
-    found: dict[str, JointOrigin] = {}
-    for own in by_result:
-        found |= own
+    found = {joint: origin for own in by_result for joint, origin in own.items()}
     for joint, origin in found.items():
         carried = [
             (each.imu_topic, own.get(joint))
             for each, own in zip(results, by_result, strict=True)
             if joint in _chain(robot, each)
         ]
+        numbers = origin.xyz + origin.rpy
         if not all(
-            other is not None
-            and np.allclose(
-                origin.xyz + origin.rpy, other.xyz + other.rpy, rtol=0.0, atol=_ROUNDING
-            )
+            other and np.allclose(numbers, other.xyz + other.rpy, rtol=0.0, atol=_ROUNDING)
             for _, other in carried
         ):
             topics = ", ".join(topic for topic, _ in carried)

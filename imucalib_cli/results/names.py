@@ -1,4 +1,4 @@
-"""What logs and their IMUs are called in the names of files and topics."""
+"""Names of logs and IMUs in the names of files and topics."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _LONGEST = 200
 """Bytes of a name without suffix and number: file systems allow 255."""
 
 FILE = r"[^\w.-]+"
-"""Letters that no name of a file should have."""
+"""Characters that no file name should have."""
 PART = r"[^\w-]+"
-"""Letters that no part of such a name between two dots should have."""
+"""Characters that no part of a file name between two dots should have."""
 TOPIC = r"[^A-Za-z0-9]+"
-"""Letters that no part of a ROS topic may have, underscores among them where they are repeated."""
+"""Characters that no part of a ROS topic may have, or not repeated, as underscores."""
 
 
 def labels_of(results: Sequence[Result]) -> list[str]:
@@ -36,12 +36,12 @@ def labels_of(results: Sequence[Result]) -> list[str]:
 
 
 def fitted(label: str, unfit: str = FILE) -> str:
-    """A label whose unfit letters are underscores; never empty."""
+    """A label with underscores for unfit characters; never empty."""
     return re.sub(unfit, "_", label.strip("/")) or "imu"
 
 
 def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
-    """A name for each IMU after its label, of fitting letters; all differ, to every file system."""
+    """A name for each IMU from its label, without unfit characters; all differ everywhere."""
     names: list[str] = []
     for label in labels_of(results):
         taken = set(map(sameness, names))
@@ -51,21 +51,21 @@ def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
 
 
 def numbered(stem: str, between: str) -> Iterator[str]:
-    """A name, and with numbers from 2 on behind it."""
+    """The name, then the name followed by 2, 3 and so on."""
     yield stem
     yield from (f"{stem}{between}{number}" for number in count(2))
 
 
 def sameness(name: str) -> str:
-    """What names have in common that some file system takes for one.
+    """The same text for names that are one name on some file system.
 
-    To some, other cases and compositions of letters are the same.
+    Some ignore case and how accented letters are composed.
     """
     return unicodedata.normalize("NFC", name).casefold()
 
 
 def log_name(log: LogPath) -> str:
-    """What the files of a log are named after."""
+    """The name of a log, from which names of its files are made."""
     if isinstance(log, RemoteFile):
         return log.stem
     resolved = log.resolve()
@@ -75,5 +75,5 @@ def log_name(log: LogPath) -> str:
 
 
 def short(name: str, longest: int = _LONGEST) -> str:
-    """A name that every file system takes, its end cut off; what is not UTF-8 is left out."""
+    """The name cut to a length that every file system allows, without bytes that are not UTF-8."""
     return name.encode(errors="surrogateescape")[:longest].decode(errors="ignore")

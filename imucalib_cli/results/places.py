@@ -1,4 +1,4 @@
-"""All that a command reads and all that it writes, looked at together before it begins."""
+"""Check all files that a command reads and writes before it begins."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _COMPANIONS = ("-wal", "-journal", "-shm")
-"""What SQLite keeps beside a database, and reads with it."""
+"""Suffixes of files that SQLite keeps beside a database and reads with it."""
 _HEAD = 1 << 16
-"""Bytes in which a URDF says what it is, long comments before it."""
+"""Bytes in which <robot> is searched; long comments may precede it."""
 _ROBOT = re.compile(rb"<robot[\s>/]")
 
 
@@ -30,19 +30,19 @@ def see_places(
     made_here: Callable[[Path], bool] = lambda _: False,
     folder: Path | None = None,
 ) -> None:
-    """See that nothing is lost: no file is read and written, or written twice, or precious.
+    """Check that no file is lost: none is both read and written, written twice, or precious.
 
-    Nothing is written; a place that cannot be written is found out here too.
+    Nothing is written. Files that cannot be written are found here too.
 
     Args:
-        read: Files and folders of every kind; a folder stands for all the files in it.
+        read: Files and folders; a folder stands for all files in it.
         written: Files.
-        force: Write over logs and URDFs; None where the command has no such option.
-        made_here: Whether a log or a URDF that is there was made by the same command.
-        folder: That the command makes before it writes into it.
+        force: Overwrite logs and URDFs; None where the command has no such option.
+        made_here: Whether the same command made an existing log or URDF.
+        folder: The folder that the command makes before it writes into it.
 
     Raises:
-        ChoiceError: Something would be lost.
+        ChoiceError: A file would be lost.
         InputError: A file cannot be written.
     """
     sources = {identity(file) for path in read for file in files_read(path)}
@@ -63,7 +63,7 @@ def see_places(
 
 
 def files_read(path: Path) -> Iterator[Path]:
-    """Files and folders that are read where a path is named."""
+    """Files and folders that are read for a path."""
     yield path
     folder = path if path.is_dir() else path.parent if path.name == "metadata.yaml" else None
     if folder is not None:
@@ -75,7 +75,7 @@ def files_read(path: Path) -> Iterator[Path]:
 
 
 def _precious(path: Path) -> str:
-    """What a file is that cannot be made again; empty where it is none, or not there."""
+    """What kind of file cannot be made again; empty for other and for missing files."""
     if not path.is_file():
         return ""
     if holds_log(path):

@@ -1,4 +1,4 @@
-"""Poses of an IMU: what is and is not known of one, and the same pose seen from other frames."""
+"""Poses of an IMU with their uncertainty, expressed in other frames, and distances of poses."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ PARTS: dict[Kind, tuple[slice, str, float]] = {
     "translation": (slice(0, 3), "mm", 1e3),
     "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
 }
-"""Of a pose: place among six, unit, and how many of the unit a metre or a radian is."""
+"""Of a pose: slice of the six components, unit, and units per metre or radian."""
 AFFECTED = 0.05
-"""A translation component is unknown if an undetermined direction has at least this share of it
-(3 degrees off the axis): less is the noise of the direction itself."""
+"""A translation component is unknown if an undetermined direction has at least this component
+(3 degrees off the axis); less is noise of the direction."""
 _ROUNDING = 1e-6
 """Of a correlation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UncertainPose:
-    """T_parent_child with its covariance, in the tangent of docs/conventions.md."""
+    """T_parent_child with its covariance, in the tangent space of docs/conventions.md."""
 
     parent: str
     child: str
@@ -43,26 +43,21 @@ class UncertainPose:
     t: Floats
     """(3,), m."""
     covariance: Floats | None
-    """(6, 6), wide along what is not known; None where nothing is known of the error."""
+    """(6, 6), large along unknown directions; None where the error is unknown."""
     unknown_translation: Floats
     """(m, 3), unit vectors of the parent along which the translation was not determined."""
     unknown_rotation: Floats
     """(n, 3), unit vectors of the parent about which the rotation was not determined."""
 
     def exactly(self, R: Floats, t: Floats) -> UncertainPose:
-        """A pose of the same frames that is given without an uncertainty: R (3, 3), t (3,), m."""
-        nothing = np.zeros((0, 3))
+        """An exact pose of the same frames: R (3, 3), t (3,), m."""
+        none, C = np.zeros((0, 3)), np.zeros((6, 6))
         return replace(
-            self,
-            R=R,
-            t=t,
-            covariance=np.zeros((6, 6)),
-            unknown_translation=nothing,
-            unknown_rotation=nothing,
+            self, R=R, t=t, covariance=C, unknown_translation=none, unknown_rotation=none
         )
 
     def seen_from(self, parent: str, robot: Robot) -> UncertainPose:
-        """The pose in another parent, through fixed joints alone; else ChoiceError."""
+        """The pose in another parent through fixed joints; ChoiceError where they are not fixed."""
         if self.parent == parent:
             return self
         R, p = fixed_transform(robot, parent, self.parent)
@@ -80,8 +75,8 @@ class UncertainPose:
     def of_child(self, child: str, robot: Robot) -> UncertainPose:
         """The pose of another frame of the same sensor, on fixed joints below or above it.
 
-        Frames of which neither is below the other are two mounts, and the URDF's opinion of both
-        is just what is in question: ChoiceError, as where a frame is missing or a joint moves.
+        Raises ChoiceError where a frame is missing or a joint moves, or where neither frame is
+        below the other: they are two mounts then, and the URDF's pose of both is in question.
         """
         if self.child == child:
             return self
@@ -104,10 +99,7 @@ class UncertainPose:
 
 
 def is_covariance(matrix: Floats) -> bool:
-    """Whether a matrix is symmetric and no combination of components has a negative variance.
-
-    Rounding in the last digits that a file keeps is allowed for.
-    """
+    """Whether a matrix is symmetric and positive semidefinite, up to rounding in a file."""
     _, scaled = correlation(matrix)
     if not np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING):
         return False
@@ -115,16 +107,16 @@ def is_covariance(matrix: Floats) -> bool:
 
 
 def correlation(covariance: Floats) -> tuple[Floats, Floats]:
-    """Standard deviations, one where there is none, and the covariance over them."""
+    """Standard deviations (1 where zero), and the covariance divided by them."""
     scale = np.sqrt(np.abs(np.diag(covariance)))
     scale = np.where(scale > 0.0, scale, 1.0)
     return scale, covariance / np.outer(scale, scale)
 
 
 def across(directions: ArrayLike) -> Floats:
-    """(k, 3), orthonormal basis of what is orthogonal to some directions, (n, 3).
+    """(k, 3), orthonormal basis of the orthogonal complement of directions (n, 3).
 
-    Directions a few degrees apart are one.
+    Directions a few degrees apart count as one.
     """
     found = np.reshape(np.asarray(directions, dtype=np.float64), (-1, 3))
     if not len(found):
@@ -135,7 +127,7 @@ def across(directions: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, kw_only=True)
 class PoseError:
-    """Distance of an estimated pose from the true one."""
+    """Distance of an estimated pose from the true one, with the metric of the paper's authors."""
 
     translation: float
     """Norm of the difference, m."""
@@ -143,13 +135,13 @@ class PoseError:
     """Geodesic angle, rad."""
     averaged_translation: float
     """Absolute mean of the three components, m, as the authors' tool (ATOM, compareTransforms)
-    reports it: never more than the norm over the root of three, and zero where signs cancel."""
+    reports it. Signs cancel in it; it never exceeds the norm over the root of three."""
     averaged_rotation: float
-    """Mean of the absolute roll, pitch and yaw, rad, of the same source."""
+    """Mean of the absolute roll, pitch and yaw, rad, from the same tool."""
 
 
 def pose_error(R: Floats, t: Floats, R_true: Floats, t_true: Floats) -> PoseError:
-    """Compare two poses, (3, 3) and (3,), m, of one frame in one parent, whichever it is."""
+    """Distance of two poses, (3, 3) and (3,), m, of one frame in one parent."""
     # inv(T_true) T: the difference as seen in the true frame
     t_apart, R_apart = R_true.T @ (t - t_true), R_true.T @ R
     return PoseError(

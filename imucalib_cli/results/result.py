@@ -1,8 +1,8 @@
-"""The frozen result of one IMU: one tree from which codec, checks and JSON Schema come.
+"""The frozen result of one IMU: the tree that defines codec, checks and JSON Schema.
 
-Fields are written in this order under these names. A text below a field is its description in
+Fields are written in this order with these names. The docstring of a field is its description in
 the JSON Schema. SI units and radians unless a name says otherwise; quaternions are x y z w with
-w >= 0. A number that is not known is null.
+w >= 0. An unknown number is null.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Matrix6 = Annotated[
 _Few = Meta(max_length=100)
 _Row = Scalar | Annotated[list[Scalar | Annotated[list[Scalar], _Few]], _Few]
 Value = Scalar | Annotated[list[_Row], Meta(max_length=10_000)]
-"""Of a finding: numbers and words, lists of them up to three deep."""
+"""Of a finding: numbers and texts, or lists of them up to three deep."""
 
 SCHEMA: Literal[1] = 1
 """Version of the document; adding a key keeps it, changing one raises it."""
@@ -393,7 +393,7 @@ class SourceFile(Tree, frozen=True):
 
     @property
     def identity(self) -> str:
-        """What two files of the same content have in common, as far as that is known."""
+        """The same text for files of the same content, as far as the content is known."""
         if self.sha256 is not None:
             return f"sha256 {self.sha256}"
         if self.remote is UNSET:
@@ -442,7 +442,7 @@ class Provenance(Tree, frozen=True):
 
     @property
     def log_identity(self) -> tuple[str, ...]:
-        """What results of the same log, or of the same part of it, have in common."""
+        """The same value for results of the same log, or of the same part of it."""
         part = () if self.part is UNSET else (f"part {self.part}",)
         return (*sorted(file.identity for file in self.files), *part)
 
@@ -450,7 +450,7 @@ class Provenance(Tree, frozen=True):
     """null in results of earlier versions."""
 
     def shares_data_with(self, other: Provenance) -> bool:
-        """Whether two results rest on the same samples, as parts of a log that overlap do."""
+        """Whether two results use the same samples, as overlapping parts of a log do."""
         if {file.identity for file in self.files}.isdisjoint(file.identity for file in other.files):
             return False
         if self.part is UNSET or other.part is UNSET:
@@ -503,26 +503,26 @@ class Result(Tree, frozen=True, kw_only=True):
 
     @property
     def recorded_at(self) -> datetime | None:
-        """When the recording begins, UTC; None where the result does not know."""
+        """Start of the recording, UTC; None where it is unknown."""
         recording = self.provenance.recording
         return None if recording is None else recording.start
 
     @property
     def mount(self) -> tuple[str, str, str]:
-        """Parent, child and topic: what results of one mount have in common."""
+        """Parent, child and topic: the same for results of one mount."""
         return self.parent, self.child, self.imu_topic
 
     @property
     def pose(self) -> Pose:
-        """The pose; where some of it is not determined, the conditional one."""
+        """The pose; the conditional one where some of it is not determined."""
         if self.partial is not UNSET:
             return self.partial
-        shown: Any = self.transform  # without nulls then: the reader has seen to it
+        shown: Any = self.transform  # has no nulls then, which the reader checks
         return Pose(shown.translation, shown.rotation_xyzw, shown.rotation_rpy)
 
     @property
     def nominal(self) -> Nominal | None:
-        """What the URDF or the log's own frames say about the same pose."""
+        """The same pose by the URDF or the log's own frames."""
         said = self.diagnostics.nominal
         if said is None:
             return None
@@ -531,7 +531,7 @@ class Result(Tree, frozen=True, kw_only=True):
 
     @property
     def uncertain_pose(self) -> UncertainPose:
-        """The pose with its covariance; one with numbers missing counts as none."""
+        """The pose with its covariance, if no number of it is missing."""
         covariance = np.array(self.covariance, dtype=np.float64)  # nan where there is none
         unknown: dict[Kind, list[Vector3]] = {"translation": [], "rotation": []}
         for each in self.diagnostics.unobservable:

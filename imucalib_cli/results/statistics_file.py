@@ -1,6 +1,6 @@
-"""The file of a log's statistics: a NumPy archive (.npz) that is solved again without the log.
+"""The file of a log's statistics: a NumPy archive (.npz), solved again without the log.
 
-It holds the result too, so that it says itself what it belongs to. Layout: docs/several-logs.md.
+It contains its result too. Layout: docs/several-logs.md.
 """
 
 from __future__ import annotations
@@ -39,24 +39,24 @@ SUFFIX: Final = ".statistics.npz"
 _WHAT: Final = "statistics of an imucalib result"
 _SCHEMA: Final = 2
 _ROOM: Final = 1_000_000
-"""Bytes of all matrices together; parts are joined until they fit."""
+"""Bytes for all matrices; parts are joined until they fit."""
 _LARGEST: Final = 64 << 20
-"""Bytes of all arrays of a file: fifty times what is ever written."""
+"""Bytes of all arrays of a file: fifty times the largest that is written."""
 _KINDS: Final = {each.name: each for each in TABLE}
 _ALIKE: Final = 1e-6
-"""m and rad: statistics give the pose of their result to far more digits."""
+"""m and rad: the pose from the statistics agrees with the result to far more digits."""
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
     "seconds": float,
     "clock_stepped": bool,
     "offset_variance": float,
 }
-"""Of the statistics, as the header has them."""
+"""Numbers of the statistics in the header, and their types."""
 _SYMMETRIC: Final = ("information", "noise", "motion")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoredLog:
-    """A result and the statistics it was solved from."""
+    """A result and the statistics from which it was solved."""
 
     name: str
     """Of the file."""
@@ -65,13 +65,14 @@ class StoredLog:
 
 
 def place_of(result: Path) -> Path:
-    """The file of the statistics that stand beside a result."""
+    """The file for the statistics of a result, beside the result."""
     return result.with_name(f"{result.stem}{SUFFIX}")
 
 
 def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
-    """The file of one IMU, the same bytes for the same statistics."""
+    """The file for one IMU; the same statistics give the same bytes."""
     equations, layout = statistics.equations, statistics.equations.layout
+    origins = [each for each, _ in layout.of(Origin)]
     header = {
         "what": _WHAT,
         "schema": _SCHEMA,
@@ -92,12 +93,8 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         **{name: getattr(equations.at, name) for name in ("R", "t", "gravity", "x")},
         "score": equations.score,
         **{name: _packed(getattr(equations, name)) for name in _SYMMETRIC},
-        "directions": np.concatenate(
-            [np.zeros((0, 3)), *(each.directions for each, _ in layout.of(Origin))]
-        ),
-        "turns": np.concatenate(
-            [np.zeros((0, 3, 3)), *(each.R_joint[None] for each, _ in layout.of(Origin))]
-        ),
+        "directions": np.concatenate([np.zeros((0, 3)), *(each.directions for each in origins)]),
+        "turns": np.reshape([each.R_joint for each in origins], (-1, 3, 3)),
         "widened": statistics.widened,
         "window_seconds": np.array([each.seconds for each in statistics.windows]),
         "window_changes": np.array([each.changes for each in statistics.windows]).reshape(
@@ -116,14 +113,14 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
 
 
 def read_statistics(path: Path) -> StoredLog:
-    """The statistics of one IMU; InputError where the file is something else or damaged."""
+    """The statistics of one IMU; InputError for another or a damaged file."""
     try:
         return _read(path)
     except (ImucalibError, MemoryError):
         raise
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
-    except Exception as error:  # an archive that is no such file may raise anything
+    except Exception as error:  # another or a damaged archive may raise anything
         raise InputError(
             f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
@@ -150,10 +147,10 @@ def _read(path: Path) -> StoredLog:
 
 
 def _see_they_agree(log: StoredLog) -> None:
-    """See that statistics give the pose of the result that they are said to belong to.
+    """Raise ValueError unless the statistics give the pose of the result.
 
-    Not where other IMUs of the log have a part in it: these are the statistics of its own fit.
-    Else ValueError.
+    A result that was solved together with other IMUs is not checked: the statistics are of its own
+    fit.
     """
     equations = log.statistics.equations
     if not (equations.level > 0.0 and math.isfinite(equations.level)):
@@ -236,7 +233,7 @@ def _spectrum(sensor: str, arrays: dict[str, Floats]) -> Spectrum:
 
 
 def _joined(parts: Floats, edges: Floats) -> dict[str, Floats]:
-    """A few longer parts of equal duration, as many as there is room for."""
+    """The parts joined to as many longer parts of equal duration as there is room for."""
     size = 8 * parts.shape[1] * (parts.shape[1] + 1) // 2
     most = min(max(_ROOM // size - len(_SYMMETRIC), 1), FOLDS, len(parts))
     count = max(each for each in range(1, most + 1) if len(parts) % each == 0)
@@ -245,13 +242,13 @@ def _joined(parts: Floats, edges: Floats) -> dict[str, Floats]:
 
 
 def _packed(matrix: Floats) -> Floats:
-    """(..., n (n + 1) / 2), the upper half of symmetric matrices, row by row."""
+    """(..., n (n + 1) / 2), the upper triangle of symmetric matrices, row by row."""
     rows, columns = np.triu_indices(matrix.shape[-1])
     return np.asarray(matrix[..., rows, columns])
 
 
 def _unpacked(packed: Floats, n: int) -> Floats:
-    """(..., n, n)."""
+    """(..., n, n), symmetric."""
     rows, columns = np.triu_indices(n)
     if packed.shape[-1] != len(rows):
         raise ValueError(f"{packed.shape[-1]} numbers of a matrix of {n} rows")

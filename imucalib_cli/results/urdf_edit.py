@@ -1,13 +1,13 @@
-"""Put a pose into a URDF without touching any other byte of it.
+"""Write a pose into a URDF without changing any other byte.
 
-Expat tells at which byte the joint's elements begin; only that start tag is taken apart, so
-comments, CDATA, and joints of transmissions or controllers are never mistaken for the joint.
+Expat reports at which byte each element begins, and only the start tag of the origin is parsed
+here. So comments, CDATA, and joints of transmissions or controllers are never taken for the joint.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
 
 _DECIMALS = 13
-"""Digits after the point of metres and radians: round-trips to 1e-13, hides rounding noise."""
+"""Decimal places of metres and radians: exact to 1e-13, and no rounding noise is shown."""
 _SPACE = r"[ \t\r\n]"
 _ATTRIBUTE = rf"{_SPACE}+(?P<name>[^ \t\r\n=/>]+){_SPACE}*={_SPACE}*(?P<value>\"[^\"]*\"|'[^']*')"
 _START_TAG = re.compile(
@@ -46,24 +46,23 @@ class JointOrigin:
     """A joint's name and its new origin."""
 
     joint: str
-    xyz: tuple[float, float, float]
+    xyz: tuple[float, ...]
     """m, in the joint's parent link."""
-    rpy: tuple[float, float, float]
+    rpy: tuple[float, ...]
     """rad, URDF convention: Rz(yaw) Ry(pitch) Rx(roll)."""
 
 
 def joint_for(
-    robot: Robot,
-    parent: str,
-    child: str,
-    R_parent_imu: Floats,
-    t_parent_imu: Floats,
+    robot: Robot, parent: str, child: str, R_parent_imu: Floats, t_parent_imu: Floats
 ) -> JointOrigin:
-    """Find the fixed joint that holds ``child`` and what its origin becomes: (3, 3) and (3,), m.
+    """Find the fixed joint that holds ``child``, and its new origin from R (3, 3) and t (3,), m.
 
-    Where the joint has another parent than the result, the pose is re-expressed in it through
-    the fixed joints between the two. Raises MissingJointError where no fixed joint holds ``child``;
-    InputError where its joint's parent moves relative to the result's, or that is not there.
+    Where the joint has another parent than the result, the pose is expressed in that parent through
+    the fixed joints between the two.
+
+    Raises:
+        MissingJointError: No fixed joint holds ``child``.
+        InputError: ``parent`` is not there, or moves relative to the joint's parent.
     """
     joint = robot.joint_above.get(child)
     if joint is None or joint.kind != "fixed":
@@ -71,16 +70,12 @@ def joint_for(
         if joint is not None:
             said = f"hangs on the {joint.kind} joint '{joint.name}'"
         name = child if child not in robot.links else f"{child}_imu"
+        taken = [each.name for each in robot.joints]
+        rpy = rpy_from_matrix(R_parent_imu)
         raise MissingJointError(
             f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one (--add), or, if "
             "the IMU's frame has another name there, run again with --imu-link",
-            joint_snippet(
-                parent,
-                name,
-                _triple(t_parent_imu),
-                _triple(rpy_from_matrix(R_parent_imu)),
-                taken=[each.name for each in robot.joints],
-            ),
+            joint_snippet(parent, name, t_parent_imu, rpy, taken=taken),
             parent=parent,
         )
     robot.require_link(parent)
@@ -91,39 +86,40 @@ def joint_for(
             f"moves relative to the result's parent '{parent}': run again with "
             f"--parent {joint.parent}"
         )
-    R_joint_parent, p_joint_parent = between
-    return joint_origin(
-        joint.name,
-        R_joint_parent @ R_parent_imu,
-        p_joint_parent + R_joint_parent @ t_parent_imu,
-    )
+    R, p = between
+    return joint_origin(joint.name, R @ R_parent_imu, p + R @ t_parent_imu)
 
 
 def joint_origin(joint: str, R: Floats, p: Floats) -> JointOrigin:
     """The origin of a joint: R (3, 3) and p (3,), m, in its parent link."""
-    return JointOrigin(joint=joint, xyz=_triple(p), rpy=_triple(rpy_from_matrix(R)))
+    return JointOrigin(joint=joint, xyz=tuple(p.tolist()), rpy=tuple(rpy_from_matrix(R).tolist()))
 
 
 def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[float]) -> bytes:
-    """Set one joint's origin (xyz m, rpy rad) and leave every other byte as it was.
+    """Set one joint's origin (xyz m, rpy rad) and keep every other byte.
 
-    The file may have any encoding that expat reads, the joint is a child of <robot>. A missing
-    <origin> is put before the joint's first element, indented as that one is. Raises InputError
-    where there is not exactly one such joint, or the XML is not sound.
+    The file may have any encoding that expat reads; the joint is a child of <robot>. A missing
+    <origin> is written before the joint's first element, with the same indentation. Raises
+    InputError where there is not exactly one such joint, or the XML is not well-formed.
     """
-    elements = _elements(urdf, joint)
+    elements = _joint_of(urdf, joint).children
     if not elements:
         raise InputError(f"joint '{joint}' of the URDF is empty: give it a <parent> and a <child>")
     codec = _codec(urdf)
     values = {"xyz": _words(xyz), "rpy": _words(rpy)}
-    start = next((at for tag, at in elements if tag == "origin"), None)
+    start = next((each.start for each in elements if each.tag == "origin"), None)
     if start is None:
-        start = elements[0][1]
+        start = elements[0].start
         before = urdf[:start].decode(codec, "surrogatepass")
         indent = before[len(before.rstrip(" \t\r\n")) :]
         tag, changed = "", f'<origin xyz="{values["xyz"]}" rpy="{values["rpy"]}"/>{indent}'
     else:
-        tag = _start_tag(urdf[start:].decode(codec, "surrogatepass"))
+        found = _START_TAG.match(urdf[start:].decode(codec, "surrogatepass"))
+        if found is None:  # expat has read it, so this is XML of a form unknown here
+            raise InputError(
+                "the joint's <origin> cannot be taken apart: write it in one plain tag"
+            )
+        tag = found.group()
         if "$" in tag:
             raise InputError(
                 f"the origin of joint '{joint}' is computed by xacro ({tag}): put the numbers of "
@@ -135,24 +131,11 @@ def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[
 
 
 def insert_last(urdf: bytes, elements: str) -> bytes:
-    """Put lines of XML behind all other elements of <robot>, indented by two blanks.
+    """Add lines of XML after all other elements of <robot>, indented by two blanks.
 
-    Raises InputError where the XML is not sound, or <robot> has no end tag of its own.
+    Raises InputError where the XML is not well-formed, or <robot> has no end tag of its own.
     """
-    at, depth = 0, 0
-    parser = expat.ParserCreate()
-
-    def start(*_: object) -> None:
-        nonlocal depth
-        depth += 1
-
-    def end(_: str) -> None:
-        nonlocal at, depth
-        depth -= 1
-        at = parser.CurrentByteIndex
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    _parse(parser, urdf)
+    at = _root(urdf).end
     codec = _codec(urdf)
     if not urdf[at:].decode(codec, "surrogatepass").startswith("</"):
         raise InputError("the URDF's <robot> has no end tag: write </robot>")
@@ -164,15 +147,15 @@ def insert_last(urdf: bytes, elements: str) -> bytes:
 def joint_snippet(
     parent: str,
     child: str,
-    xyz: Sequence[float],
-    rpy: Sequence[float],
+    xyz: Sequence[float] | Floats,
+    rpy: Sequence[float] | Floats,
     *,
     joint: str = "",
     taken: Sequence[str] = (),
 ) -> str:
     """A fixed joint (xyz m, rpy rad), ready to paste into a URDF.
 
-    Without a name it gets one that is not taken, and a new link.
+    Without a name it gets a new link, and a name that is not ``taken``.
     """
     link = "" if joint else f"<link name={quoteattr(child)}/>\n"
     name = joint or next(each for each in numbered(f"{child}_joint", "") if each not in taken)
@@ -185,53 +168,68 @@ def joint_snippet(
     )
 
 
-def _elements(urdf: bytes, joint: str) -> list[tuple[str, int]]:
-    """Tags and byte offsets of the elements of a joint that is a child of <robot>."""
-    joints: list[list[tuple[str, int]]] = []
-    path: list[str | None] = []  # None is the joint
+@dataclass
+class _Element:
+    """An element of XML with the byte offsets of its start and end tags."""
+
+    tag: str
+    attributes: dict[str, str]
+    start: int
+    end: int = 0
+    children: list[_Element] = field(default_factory=list)
+
+
+def _root(urdf: bytes) -> _Element:
+    """The root element and all below it."""
     parser = expat.ParserCreate()
+    path = [_Element("", {}, 0)]
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        is_joint = path == ["robot"] and tag == "joint" and attributes.get("name") == joint
-        if is_joint:
-            joints.append([])
-        elif len(path) == 2 and path[1] is None:
-            joints[-1].append((tag, parser.CurrentByteIndex))
-        path.append(None if is_joint else tag)
+        path[-1].children.append(_Element(tag, attributes, parser.CurrentByteIndex))
+        path.append(path[-1].children[-1])
+
+    def end(_: str) -> None:
+        path.pop().end = parser.CurrentByteIndex
 
     def doctype(*_: object) -> None:
         raise InputError("the URDF has a DOCTYPE, whose entities could hide the joint: remove it")
 
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: path.pop()
+    parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.StartDoctypeDeclHandler = doctype
-    _parse(parser, urdf)
-    if not joints and b"xacro:" in urdf:
-        raise InputError(
-            f"joint '{joint}' is made by a macro of xacro: apply to the expanded URDF, or give the "
-            "macro its numbers (`imucalib run --format xacro`)"
-        )
-    if len(joints) != 1:
-        raise InputError(f"the URDF has {len(joints)} joints '{joint}', it must have one")
-    origins = sum(tag == "origin" for tag, _ in joints[0])
-    if origins > 1:
-        raise InputError(f"the URDF has {origins} origins in joint '{joint}', it must have one")
-    return joints[0]
-
-
-def _parse(parser: expat.XMLParserType, urdf: bytes) -> None:
     try:
         parser.Parse(urdf, True)
     except expat.ExpatError as error:
         raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
     except (ValueError, LookupError) as error:
         raise InputError(f"the URDF's encoding cannot be read ({error})") from None
+    return path[0].children[0]
+
+
+def _joint_of(urdf: bytes, name: str) -> _Element:
+    """The only joint with this name that is a child of <robot>."""
+    root = _root(urdf)
+    joints = [
+        each
+        for each in (root.children if root.tag == "robot" else ())
+        if each.tag == "joint" and each.attributes.get("name") == name
+    ]
+    if not joints and b"xacro:" in urdf:
+        raise InputError(
+            f"joint '{name}' is made by a macro of xacro: apply to the expanded URDF, or give the "
+            "macro its numbers (`imucalib run --format xacro`)"
+        )
+    if len(joints) != 1:
+        raise InputError(f"the URDF has {len(joints)} joints '{name}', it must have one")
+    origins = sum(each.tag == "origin" for each in joints[0].children)
+    if origins > 1:
+        raise InputError(f"the URDF has {origins} origins in joint '{name}', it must have one")
+    return joints[0]
 
 
 def _codec(urdf: bytes) -> str:
     """A codec that maps every byte of the file to text and back.
 
-    In all encodings of expat but UTF-16 the characters of markup are their ASCII bytes.
+    In all encodings that expat reads, but for UTF-16, characters of markup are ASCII bytes.
     """
     if urdf[:2] in (b"\xff\xfe", b"<\x00"):
         return "utf-16-le"
@@ -240,15 +238,8 @@ def _codec(urdf: bytes) -> str:
     return "latin-1"
 
 
-def _start_tag(text: str) -> str:
-    match = _START_TAG.match(text)
-    if match is None:  # expat has read it, so this is a form of XML we do not know
-        raise InputError("the joint's <origin> cannot be taken apart: write it in one plain tag")
-    return match.group()
-
-
 def _with_attributes(tag: str, values: dict[str, str]) -> str:
-    """The start tag with these attributes' values, each in the quotes it had."""
+    """The start tag with new values of these attributes, each in its old quotes."""
     missing = dict(values)
     quote, end = '"', len(tag.rstrip("/>").rstrip())
 
@@ -265,12 +256,7 @@ def _with_attributes(tag: str, values: dict[str, str]) -> str:
     return attributes + added + tag[end:]
 
 
-def _triple(values: Sequence[float] | Floats) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in values)
-    return x, y, z
-
-
-def _words(values: Sequence[float]) -> str:
+def _words(values: Sequence[float] | Floats) -> str:
     return " ".join(
         repr(round(float(value), _DECIMALS) + 0.0).removesuffix(".0") for value in values
     )

@@ -90,9 +90,7 @@ def test_a_page_is_whole_and_small(name: str) -> None:
 def test_a_page_tells_what_the_summary_tells(calibrated: Calibrated) -> None:
     result = calibrated.result
     texts = " ".join(outline(page_of("rihibot")).texts)
-    for section in sections(result):
-        for field in section.fields:
-            assert field.text in texts
+    assert all(field.text in texts for each in sections(result) for field in each.fields)
     assert verdict(result).removeprefix("ok: ") in texts
     for name, each in FORMATS.items():
         if each.is_bare_pose:
@@ -133,7 +131,7 @@ def test_what_is_drawn_is_what_was_measured(calibrated: Calibrated) -> None:
     assert (low <= high).all()
 
 
-def test_thinning_keeps_peaks_of_one_sample() -> None:
+def test_thinning_keeps_peaks_of_one_sample_and_gaps() -> None:
     rng = np.random.default_rng(0)
     series = rng.normal(size=(100_000, 3))
     series[77_777, 1] = 50.0
@@ -143,12 +141,8 @@ def test_thinning_keeps_peaks_of_one_sample() -> None:
     assert {77_777, 12_345, 0} <= set(kept.tolist())
     assert (np.diff(kept) > 0).all()
     assert thinned(series[:900], bins=500).tolist() == list(range(900))
-
-
-def test_thinning_keeps_gaps() -> None:
-    series = np.zeros((50_000, 1))
-    series[30_000] = np.nan
-    assert 30_000 in thinned(series, bins=100)
+    series[30_000, 0] = np.nan
+    assert 30_000 in thinned(series, bins=500)
 
 
 def test_ranges_hold_every_sample() -> None:
@@ -187,11 +181,10 @@ def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy(
 ) -> None:
     result = changed(calibrated.result, distrust=["the mount moved"])
     text = page([Material(result=msgspec.structs.replace(result, status="untrusted"))])
-    assert '<p class="verdict untrusted"><strong>untrusted</strong>' in text
-    assert "the mount moved" in text
-    assert "<details open>" not in text
-    assert "<joint" not in text
-    assert "&lt;joint" not in text
+    for part in ('<p class="verdict untrusted"><strong>untrusted</strong>', "the mount moved"):
+        assert part in text
+    for part in ("<details open>", "<joint", "&lt;joint"):
+        assert part not in text
     assert "&lt;joint" in page_of("rihibot")
 
 
@@ -204,9 +197,7 @@ def test_a_result_alone_has_a_page_that_says_what_it_lacks(calibrated: Calibrate
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e300, 1.79e308])
-def test_numbers_beyond_all_measure_are_shown_all_the_same(
-    extreme: float, calibrated: Calibrated
-) -> None:
+def test_numbers_beyond_all_measure_are_shown(extreme: float, calibrated: Calibrated) -> None:
     result = calibrated.result
     first, *others = result.diagnostics.parameters
     assert result.std is not None

@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -167,7 +167,7 @@ def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any)
     document = to_document(make_result(**VARIANTS[variant]))
     text = write([document])
     SCHEMA.validate(document)
-    SCHEMA.validate(yaml.safe_load(text)) if write is to_yaml else json.loads(text)
+    SCHEMA.validate((yaml.safe_load if write is to_yaml else json.loads)(text))
     (again,) = read_results(text, "result.yaml")
     assert to_document(again) == document
 
@@ -245,6 +245,7 @@ def test_several_imus_are_a_stream_or_an_array() -> None:
         assert [c.status for c in read_results(text, "x")] == ["ok", "untrusted"]
 
 
+@settings(deadline=None)
 @given(value=st.floats(allow_nan=False, allow_infinity=False))
 def test_floats_survive_yaml_and_json(value: float) -> None:
     document = {"value": [value], "again": value}
@@ -277,12 +278,9 @@ def test_numbers_of_other_writers_are_numbers(written: str) -> None:
     ],
 )
 def test_bad_files_give_one_line(text: str, part: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=rf"^bad.yaml: .*{re.escape(part)}.*\Z") as caught:
         read_results(text, "bad.yaml")
-    message = str(caught.value)
-    assert message.startswith("bad.yaml: ")
-    assert part in message
-    assert "\n" not in message
+    assert "\n" not in str(caught.value)
 
 
 def test_findings_keep_their_codes_and_values() -> None:
@@ -321,18 +319,14 @@ def test_sentences_of_results_without_codes_are_read() -> None:
     assert again == result
 
 
-def test_what_is_known_all_the_same_is_worked_out_where_it_was_not_written() -> None:
-    result = make_result(unobservable=(UP,))
+@pytest.mark.parametrize(("findings", "known"), [((), 5), (DOUBTS, 0)], ids=["ok", "contradicted"])
+def test_known_directions_are_computed_where_they_were_not_written(
+    findings: Any, known: int
+) -> None:
+    """A sigma that something contradicts makes no direction known."""
+    result = make_result(unobservable=(UP,), findings=findings)
     document = to_document(result)
-    assert len(document["diagnostics"].pop("observable")) == 5
-    assert result_from(document, "f") == result
-
-
-def test_a_sigma_that_something_contradicts_makes_no_direction_known() -> None:
-    result = make_result(unobservable=(UP,), findings=DOUBTS)
-    assert result.diagnostics.observable == []
-    document = to_document(result)
-    del document["diagnostics"]["observable"]
+    assert len(document["diagnostics"].pop("observable")) == known
     assert result_from(document, "f") == result
 
 
@@ -347,13 +341,11 @@ def test_a_finding_of_a_later_version_is_told_as_it_was() -> None:
 
 
 def test_values_that_are_too_deep_are_an_input_error() -> None:
-    text = to_yaml([to_document(make_result())])
-    for values in ("{share: [[[[1]]]]}", "{share: [[[[[1]]]]]}"):
-        told = f"  - {{code: x, severity: note, message: m, values: {values}}}"
-        spoilt = re.sub(r"^  findings:.*$", f"  findings:\n{told}", text, flags=re.MULTILINE)
-        assert spoilt != text
+    document = to_document(make_result(findings=DOUBTS))
+    for share in ([[[[1]]]], [[[[[1]]]]]):
+        document["diagnostics"]["findings"][0]["values"] = {"share": share}
         with pytest.raises(InputError, match=r"values.* should be a number or a text or null"):
-            read_results(spoilt, "f")
+            read_results(to_yaml([document]), "f")
 
 
 def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
@@ -393,76 +385,52 @@ def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
 
 FINITE = "should be a finite number"
 NOT_OF_FINDINGS = "findings are not those of distrust and warnings"
+NOT_SEMIDEFINITE = "of imu_link in wrist_3_link is not symmetric, or gives a variance below"
+VALUE = "a number or a text or a list or null"
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "part", "changes"),
+    "edit",
     [
-        ("transform translation 0", math.inf, f"translation[0] {FINITE}", {}),
-        ("transform translation 0", math.nan, f"translation[0] {FINITE}, not nan", {}),
+        ("transform translation 0", math.inf, f"translation[0] {FINITE}"),
+        ("transform translation 0", math.nan, f"translation[0] {FINITE}, not nan"),
         ("transform translation 0", 0.5, "is not that of partial", {"unobservable": (UP,)}),
-        ("transform translation 1", True, "[1] should be a number or null, not True", {}),
-        ("transform translation 1", "0.1", "[1] should be a number or null, not '0.1'", {}),
-        ("transform translation 1", 10**400, f"translation[1] {FINITE}", {}),
-        ("transform translation 1", None, "should have no null", {}),
-        ("transform translation 1", 1e300, "within 100 m", {}),
-        ("transform translation 1", -100.1, "within 100 m", {}),
-        ("transform rotation_xyzw 0", 1e300, "should have norm 1", {}),
-        ("transform rotation_rpy 2", 2.9 + 1e-5, "is not the rotation of rotation_xyzw", {}),
-        ("covariance 1 1", math.nan, f"covariance[1][1] {FINITE}, not nan", {}),
-        (
-            "covariance 1 1",
-            -1e-9,
-            "covariance of imu_link in wrist_3_link is not symmetric, or gives a variance below",
-            {},
-        ),
-        ("covariance 2", [1.0], "covariance[2] should be a list of 6, not [1.0]", {}),
-        ("accel_bias std 0", math.inf, f"accel_bias.std[0] {FINITE}", {}),
-        ("time_offset seconds", math.inf, f"seconds {FINITE}, not inf", {}),
-        ("time_offset seconds", False, "seconds should be a number, not False", {}),
-        (
-            "diagnostics nominal translation 2",
-            math.inf,
-            f"nominal.translation[2] {FINITE}, not inf",
-            {},
-        ),
+        ("transform translation 1", True, "[1] should be a number or null, not True"),
+        ("transform translation 1", "0.1", "[1] should be a number or null, not '0.1'"),
+        ("transform translation 1", 10**400, f"translation[1] {FINITE}"),
+        ("transform translation 1", None, "should have no null"),
+        ("transform translation 1", 1e300, "within 100 m"),
+        ("transform translation 1", -100.1, "within 100 m"),
+        ("transform rotation_xyzw 0", 1e300, "should have norm 1"),
+        ("transform rotation_rpy 2", 2.9 + 1e-5, "is not the rotation of rotation_xyzw"),
+        ("covariance 1 1", math.nan, f"covariance[1][1] {FINITE}, not nan"),
+        ("covariance 1 1", -1e-9, f"covariance {NOT_SEMIDEFINITE}"),
+        ("covariance 2", [1.0], "covariance[2] should be a list of 6, not [1.0]"),
+        ("accel_bias std 0", math.inf, f"accel_bias.std[0] {FINITE}"),
+        ("time_offset seconds", math.inf, f"seconds {FINITE}, not inf"),
+        ("time_offset seconds", False, "seconds should be a number, not False"),
+        ("diagnostics nominal translation 2", math.inf, f"translation[2] {FINITE}, not inf"),
         ("status", "ok", "status is ok", {"unobservable": (UP,)}),
         # nobody would hear of reasons whose findings are gone: decisions rest on findings
-        ("diagnostics findings", [], NOT_OF_FINDINGS, {"findings": DOUBTS}),
-        (
-            "diagnostics findings 0 severity",
-            "fatal",
-            "severity should be note or untrusted or warning",
-            {"findings": DOUBTS},
-        ),
-        ("diagnostics findings 0 severity", "warning", NOT_OF_FINDINGS, {"findings": DOUBTS}),
-        (
-            "diagnostics findings 0 values share",
-            {"a": 1},
-            "values[...] should be a number or a text or a list or null",
-            {"findings": DOUBTS},
-        ),
-        (
-            "diagnostics findings 0 values",
-            [1],
-            "values should be a mapping",
-            {"findings": DOUBTS},
-        ),
+        ("diagnostics findings", [], NOT_OF_FINDINGS),
+        ("diagnostics findings 0 severity", "fatal", "should be note or untrusted or warning"),
+        ("diagnostics findings 0 severity", "warning", NOT_OF_FINDINGS),
+        ("diagnostics findings 0 values share", {"a": 1}, f"values[...] should be {VALUE}"),
+        ("diagnostics findings 0 values", [1], "values should be a mapping"),
     ],
+    ids=lambda edit: f"{edit[0]} = {str(edit[1])[:9]}",
 )
-def test_what_was_edited_and_cannot_be_is_refused(
-    place: str, value: Any, part: str, changes: dict[str, Any]
-) -> None:
+def test_what_was_edited_and_cannot_be_is_refused(edit: tuple[Any, ...]) -> None:
+    place, value, part, *more = edit
+    changes = {"findings": DOUBTS} if "findings" in place else (more or [{}])[0]
     document = to_document(make_result(**changes))
     node: Any = document
     *path, last = (int(key) if key.isdigit() else key for key in place.split())
     for key in path:
         node = node[key]
     node[last] = value
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=f"^edited.yaml: .*{re.escape(part)}"):
         read_results(yaml.safe_dump(document), "edited.yaml")
-    assert part in str(caught.value)
-    assert str(caught.value).startswith("edited.yaml: ")
 
 
 def test_half_a_character_is_an_input_error() -> None:
@@ -485,40 +453,62 @@ def test_our_own_angles_agree_with_our_quaternion_even_in_gimbal_lock(pitch: flo
         np.testing.assert_allclose(again.pose.R, R, atol=1e-9)
 
 
-def test_require_distrusts_a_sigma_that_is_too_large() -> None:
-    estimate = make_estimate(covariance=np.diag([1e-6, 4e-6, 1e-6] + [1e-8] * 3))
-    assert require(estimate, "wrist_3_link", Tolerance(translation=2.1e-3, rotation=1.1e-4)).trusted
-    assert require(estimate, "wrist_3_link", Tolerance(rotation=1.1e-4)).trusted
-    tight = require(estimate, "wrist_3_link", Tolerance(translation=1e-3))
-    assert not tight.trusted
-    (sentence,) = tight.distrust
-    assert sentence == (
-        "--require asks for 1 mm, the largest sigma is 2 mm along y of wrist_3_link: record about "
-        "4 times as long (sigma falls with the root of the duration), or livelier motion"
-    )
-    both = require(
-        estimate, "wrist_3_link", Tolerance(translation=1e-5, rotation=math.radians(1e-6))
-    )
-    (sentence,) = both.distrust
-    assert "0.01 mm, the largest sigma is 2 mm along y" in sentence
-    assert "for 1e-06 deg, the largest sigma is 0.00573 deg about x of wrist_3_link" in sentence
-    assert sentence.endswith(
-        "record livelier motion (faster turns about several axes) and more of it"
-    )
+UNEVEN = {"covariance": np.diag([1e-6, 4e-6, 1e-6] + [1e-8] * 3)}
+TINY = Tolerance(translation=1e-9)
 
 
-def test_require_advises_what_helps() -> None:
-    link, asked = "wrist_3_link", Tolerance(translation=1e-9)
-    blind = require(make_estimate(unobservable=(UP,)), link, asked)
-    assert blind.distrust[0].endswith(": record the motion that determines it")
-    no_sigma = require(make_estimate(covariance=None, method="paper"), link, asked)
-    assert "1e-06 mm, and --method paper states no sigma" in no_sigma.distrust[0]
-    nan = require(make_estimate(covariance=np.full((6, 6), np.nan)), link, asked)
-    assert not nan.trusted
-    hair = require(
-        make_estimate(covariance=np.eye(6) * (1e-3 + 1e-12) ** 2), link, Tolerance(translation=1e-3)
-    )
-    assert "1 mm, the largest sigma is 1.000000001 mm" in hair.distrust[0]
+@pytest.mark.parametrize(
+    ("changes", "asked"),
+    [
+        (UNEVEN, Tolerance(translation=2.1e-3, rotation=1.1e-4)),
+        (UNEVEN, Tolerance(rotation=1.1e-4)),
+    ],
+)
+def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tolerance) -> None:
+    assert require(make_estimate(**changes), "wrist_3_link", asked).trusted
+
+
+@pytest.mark.parametrize(
+    ("changes", "asked", "said"),
+    [
+        (
+            UNEVEN,
+            Tolerance(translation=1e-3),
+            (
+                "^--require asks for 1 mm, the largest sigma is 2 mm along y of wrist_3_link: "
+                r"record about 4 times as long \(sigma falls with the root of the duration\), or "
+                "livelier motion$"
+            ),
+        ),
+        (
+            UNEVEN,
+            Tolerance(translation=1e-5, rotation=math.radians(1e-6)),
+            (
+                r"0\.01 mm, the largest sigma is 2 mm along y.*for 1e-06 deg, the largest sigma is "
+                r"0\.00573 deg about x of wrist_3_link.*record livelier motion \(faster turns "
+                r"about several axes\) and more of it$"
+            ),
+        ),
+        ({"unobservable": (UP,)}, TINY, ": record the motion that determines it$"),
+        (
+            {"covariance": None, "method": "paper"},
+            TINY,
+            "1e-06 mm, and --method paper states no sigma",
+        ),
+        ({"covariance": np.full((6, 6), np.nan)}, TINY, "1e-06 mm"),
+        (
+            {"covariance": np.eye(6) * (1e-3 + 1e-12) ** 2},
+            Tolerance(translation=1e-3),
+            r"1 mm, the largest sigma is 1\.000000001 mm",
+        ),
+    ],
+    ids=["longer", "livelier", "unobservable", "no sigma", "nan", "by a hair"],
+)
+def test_require_distrusts_a_sigma_that_is_too_large_and_advises(
+    changes: Any, asked: Tolerance, said: str
+) -> None:
+    (sentence,) = require(make_estimate(**changes), "wrist_3_link", asked).distrust
+    assert re.search(said, sentence)
 
 
 def test_distance_matches_scipy_near_and_far() -> None:
@@ -531,22 +521,17 @@ def test_distance_matches_scipy_near_and_far() -> None:
         assert found[1] == pytest.approx(math.hypot(0.0225, 1e-5))
 
 
-def test_tf_arguments_put_the_child_where_the_estimate_does() -> None:
-    line = FORMATS["tf"].render([make_result()])
-    words = line.split()
-    named = {words[i][2:]: words[i + 1] for i in range(0, len(words), 2)}
-    assert named["frame-id"] == "wrist_3_link"
-    assert named["child-frame-id"] == "imu_link"
-    q = Rotation.from_quat([float(named[k]) for k in ("qx", "qy", "qz", "qw")])
-    np.testing.assert_allclose(q.as_matrix(), R_TRUE.as_matrix(), atol=1e-11)
-    assert [float(named[k]) for k in "xyz"] == [-0.0225, 0.1, 1e-5]
-
-
 T_TRUE = np.vstack([np.column_stack([R_TRUE.as_matrix(), [-0.0225, 0.1, 1e-5]]), [0, 0, 0, 1]])
 
 
 def test_every_form_of_the_pose_is_the_same_pose() -> None:
-    texts = {name: FORMATS[name].render([make_result()]) for name in FORMATS}
+    texts = {name: each.render([make_result()]) for name, each in FORMATS.items()}
+    words = texts["tf"].split()
+    named = {words[i][2:]: words[i + 1] for i in range(0, len(words), 2)}
+    assert (named["frame-id"], named["child-frame-id"]) == ("wrist_3_link", "imu_link")
+    q = Rotation.from_quat([float(named[k]) for k in ("qx", "qy", "qz", "qw")])
+    np.testing.assert_allclose(q.as_matrix(), R_TRUE.as_matrix(), atol=1e-11)
+    assert [float(named[k]) for k in "xyz"] == [-0.0225, 0.1, 1e-5]
     matrix = np.array([line.split() for line in texts["matrix"].splitlines()], dtype=float)
     np.testing.assert_allclose(matrix, T_TRUE, atol=1e-11)
     kalibr = yaml.safe_load(texts["kalibr"])
@@ -602,11 +587,8 @@ def test_untrusted_poses_are_refused_without_force() -> None:
     with pytest.raises(UntrustedError, match="translation not determined"):
         refuse_untrusted(bad, "urdf", force=False)
     refuse_untrusted(bad, "urdf", force=True)
-    assert {name for name, each in FORMATS.items() if not each.is_bare_pose} == {
-        "yaml",
-        "json",
-        "summary",
-    }
+    careful = {name for name, each in FORMATS.items() if not each.is_bare_pose}
+    assert careful == {"yaml", "json", "summary"}
 
 
 @pytest.mark.parametrize("which", ["result", "comparison"])
@@ -617,6 +599,7 @@ def test_the_published_schema_is_that_of_the_tree(which: Any) -> None:
 
 def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
     text = summarise(make_result())
+    assert next(line for line in text.splitlines() if "±" in line) == "  ± is 1 sigma"
     positions = [_numbers(line) for line in text.splitlines() if line.startswith("    xyz ")]
     quaternions = [_numbers(line) for line in text.splitlines() if "quaternion xyzw" in line]
     there, back = (Rotation.from_quat(quaternion) for quaternion in quaternions)
@@ -644,11 +627,6 @@ def test_every_field_of_the_list_is_in_the_summary() -> None:
     severities = {field.severity: field.label for field in fields if field.severity}
     assert severities["untrusted"] == "not determined"
     assert severities["warning"] == "warning"
-
-
-def test_the_summary_says_that_plus_minus_is_1_sigma() -> None:
-    lines = summarise(make_result()).splitlines()
-    assert lines.index("  ± is 1 sigma") == min(n for n, line in enumerate(lines) if "±" in line)
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import read_results, to_document
+
+if TYPE_CHECKING:
+    from tests.conftest import Imucalib
 
 STORED = sorted((Path(__file__).parent / "stored").glob("*.yaml"))
 SAMPLES = Path(__file__).parents[2] / "sample_data"
@@ -40,20 +43,13 @@ def _assert_kept(old: object, new: object) -> None:
         ("without_parameters", 0, "not moved: imu_link in wrist_3_link has not moved"),
     ],
 )
-def test_old_results_still_answer(
-    name: str, code: int, words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (path,) = (str(each) for each in STORED if each.stem == name)
-    assert main(["diff", path, path]) == code
-    assert words in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", ["first", "without_parameters"])
-def test_old_results_are_verified(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_old_results_still_answer(name: str, code: int, words: str, imucalib: Imucalib) -> None:
     """The sample's URDF has the IMU turned by 1 degree."""
-    (path,) = (str(each) for each in STORED if each.stem == name)
-    assert main(["verify", path, "--urdf", str(SAMPLES / "rihibot.urdf")]) == 4
-    assert "the rotation is off by 1.0" in capsys.readouterr().err
+    (path,) = (each for each in STORED if each.stem == name)
+    assert words in imucalib("diff", path, path, code=code).err
+    if not code:
+        err = imucalib("verify", path, "--urdf", SAMPLES / "rihibot.urdf", code=4).err
+        assert "the rotation is off by 1.0" in err
 
 
 def test_a_reason_without_a_code_is_known_as_a_requirement_or_as_a_contradiction() -> None:

@@ -13,7 +13,6 @@ import pytest
 import yaml
 from msgspec import structs
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.again import stretches_of
 from imucalib_cli.jobs.calibrate import calibrate
@@ -23,10 +22,10 @@ from imucalib_cli.results.statistics_file import read_statistics, statistics_byt
 
 if TYPE_CHECKING:
     from imucalib_cli.jobs.calibrate import Calibrated
+    from tests.conftest import Imucalib
 
 SAMPLE = Path(__file__).parents[2] / "sample_data/rihibot.mcap"
 URDF = SAMPLE.with_suffix(".urdf")
-Said = pytest.CaptureFixture[str]
 MOST = 1_000_000
 """Bytes of a file of an ordinary arm."""
 
@@ -41,6 +40,11 @@ def calibrated() -> Calibrated:
 def content(calibrated: Calibrated) -> bytes:
     assert calibrated.estimate.statistics is not None
     return statistics_bytes(calibrated.result, calibrated.estimate.statistics)
+
+
+@pytest.fixture
+def combine(imucalib: Imucalib) -> Imucalib:
+    return imucalib.with_("combine", "--format", "yaml")
 
 
 def of_another(calibrated: Calibrated, **source: Any) -> bytes:
@@ -94,32 +98,34 @@ def test_the_parts_of_the_log_are_those_of_the_report(file: Path, calibrated: Ca
     np.testing.assert_allclose(found.std_so_far[-1], details.stretches.std_so_far[-1])
 
 
-def test_the_command_says_the_same_again(file: Path, calibrated: Calibrated, capsys: Said) -> None:
-    assert main(["combine", str(file), "--format", "yaml"]) == 0
-    again, first = yaml.safe_load(capsys.readouterr().out), calibrated.result
-    for there, here in (
-        (again["covariance"], first.covariance),
-        (again["transform"]["translation"], first.transform.translation),
-    ):
-        np.testing.assert_allclose(np.array(there), np.array(here), rtol=1e-12)
-    assert again["provenance"]["options"] == first.provenance.options
-    assert again["diagnostics"]["combined"] is None
+def test_the_command_says_the_same_again_of_a_file_and_of_a_list_from_stdin(
+    file: Path, calibrated: Calibrated, combine: Imucalib
+) -> None:
+    first = calibrated.result
+    for argument, stdin in ((file, b""), ("-", f"{file}\n".encode())):
+        again = yaml.safe_load(combine(argument, stdin=stdin).out)
+        for there, here in (
+            (again["covariance"], first.covariance),
+            (again["transform"]["translation"], first.transform.translation),
+        ):
+            np.testing.assert_allclose(np.array(there), np.array(here), rtol=1e-12)
+        assert again["status"] == "ok"
+        assert again["provenance"]["options"] == first.provenance.options
+        assert again["diagnostics"]["combined"] is None
 
 
 def test_a_result_finds_its_statistics_under_the_names_of_a_batch(
-    file: Path, calibrated: Calibrated, capsys: Said
+    file: Path, calibrated: Calibrated, combine: Imucalib
 ) -> None:
     result = file.with_name("log.imu_link.yaml")
     result.write_text(to_yaml([calibrated.result]), encoding="utf-8")
-    other = file.with_name("log.statistics.other.npz")
-    other.write_bytes(of_another(calibrated))
-    assert main(["combine", str(result), "--format", "yaml"]) == 0
-    (found,) = yaml.safe_load_all(capsys.readouterr().out)
+    file.with_name("log.statistics.other.npz").write_bytes(of_another(calibrated))
+    (found,) = yaml.safe_load_all(combine(result).out)
     assert found["transform"]["child"] == calibrated.result.child
 
 
 def test_an_imu_that_cannot_be_solved_stops_no_other(
-    file: Path, calibrated: Calibrated, capsys: Said
+    file: Path, calibrated: Calibrated, combine: Imucalib
 ) -> None:
     source = calibrated.result.provenance
     assert source.urdf is not None
@@ -127,54 +133,44 @@ def test_an_imu_that_cannot_be_solved_stops_no_other(
         urdf, log = (structs.replace(each, sha256=sha) for each in (source.urdf, source.files[0]))
         content = of_another(calibrated, urdf=urdf, files=[log])
         file.with_name(f"{name}.npz").write_bytes(content)
-    assert main(["combine", str(file.parent), "--format", "yaml"]) == 2
-    seen = capsys.readouterr()
+    seen = combine(file.parent, code=2)
     (found,) = yaml.safe_load_all(seen.out)
     assert found["transform"]["child"] == calibrated.result.child
     assert "different URDFs" in seen.err
 
 
-def test_what_cannot_be_used_of_a_folder_stops_no_other(file: Path, capsys: Said) -> None:
+def test_what_cannot_be_used_of_a_folder_stops_no_other(file: Path, combine: Imucalib) -> None:
     """An archive of something else is passed over, a damaged one is an error beside the result."""
     np.savez(file.with_name("weights.npz"), layer=np.eye(3))
-    assert main(["combine", str(file.parent), "--format", "yaml"]) == 0
-    seen = capsys.readouterr()
-    assert len(list(yaml.safe_load_all(seen.out))) == 1
-    assert "weights.npz: holds no statistics of imucalib and is left out" in seen.err
-    file.with_name("damaged.npz").write_bytes(file.read_bytes()[:-1000])
-    assert main(["combine", str(file.parent), "--format", "yaml"]) == 1
-    seen = capsys.readouterr()
-    assert len(list(yaml.safe_load_all(seen.out))) == 1
-    assert "damaged.npz: is damaged" in seen.err
+    damaged = file.with_name("damaged.npz")
+    for code, words in (
+        (0, "weights.npz: holds no statistics of imucalib and is left out"),
+        (1, "damaged.npz: is damaged"),
+    ):
+        if code:
+            damaged.write_bytes(file.read_bytes()[:-1000])
+        seen = combine(file.parent, code=code)
+        assert len(list(yaml.safe_load_all(seen.out))) == 1
+        assert words in seen.err
     file.unlink()
-    file.with_name("damaged.npz").unlink()
-    assert main(["combine", str(file.parent)]) == 1
-    assert "no statistics in it" in capsys.readouterr().err
+    damaged.unlink()
+    assert "no statistics in it" in combine(file.parent, code=1).err
 
 
-def test_a_list_comes_from_stdin(file: Path, capsys: Said, monkeypatch: pytest.MonkeyPatch) -> None:
-    listed = io.TextIOWrapper(io.BytesIO(f"{file}\n".encode()))
-    monkeypatch.setattr("sys.stdin", listed)
-    assert main(["combine", "-", "--format", "yaml"]) == 0
-    assert yaml.safe_load(capsys.readouterr().out)["status"] == "ok"
-
-
-def test_other_priors_need_no_log(file: Path, capsys: Said) -> None:
+def test_other_priors_need_no_log(file: Path, combine: Imucalib) -> None:
     known = "-0.0225 0.1 0 3.14159265 0 1.57079633"
-    argv = ["combine", str(file), "--initial", known, "--prior-std", "tz=1mm", "--robot", "exact"]
-    assert main([*argv, "--format", "yaml"]) == 0
-    found = yaml.safe_load(capsys.readouterr().out)
-    assert found["provenance"]["options"]["robot"] == "exact"
-    assert found["provenance"]["options"]["pose.std"].split()[2] == "0.001"
+    said = combine(file, "--initial", known, "--prior-std", "tz=1mm", "--robot", "exact").out
+    options = yaml.safe_load(said)["provenance"]["options"]
+    assert options["robot"] == "exact"
+    assert options["pose.std"].split()[2] == "0.001"
 
 
-def test_a_page_of_statistics_has_spectra_and_parts(file: Path, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    assert main(["report", str(file), "-o", str(page)]) == 0
+def test_a_page_of_statistics_has_spectra_and_parts(file: Path, imucalib: Imucalib) -> None:
+    page = file.with_name("page.html")
+    imucalib("report", file, "-o", page)
     text = page.read_text(encoding="utf-8")
-    assert "from the statistics of a log" in text
-    assert 'id="imu0-spectra"' in text
-    assert 'id="imu0-segments"' in text
+    for part in ("from the statistics of a log", 'id="imu0-spectra"', 'id="imu0-segments"'):
+        assert part in text
 
 
 def _without(content: bytes, name: str) -> bytes:

@@ -1,6 +1,6 @@
-"""The answers of verify, diff, trend and compare: trees from which text and JSON Schema come.
+"""The answers of verify, diff, trend and compare: trees that define text and JSON Schema.
 
-Fields are written in this order under these names. A text below a field is its description in
+Fields are written in this order with these names. The docstring of a field is its description in
 the JSON Schema. Differences are found - told (verify), second - first (diff), later - earlier
 (trend) or Kalibr's - ours (compare), in the parent frame.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 Verdict = Literal["yes", "no", "unknown"]
-"""Whether two poses are one."""
+"""Whether two poses agree."""
 Size = Annotated[float, Meta(ge=0)]
 Time = Annotated[datetime, Meta(tz=True)]
 Moved = Literal["not moved", "moved", "drifting", "unknown"]
@@ -422,7 +422,7 @@ class KalibrAnswer(Tree, frozen=True):
 
 
 def as_csv(answers: Sequence[VerifyAnswer | DiffAnswer]) -> str:
-    """One row for each answer; what is not known is empty."""
+    """One row for each answer; unknown values are empty."""
     columns: dict[str, Callable[[VerifyAnswer | DiffAnswer], object]] = {
         "file": lambda answer: answer.about,
         "first": lambda answer: answer.first.file if isinstance(answer, DiffAnswer) else "",

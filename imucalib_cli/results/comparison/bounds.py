@@ -1,11 +1,11 @@
-"""How far an uncertain vector may be from zero, and how often chance alone gives a chi-squared.
+"""Bounds of the norm of an uncertain vector, and probabilities of chi-squared.
 
-All vectors within ``sigmas`` standard deviations of a vector d fill an ellipsoid about it. The
-nearest of them to the origin and the farthest bound the norm. Where |d| is many sigma they are
-|d| -/+ sigmas * sqrt(u' C u) with u along d, what propagation to first order gives; at d = 0, where
-the norm has no derivative, the farthest is ``sigmas`` times the largest deviation of the matrix. In
-between, a direction across d that is known badly counts as it should: it may carry the vector far
-away, but not nearer than the other components allow.
+All vectors within ``sigmas`` standard deviations of a vector d fill an ellipsoid about it. Its
+nearest and farthest points from the origin bound the norm. Where |d| is many sigma, they are
+|d| -/+ sigmas * sqrt(u' C u) with u along d, as in first-order propagation. At d = 0, where the
+norm has no derivative, the farthest is ``sigmas`` times the largest deviation of C. In between, a
+badly known direction across d can make the norm large, but not smaller than the other components
+allow.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 _HALVINGS = 120
 """Enough for all digits of a root that is 1e-20 of its bound."""
 _NUDGE = 1e-12
-"""Of the longest half-axis: moves a centre that lies exactly across it, which has two farthest
-points, to a side."""
+"""Share of the longest half-axis by which a centre that is exactly across it is moved to one side,
+because it would have two farthest points."""
 
 
 def norm_bounds(vector: Floats, covariance: Floats, sigmas: float) -> tuple[float, float]:
-    """Norms of the nearest and the farthest vector (n,) within so many sigmas; finite (n, n)."""
+    """Least and greatest norm of vectors (n,) within so many sigmas of a finite (n, n)."""
     variances, axes = np.linalg.eigh(covariance)
     half = sigmas * np.sqrt(np.maximum(variances, 0.0))
     centre = axes.T @ vector
@@ -75,8 +75,8 @@ def _root(levers: Floats, offsets: Floats, high: float) -> float:
 def chance_of_more(chi2: float, freedom: int) -> float:
     """Probability that chi-squared with these degrees of freedom exceeds a value, both at least 0.
 
-    The regularised gamma function Q(k/2, x/2) for whole k (Abramowitz and Stegun 26.4.4, 26.4.5).
-    Without freedom there is nothing to exceed and the answer is 1.
+    The regularised gamma function Q(k/2, x/2) for whole k (Abramowitz and Stegun 26.4.4, 26.4.5);
+    1 for zero degrees of freedom.
     """
     if freedom == 0 or chi2 <= 0.0:
         return 1.0

@@ -1,4 +1,4 @@
-"""Two poses of one IMU: how far apart they are, and how surely. verify, diff and compare ask it."""
+"""The difference of two poses of one IMU with its uncertainty, for verify, diff, trend, compare."""
 
 from __future__ import annotations
 
@@ -38,37 +38,35 @@ if TYPE_CHECKING:
 
 
 SIGMAS = 2.0
-"""Half-width of what is taken to be possible, in standard deviations."""
+"""Half-width of what counts as possible, in standard deviations."""
 SIGNIFICANT = math.erfc(SIGMAS / math.sqrt(2.0))
-"""Chance of a difference beyond SIGMAS of one component. A difference that noise gives more often
-than that is no difference, however small the tolerance: of three components together one often
-exceeds two sigma."""
+"""Probability that noise moves one component by more than SIGMAS. A more probable difference counts
+as none, however small the tolerance: of three components one often exceeds two sigma."""
 RARE = 0.01
-"""Chance below which a difference is not noise, where no tolerance is given: one false alarm in a
+"""Probability below which a difference is not noise, without a tolerance: one false alarm in a
 hundred comparisons."""
 _NOTHING = 1e-9
-"""m or rad, 1 sigma of a component that is left out of a comparison: far below any tolerance."""
+"""m or rad, 1 sigma of an ignored component: far below any tolerance."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """The translation or the rotation of a difference, with its figures in words."""
+    """The translation or the rotation of a difference, with its numbers in words."""
 
     kind: Kind
     block: slice
-    """Its place among six."""
+    """Its slice of the six components."""
     unit: str
     scale: float
-    """How many of the unit a metre or a radian is."""
+    """Units per metre or radian."""
     vector: Floats
     """(3,), in the first pose's parent frame, m; or rotation vector, rad."""
     covariance: Floats | None
     """(3, 3), of the vector; None where a pose has none."""
     unknown: Floats
-    """(k, 3), orthonormal directions in which one of the poses is not known."""
+    """(k, 3), orthonormal directions that are unknown in one of the poses."""
     meaningful: bool
-    """Whether its covariance means anything: none does that was propagated from a rotation which
-    is not known."""
+    """Whether its covariance is valid: not if it was propagated from an unknown rotation."""
 
     @property
     def norm(self) -> float:
@@ -77,7 +75,7 @@ class Part:
 
     @cached_property
     def bounds(self) -> tuple[float, float] | None:
-        """Nearest and farthest that is possible within SIGMAS; None where that is not known."""
+        """Least and greatest possible norm within SIGMAS; None where unknown."""
         if self.covariance is None:
             return None
         least, most = norm_bounds(self.vector, self.covariance, SIGMAS)
@@ -87,16 +85,16 @@ class Part:
 
     @property
     def sigma(self) -> float | None:
-        """1 sigma of the norm, such that norm + 2 sigma is the farthest that is possible.
+        """1 sigma of the norm, such that norm + 2 sigma is the greatest possible norm.
 
-        Along the vector where that is many sigma long, growing to the largest of the matrix as it
-        shrinks to zero.
+        It is the sigma along a vector that is many sigma long, and grows to the largest sigma of
+        the covariance as the vector shrinks to zero.
         """
         return None if self.bounds is None else (self.bounds[1] - self.norm) / SIGMAS
 
     @property
     def determined(self) -> bool:
-        """Whether both poses are known in every direction."""
+        """Whether both poses are known in all directions."""
         return self.meaningful and not len(self.unknown)
 
     @property
@@ -116,7 +114,7 @@ class Part:
 
     @property
     def in_sigmas(self) -> str:
-        """Such as ``431 sigma``; empty where that means nothing."""
+        """Such as ``431 sigma``; empty without a sigma."""
         if self.sigma is None or not self.sigma > 0.0:
             return ""
         return f"{figures(self.norm / self.sigma, 3)} sigma"
@@ -128,20 +126,20 @@ class Part:
 
     @property
     def range_words(self) -> str:
-        """What is possible within two sigma, such as ``4.369 to 4.409 mm``."""
+        """The possible norms within two sigma, such as ``4.369 to 4.409 mm``."""
         if self.bounds is None:
             return "anything"
         return f"{' to '.join(map(self._rounded, self.bounds))} {self.unit}"
 
     def _rounded(self, value: float) -> str:
-        """A value in the unit, to the decimals that the norm's sigma earns."""
+        """A value in the unit, to the decimals that the norm's sigma justifies."""
         sigma = self.sigma or 0.0
         return fixed(value * self.scale, decimals(sigma * self.scale) if sigma > 0.0 else 3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PoseComparison:
-    """Second pose less the first, in the first one's parent frame."""
+    """The second pose minus the first, in the first pose's parent frame."""
 
     vector: Floats
     """(6,), translation first, m and rad."""
@@ -156,27 +154,25 @@ class PoseComparison:
         return self.translation, self.rotation
 
     def without(self, ignored: frozenset[int]) -> PoseComparison:
-        """The difference as if there were none in some of its six components, surely."""
+        """The difference with some of its six components exactly zero."""
         if not ignored:
             return self
-        places = sorted(ignored)
-        covariance = None if self.covariance is None else self.covariance.copy()
+        kept = np.array([place not in ignored for place in range(6)])
+        covariance = self.covariance
         if covariance is not None:
-            covariance[places, :] = covariance[:, places] = 0.0
-            covariance[places, places] = _NOTHING**2
-        vector = self.vector.copy()
-        vector[places] = 0.0
-        unknown = []
-        for part in self.parts:
-            gone = np.isin(np.arange(6)[part.block], places)
-            unknown.append(_distinct(np.where(gone, 0.0, part.unknown)))
-        meaningful = [part.meaningful for part in self.parts]
-        return _comparison(vector, covariance, unknown, meaningful)
+            covariance = np.where(np.outer(kept, kept), covariance, 0.0)
+            np.fill_diagonal(covariance, np.where(kept, np.diag(covariance), _NOTHING**2))
+        return _comparison(
+            np.where(kept, self.vector, 0.0),
+            covariance,
+            [_distinct(np.where(kept[part.block], part.unknown, 0.0)) for part in self.parts],
+            [part.meaningful for part in self.parts],
+        )
 
     def test(self, *chosen: Part) -> TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.
 
-        None where neither says anything: no covariance, or no direction known in both poses.
+        None without a covariance or without a direction that is known in both poses.
         """
         rows = np.concatenate([part.basis for part in chosen or self.parts])
         if self.covariance is None or not len(rows):
@@ -185,9 +181,9 @@ class PoseComparison:
         return TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
     def judge(self, part: Part, within: Tolerance) -> Verdict:
-        """Whether a part is within its bound: yes or no where two sigma leave no doubt.
+        """Whether a part is within its bound: yes or no if two sigma leave no doubt.
 
-        A direction that is not known withholds a yes, but not a no from the others.
+        An unknown direction prevents a yes, but not a no from the others.
         """
         if part.bounds is None:
             return "unknown"
@@ -197,10 +193,10 @@ class PoseComparison:
         return "yes" if part.determined and part.bounds[1] <= bound else "unknown"
 
     def verdict(self, within: Tolerance | None) -> Verdict:
-        """Whether the poses are one: a no from a part is a no, a yes takes both.
+        """Whether the poses agree: one no is a no, a yes needs both parts.
 
-        Without a tolerance they are not if chi-squared of the difference, in the directions that
-        both know, is rarer than RARE in noise; and are if nothing is unknown and that is not so.
+        Without a tolerance the answer is no if noise rarely (RARE) gives such a chi-squared in the
+        directions that both poses know; else yes, unless a direction is unknown.
         """
         if within is not None:
             parts = {self.judge(part, within) for part in self.parts}
@@ -213,7 +209,7 @@ class PoseComparison:
         return "yes" if all(part.determined for part in self.parts) else "unknown"
 
     def entries(self, *verdicts: Verdict) -> dict[str, Any]:
-        """Both parts as answers write them, with the verdicts on them where there are any."""
+        """Both parts as answers write them, with their verdicts if there are any."""
         translation, rotation = verdicts or (UNSET, UNSET)
         return {
             "translation": TranslationEntry(verdict=translation, **self._entry(self.translation)),
@@ -234,7 +230,7 @@ class PoseComparison:
         } | {"unknown_directions": plain(part.unknown), "test": self.test(part)}
 
     def significance(self) -> Significance | None:
-        """How many sigma the difference is, and which part is so many."""
+        """The larger of the two parts in sigmas."""
         known = [
             (part.norm / part.sigma if part.sigma > 0.0 else math.inf, part.kind)
             for part in self.parts
@@ -246,13 +242,13 @@ class PoseComparison:
         return Significance(kind, plain(sigmas))
 
     def __str__(self) -> str:
-        """Both norms with their sigma; ± is said to be 1 sigma where it stands."""
+        """Both norms with their sigma, such as ``4.39 ± 0.01 mm and 1.0 ± 0.1 deg (1 sigma)``."""
         norms = " and ".join(map(str, self.parts))
         return f"{norms} (1 sigma)" if "±" in norms else norms
 
     @property
     def farthest_words(self) -> str:
-        """How far apart both may be within two sigma, such as ``0.033 mm and 0.0004 deg``."""
+        """The greatest possible norms within two sigma, such as ``0.033 mm and 0.0004 deg``."""
         return " and ".join(
             f"{figures(part.bounds[1] * part.scale, 2)} {part.unit}"
             for part in self.parts
@@ -261,25 +257,25 @@ class PoseComparison:
 
     @property
     def in_sigmas(self) -> str:
-        """How many sigma each part is; empty where that means nothing."""
+        """Each part in sigmas; empty where that means nothing."""
         said = (part.in_sigmas for part in self.parts if part.meaningful)
         return " and ".join(filter(None, said))
 
 
 def compare_poses(first: UncertainPose, second: UncertainPose) -> PoseComparison:
-    """How the second pose differs from the first: of the same frames, with independent errors.
+    """The second pose minus the first; both have the same frames and independent errors.
 
     The translation is t2 - t1, the rotation vector that of R2 R1^T; both in the parent frame. To
     first order in the errors the covariance of the rotation is J (C2 + R C1 R^T) J^T with
     R = R2 R1^T and J the inverse of the left Jacobian of SO(3) (Sola, Deray, Atchuthan, A micro
     Lie theory, 2018, eq. 146); where the two are close that is the sum.
 
-    Where the rotation is not known about one axis, one pose is turned about it until they are
-    nearest: any other turn would claim a difference that nobody measured.
+    Where the rotation about one axis is unknown, one pose is turned about it until both are
+    nearest, because any other turn would be a difference that was not measured.
     """
     turn = second.R @ first.R.T
     axes = _distinct(first.unknown_rotation, second.unknown_rotation)
-    seen = axes  # as the second pose's errors enter
+    seen = axes  # in the frame in which the second pose's errors enter
     if len(axes) == 1:
         twist = matrix_from_rotvec(axes[0] * _untwist(turn, axes[0]))
         turn = twist @ turn if len(second.unknown_rotation) else turn @ twist
@@ -330,7 +326,7 @@ def _comparison(
 
 
 def _distinct(*stacks: Floats) -> Floats:
-    """Orthonormal basis of what some directions span; a few degrees apart are one direction."""
+    """Orthonormal basis of the span of directions; a few degrees apart count as one."""
     directions = np.concatenate(stacks)
     if not len(directions):
         return np.zeros((0, 3))
@@ -347,7 +343,7 @@ def _untwist(turn: Floats, axis: Floats) -> float:
 
 
 def _squared(value: Floats, covariance: Floats) -> float:
-    """Mahalanobis distance squared, in mixed units; zero sigma makes any difference infinite."""
+    """Squared Mahalanobis distance, in mixed units; infinite for a difference with zero sigma."""
     scale, scaled = correlation(covariance)
     variances, axes = np.linalg.eigh(scaled)
     apart = axes.T @ (value / scale)

@@ -1,4 +1,4 @@
-"""``--require``: a result whose sigma is larger than was asked for is not to be trusted."""
+"""``--require``: a result whose sigma is larger than required is not trusted."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.findings import Finding, untrusted
+from imucalib_cli.findings import untrusted
 from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Kind
 
 CODES = frozenset({"require.sigma", "require.no_sigma", "require.text"})
-"""Of findings that say that sigma is large, not that it is wrong; the last one is of a stored
-result that was written without codes."""
+"""Of findings about a sigma that is too large, but not wrong; the last one occurs in stored results
+that were written without codes."""
 _WORTH_RECORDING = 100.0
-"""Times as long: beyond that a longer log is no advice."""
+"""Times the duration, beyond which a longer log is no advice."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """A bound on translation and rotation; infinite where none was asked for."""
+    """A bound on translation and on rotation; infinite where none is given."""
 
     translation: float = math.inf
     """m."""
@@ -50,21 +50,14 @@ def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
 
     A method that states no covariance cannot meet a requirement, so it is distrusted too.
     """
-    shortfall = _shortfall(estimate, parent, tolerance)
-    if shortfall is None:
-        return estimate
-    return replace(estimate, findings=(*estimate.findings, shortfall))
-
-
-def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding | None:
-    """What was asked, what was reached and what would help; None if the requirement is met."""
     if estimate.covariance is None:
-        return untrusted(
+        bounds = {kind: tolerance.of(kind) for kind in PARTS}
+        finding = untrusted(
             "require.no_sigma",
-            translation=tolerance.translation if math.isfinite(tolerance.translation) else None,
-            rotation=tolerance.rotation if math.isfinite(tolerance.rotation) else None,
+            **{kind: bound if math.isfinite(bound) else None for kind, bound in bounds.items()},
             method=estimate.method,
         )
+        return replace(estimate, findings=(*estimate.findings, finding))
     stds = np.sqrt(np.diag(estimate.covariance))
     missed: dict[str, float | str] = {}
     excess = 1.0
@@ -77,11 +70,12 @@ def _shortfall(estimate: Estimate, parent: str, tolerance: Tolerance) -> Finding
             missed |= {kind: bound, f"{kind}_sigma": worst, f"{kind}_axis": "xyz"[axis]}
             excess = max(excess, worst / bound if math.isfinite(worst) else math.inf)
     if not missed:
-        return None
+        return estimate
     longer = max(excess**2, 1.1)
-    told: dict[str, str | float | None] = {"remedy": "livelier", "longer": None}
+    remedy: dict[str, str | float | None] = {"remedy": "livelier", "longer": None}
     if estimate.unobservable:
-        told["remedy"] = "motion"
+        remedy["remedy"] = "motion"
     elif longer <= _WORTH_RECORDING:
-        told = {"remedy": "longer", "longer": longer}
-    return untrusted("require.sigma", parent=parent, **told, **missed)
+        remedy = {"remedy": "longer", "longer": longer}
+    finding = untrusted("require.sigma", parent=parent, **remedy, **missed)
+    return replace(estimate, findings=(*estimate.findings, finding))

@@ -1,4 +1,4 @@
-"""Is a told pose right (verify)? Has a mount moved (diff)? Yes, no, or the results cannot tell."""
+"""verify: whether a given pose is right. diff: whether a mount moved. Or: cannot tell."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MOVED: dict[answers.Verdict, Literal["moved", "not moved", "unknown"]] = {
     "no": "moved",
     "unknown": "unknown",
 }
-"""What diff calls a verdict on whether two poses are one."""
+"""The words of diff for a verdict on whether two poses agree."""
 WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
 """Default tolerance."""
 
@@ -43,13 +43,13 @@ def verify(
     *,
     ignored: frozenset[int] = frozenset(),
 ) -> answers.VerifyAnswer:
-    """Decide whether a told pose, in the result's parent frame, is right within a tolerance.
+    """Decide whether a given pose, in the result's parent frame, is right within a tolerance.
 
-    For translation and rotation alike: yes if everything within two sigma of what was found lies
-    within the tolerance of what was told, no if nothing does, else unknown. A no from one of them
-    is a no; a yes takes both. A result that contradicts itself answers nothing. ``ignored`` are
-    components of the pose, of tx ty tz rx ry rz in the parent frame, that need not be right. There
-    is no ``urdf`` where the log's own frames told the pose, no ``file`` where a log was just read.
+    Translation and rotation are judged alike: yes if all poses within two sigma of the estimate are
+    within the tolerance of the given pose, no if none is, else unknown. One no is a no; a yes needs
+    both. A result that contradicts itself gives no answer. ``ignored`` are components of the pose
+    (of tx ty tz rx ry rz, parent frame) that need not be right. ``urdf`` is None where the pose is
+    from the log's own frames, ``file`` empty where a log was calibrated.
     """
     found = result.uncertain_pose
     apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
@@ -103,10 +103,10 @@ def diff(
     poses: tuple[UncertainPose, UncertainPose],
     within: Tolerance | None = None,
 ) -> answers.DiffAnswer:
-    """Decide whether the mount moved between two results, each after the name of its file.
+    """Decide whether the mount moved between two results, each with the name of its file.
 
-    With a tolerance, as ``verify`` does; without one, by the significance of the difference
-    (:meth:`PoseComparison.verdict`). Their poses are expressed in the same frames.
+    With a tolerance the rules are those of ``verify``; without one the significance of the
+    difference decides (:meth:`PoseComparison.verdict`). ``poses`` are in the same frames.
     """
     apart = compare_poses(*poses)
     test = apart.test()
@@ -156,10 +156,10 @@ def within_entry(within: Tolerance) -> answers.Within:
 
 
 def _contradictions(result: Result) -> list[str]:
-    """Reasons against a result that make its sigma worthless, and so every answer from it.
+    """Reasons against a result that make its sigma, and so every answer, worthless.
 
-    Directions that were not determined are none of them, nor is a sigma that is larger than
-    someone required: both are in the covariance.
+    Undetermined directions and a sigma larger than required are no such reasons: the covariance
+    contains them.
     """
     return [
         f"the result contradicts itself or its model: {finding.message}"
@@ -169,7 +169,7 @@ def _contradictions(result: Result) -> list[str]:
 
 
 def _gaps(result: Result) -> Iterator[str]:
-    """What a result does not know."""
+    """What a result does not determine."""
     if result.covariance is None:
         yield f"--method {result.diagnostics.method} states no sigma: use --method matched"
     yield from map(str, unobservable_fields(result))
@@ -199,15 +199,12 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
 
 
 def _names_words(what: str, names: Sequence[str]) -> str:
-    """A clause on components of the pose, where there are any."""
+    """A clause about components of the pose; empty where there are none."""
     return f"; {what}: {', '.join(names)}" if names else ""
 
 
 def _given_beforehand(result: Result) -> str:
-    """A clause on components of the pose that were told to the estimator, not found by it.
-
-    They agree with what was told for the simple reason that it was told.
-    """
+    """A clause about components of the pose that were given, so that they agree by construction."""
     stds = str(result.provenance.options.get("pose.std", "")).split()
     names = [name for name, std in zip(POSE_NAMES, stds, strict=False) if std != "inf"]
     return _names_words("told beforehand, not found by the log alone", names)

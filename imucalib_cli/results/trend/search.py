@@ -1,11 +1,11 @@
-"""Recordings of one mount in order: which show the same pose, where it changes, which are odd.
+"""Find which recordings of an IMU show the same mount, where the mount changes, and which are odd.
 
 Recording i of mount s measures y_i = x_s + b_i + e_i. e_i has the covariance that its result
-states; b_i is what sigma cannot know, a scatter between recordings whose covariance is learnt from
-all mounts together. What is found is what lowers -2 log L by more than it costs: every further
-mount, recording that stands alone or slope costs the Bayesian information criterion's price of its
-components and DECISIVE besides (estimate/checks/segments.py). So the same criterion says how many
-changes there are, what is odd, and whether a line or a step explains more.
+states. b_i is a scatter between recordings, which sigma does not contain; its covariance is
+estimated from all mounts together. The search lowers -2 log L plus a price. Every further mount,
+odd recording or slope costs the Bayesian information criterion's price of its components, and
+DECISIVE besides (estimate/checks/segments.py). So one criterion decides how many changes there
+are, which recordings are odd, and whether a line or steps explain more.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
 
 LEAST = 4
-"""Recordings from which a move can be told from a scatter: two before and two after."""
+"""Recordings needed to tell a move from scatter: two before and two after."""
 LEAST_OF_LINE = 6
-"""Recordings from which a drift is looked for: of four and five the scatter about a line is known
-so badly that one in twenty mounts that stand still seems to drift."""
+"""Recordings needed to look for a drift. Four or five determine the scatter about a line so badly
+that one in twenty mounts that stand still seems to drift."""
 _ROUNDS = 10
-"""Of partition and scatter in turn; two or three settle."""
+"""Of partition and scatter in turn; two or three suffice."""
 _SAME = 0.01
-"""Relative difference of two variances that part the recordings alike."""
+"""Variances that differ by less, relatively, give the same partition."""
 _STEPS = 50
-"""Of scoring; ten or so settle."""
-_TOLD = 1e-9
-"""Share of a recording's own variance, of what the fit leaves of it: less is rounding."""
+"""Of scoring; about ten suffice."""
+_LEAST_SHARE = 1e-9
+"""Share of a recording's variance that remains in its residual: less is rounding."""
 _SETTLED = 1e-3
 """Relative change of a variance that ends its iteration."""
 
@@ -51,9 +51,9 @@ class Series:
     covariances: Floats
     """(k, m, m), positive definite."""
     parts: Indices
-    """(m,), which components share a scatter between recordings: 0 translation, 1 rotation."""
+    """(m,), 0 translation, 1 rotation: the components of a part scatter alike."""
     times: Floats
-    """(k,), ascending, of any unit and origin."""
+    """(k,), ascending, in any unit from any origin."""
 
     def __len__(self) -> int:
         return len(self.values)
@@ -69,13 +69,13 @@ class Series:
 
     @property
     def price(self) -> float:
-        """What must be gained by a further mount, an odd recording or a slope, in -2 log L."""
+        """Gain in -2 log L that a further mount, an odd recording or a slope must bring."""
         return float(self.values.shape[1] * math.log(self.values.size) + DECISIVE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mounts:
-    """Recordings of the same number have the same pose; one that is alone is odd."""
+    """Recordings with the same number have the same pose; a recording that is alone is odd."""
 
     numbers: Indices
     """(k,), 0 .. n - 1 in order of first appearance."""
@@ -87,13 +87,13 @@ class Mounts:
 
     @property
     def rows(self) -> list[Indices]:
-        """Places of the recordings of each mount in order, without the odd ones."""
+        """Places of the recordings of each mount, in order, without the odd ones."""
         found = (np.flatnonzero(self.numbers == n) for n in range(self.numbers.max() + 1))
         return [each for each in found if len(each) > 1]
 
     @property
     def extras(self) -> int:
-        """How many times the price is to be paid."""
+        """How many times the price counts."""
         return int(self.numbers.max())
 
     def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
@@ -104,14 +104,14 @@ class Mounts:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
-    """A pose that changes by the same amount in every unit of time; some recordings are odd."""
+    """A pose that changes at a constant rate; some recordings are odd."""
 
     odd: Indices
     """Places of recordings that are off the line."""
 
     @property
     def extras(self) -> int:
-        """How many times the price is to be paid."""
+        """How many times the price counts."""
         return 1 + len(self.odd)
 
     def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
@@ -128,7 +128,7 @@ class Line:
         return columns @ at, columns @ covariance @ np.swapaxes(columns, 1, 2)
 
     def difference(self, series: Series, weights: Floats) -> Floats:
-        """(m, m), covariance of what lies between the first recording and the last."""
+        """(m, m), covariance of the change from the first recording to the last."""
         size = series.values.shape[1]
         return self._ends(series, weights)[1][size:, size:]
 
@@ -143,16 +143,18 @@ class Line:
 
 
 Model = TypeVar("Model", Mounts, Line)
-"""A mean of every recording that is linear in what is unknown."""
+"""A mean of every recording that is linear in the unknowns."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Explained(Generic[Model]):
-    """A model with the scatter between recordings that goes with it."""
+    """A model with the scatter between recordings that fits it best."""
 
     model: Model
     variances: Floats
     """(2,), between recordings: m² and rad²."""
+    weights: Floats
+    """(k, m, m), inverse covariance of the recordings about the pose of their mount."""
     score: float
     """-2 log L and the price of its extras."""
 
@@ -179,11 +181,10 @@ def _columns(series: Series, times: Floats) -> Floats:
 def explained(series: Series, model: Model) -> Explained[Model]:
     """A model with its most likely scatter (restricted maximum likelihood).
 
-    Fisher's scoring in the variances of the two parts, each the same in all directions: a step
-    along one direction does not pass for such a scatter, and a few recordings tell two numbers.
-    estimate/solution/between.py integrates over these two with a prior, for sigma has to be true of
-    two logs too; here partitions are compared, thousands of them, and the most likely value is
-    enough.
+    Fisher's scoring in the variances of the two parts, each the same in all directions. So a step
+    along one direction does not look like scatter, and a few recordings determine the two numbers.
+    estimate/solution/between.py integrates over both with a prior, because sigma must be right for
+    two logs too. Here thousands of partitions are compared, and the most likely value is enough.
     """
     parts = np.eye(2)[series.parts]
     variances = np.zeros(2)
@@ -207,7 +208,8 @@ def explained(series: Series, model: Model) -> Explained[Model]:
     left = series.values - model.fit(series, weights)[0]
     chi2 = np.einsum("ki,kij,kj->", left, weights, left)
     deviance = float(chi2 - np.linalg.slogdet(weights)[1].sum())  # -2 log L, but for a constant
-    return Explained(model=model, variances=variances, score=deviance + series.price * model.extras)
+    score = deviance + series.price * model.extras
+    return Explained(model=model, variances=variances, weights=weights, score=score)
 
 
 def weights_of(series: Series, variances: Floats) -> Floats:
@@ -216,10 +218,10 @@ def weights_of(series: Series, variances: Floats) -> Floats:
 
 
 def find_mounts(series: Series) -> Explained[Mounts]:
-    """Which recordings show the same mount: the partition of the lowest score.
+    """Find which recordings show the same mount: the partition with the lowest score.
 
-    It is looked for from three scatters (none, that of neighbours, that about one mean), each in
-    turn with the partition, and then freed of what does not pay.
+    The search starts from three scatters (none, that of neighbours, that about one mean), updates
+    partition and scatter in turn, and then removes changes that cost more than they gain.
     """
     one = explained(series, Mounts(numbers=np.zeros(len(series), dtype=np.intp)))
     best = one
@@ -245,15 +247,14 @@ def find_mounts(series: Series) -> Explained[Mounts]:
 
 
 def find_line(series: Series) -> Explained[Line] | None:
-    """A line through the recordings but those that are off it; None where nothing tells one."""
+    """Fit a line to the recordings that are not odd; None where none can be determined."""
     if len(series) < LEAST_OF_LINE or not np.ptp(series.times):
         return None
     best = explained(series, Line(odd=np.zeros(0, dtype=np.intp)))
     while 2 * len(best.model.odd) < len(series):
-        weights = weights_of(series, best.variances)
-        mean, spread = best.model.fit(series, weights)
+        mean, spread = best.model.fit(series, best.weights)
         on = np.setdiff1d(np.arange(len(series)), best.model.odd)
-        gain = _gain(series.at(on), weights[on], mean[on], spread[on])
+        gain = _gain(series.at(on), best.weights[on], mean[on], spread[on])
         odd = np.sort(np.append(best.model.odd, on[np.argmax(gain)]))
         if not np.ptp(np.delete(series.times, odd)):
             break
@@ -265,7 +266,7 @@ def find_line(series: Series) -> Explained[Line] | None:
 
 
 def without_a_change(series: Series, found: Explained[Mounts]) -> Iterator[Explained[Mounts]]:
-    """A partition with two mounts that follow each other made one, for each such pair."""
+    """The partition with two successive mounts joined, for each such pair."""
     numbers = found.model.numbers
     for before, after in pairwise(found.model.rows):
         joined = numbers.copy()
@@ -276,9 +277,9 @@ def without_a_change(series: Series, found: Explained[Mounts]) -> Iterator[Expla
 def with_an_odd_one(
     series: Series, found: Explained[Mounts]
 ) -> dict[int, tuple[int, Explained[Mounts]]]:
-    """A partition with a recording that is alone put to the mount before or after it, by its place.
+    """The partition with an odd recording joined to a neighbouring mount, by the odd one's place.
 
-    Each after the number of that mount.
+    Each comes with the number of that mount, the better one of the mounts before and after.
     """
     simpler = {}
     numbers, odd = found.model.numbers, found.model.odd
@@ -297,10 +298,9 @@ def with_an_odd_one(
 def certainty_of_place(
     series: Series, found: Explained[Mounts], before: Indices, after: Indices
 ) -> float:
-    """Probability that a change lies where it was found, rather than elsewhere in two mounts."""
+    """Probability that a change is where it was found, not elsewhere in the two mounts."""
     rows = np.concatenate([before, after])
-    weights = weights_of(series, found.variances)[rows]
-    values = series.values[rows]
+    weights, values = found.weights[rows], series.values[rows]
     upto = _chi2_from_the_end(values[::-1], weights[::-1])[::-1]
     chi2 = upto[:-1] + _chi2_from_the_end(values, weights)[1:]
     likely = np.exp(-0.5 * (chi2 - chi2.min()))
@@ -308,19 +308,19 @@ def certainty_of_place(
 
 
 def chi2_about_one(series: Series) -> float:
-    """Chi-squared about a common mean by what the results state alone, (k - 1) m of freedom."""
+    """Chi-squared about one mean by the stated covariances; it has (k - 1) m degrees of freedom."""
     weights = weights_of(series, np.zeros(2))
     return float(_chi2_from_the_end(series.values, weights)[0])
 
 
 def _mounts(numbers: Indices) -> Mounts:
-    """Numbers in order of first appearance."""
+    """Mounts with numbers in order of first appearance."""
     _, first, inverse = np.unique(numbers, return_index=True, return_inverse=True)
     return Mounts(numbers=np.argsort(np.argsort(first))[inverse])
 
 
 def _of_neighbours(series: Series) -> Floats:
-    """(2,), variances by how far recordings are from the next: few changes do not matter."""
+    """(2,), variances from successive differences, which a few changes hardly affect."""
     apart = np.diff(series.values, axis=0) ** 2
     stated = np.diagonal(series.covariances, axis1=1, axis2=2)
     stated = stated[1:] + stated[:-1]
@@ -333,10 +333,7 @@ def _of_neighbours(series: Series) -> Floats:
 
 
 def _partition(series: Series, weights: Floats) -> Indices | None:
-    """Numbers of the mounts (k,) that explain most, by weights (k, m, m).
-
-    None where more than half of the recordings would be odd.
-    """
+    """Numbers of the best mounts (k,) for weights (k, m, m); None if over half would be odd."""
     kept = np.arange(len(series))
     while 2 * len(kept) > len(series):
         some = series.at(kept)
@@ -353,7 +350,7 @@ def _partition(series: Series, weights: Floats) -> Indices | None:
 
 
 def _farthest_off(series: Series, weights: Floats, numbers: Indices, price: float) -> Bools:
-    """(k,), which recordings are off their mount by more than a price, one a mount."""
+    """(k,), the worst recording of each mount, if it is off by more than a price."""
     mean, covariance = means(series, weights, numbers)
     gain = _gain(series, weights, mean[numbers], covariance[numbers])
     most = np.zeros(numbers.max() + 1)
@@ -362,21 +359,21 @@ def _farthest_off(series: Series, weights: Floats, numbers: Indices, price: floa
 
 
 def _gain(series: Series, weights: Floats, mean: Floats, spread: Floats) -> Floats:
-    """(k,), by how much chi-squared falls without each recording.
+    """(k,), how much chi-squared falls without each recording.
 
-    Nothing along directions that no other recording tells: there the fit goes through it.
+    It does not fall along directions that only this recording determines: the fit passes through.
     """
     root = np.linalg.cholesky(weights)
     left = np.einsum("kji,kj->ki", root, series.values - mean)
     own = np.eye(series.values.shape[1]) - np.swapaxes(root, 1, 2) @ spread @ root
     shares, axes = np.linalg.eigh(own)
     along = np.einsum("kji,kj->ki", axes, left) ** 2
-    told = shares > _TOLD
-    return np.asarray((np.where(told, along, 0.0) / np.where(told, shares, 1.0)).sum(axis=1))
+    known = shares > _LEAST_SHARE
+    return np.asarray((np.where(known, along, 0.0) / np.where(known, shares, 1.0)).sum(axis=1))
 
 
 def _cheapest_cuts(series: Series, weights: Floats, price: float) -> Indices:
-    """Numbers of contiguous mounts (k,) of least chi-squared and price (optimal partitioning)."""
+    """Numbers (k,) of contiguous mounts with the least chi-squared plus price."""
     count = len(series)
     cost, start = np.zeros(count + 1), np.zeros(count + 1, dtype=np.intp)
     for end in range(1, count + 1):

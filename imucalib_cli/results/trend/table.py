@@ -1,4 +1,4 @@
-"""The answer of trend as lines and a table for people, and as CSV."""
+"""The answer of trend in words, as a table and as CSV."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _HEADS = ("recorded", "result", "mount", "shift mm", "turn deg")
 
 
 def blocks(answers: Sequence[TrendAnswer]) -> Iterator[Block]:
-    """Of every IMU the verdict, and each recording with its distance from the first mount."""
+    """For every IMU the verdict, and each recording with its distance from the first mount."""
     for number, answer in enumerate(answers):
         if number:
             yield ""
@@ -46,14 +46,14 @@ def _rows(answer: TrendAnswer) -> Iterator[tuple[str, ...]]:
 
 
 def _size(vector: Sequence[float], std: Sequence[float]) -> str:
-    """Norm and the sigma along it; the largest of the axes where the vector is short."""
+    """Norm and the sigma along the vector; the largest sigma of an axis if it is short."""
     norm = math.hypot(*vector)
     along = math.hypot(*(v * s for v, s in zip(vector, std, strict=True)))
     return with_std(norm, max(std) if norm <= max(std) else along / norm)
 
 
 def as_csv(answers: Sequence[TrendAnswer]) -> str:
-    """One row for each recording, with its pose; what is not known is empty."""
+    """One row for each recording, with its pose; unknown values are empty."""
     rows = ((answer, each) for answer in answers for each in answer.recordings)
     return csv_columns(_COLUMNS, rows)
 

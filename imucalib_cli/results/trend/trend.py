@@ -1,4 +1,4 @@
-"""Has the mount of an IMU moved over many recordings? No, at these, steadily, or cannot tell."""
+"""trend: whether and when the mount of an IMU moved over many recordings."""
 
 from __future__ import annotations
 
@@ -41,27 +41,31 @@ if TYPE_CHECKING:
 _DAY = 86400.0
 """s."""
 _ROUNDING = 1e-9
-"""Of a correlation: less is none, for what a file keeps of the digits."""
+"""Smallest eigenvalue of a correlation matrix that is not rounding of a file's digits."""
 _SHARED = 0.5
-"""s that parts of one log may share."""
+"""s by which successive parts of one log may overlap."""
 _SURE = 0.99
-"""Probability from which the place of a change is told without a doubt."""
+"""Probability from which the place of a change is reported without its probability."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """What the recordings show, with the poses that it was told of; nothing if fewer than two."""
+    """What the recordings show; nothing where there are fewer than two."""
 
     used: Sequence[Named] = ()
     recordings: Sequence[answers.TrendRecording] = ()
     mounts: Sequence[answers.MountEntry] = ()
-    changes: Sequence[tuple[PoseComparison, answers.ChangeEntry]] = ()
+    changes: Sequence[answers.ChangeEntry] = ()
+    drift: answers.DriftEntry | None = None
+    moves: Sequence[PoseComparison] = ()
+    """Of the changes, or of the drift."""
+    words: str = ""
+    """The moves in words."""
     odd: Mapping[int, tuple[PoseComparison, answers.OddEntry]] = field(default_factory=dict)
-    """By their places."""
-    drift: tuple[PoseComparison, answers.DriftEntry] | None = None
+    """By place."""
     scatter: answers.Scatter | None = None
     chance: float = 1.0
-    """That sigma alone makes the recordings as different as they are."""
+    """Probability that sigma alone explains how much the recordings differ."""
 
 
 def trend(
@@ -69,9 +73,9 @@ def trend(
 ) -> answers.TrendAnswer:
     """Decide whether the mount of one IMU moved over its recordings, and between which.
 
-    Results, at least one, are of the same parent, child and topic, after the names of their files.
-    Without a tolerance every decisive change is an alarm; recordings from before ``since`` count no
-    more.
+    ``given`` has at least one result, each with the name of its file; all have the same parent,
+    child and topic. Without a tolerance every decisive change is an alarm. Recordings from before
+    ``since`` are left out.
     """
     used, left_out = _usable(given, since)
     order: answers.Order = "recording time"
@@ -105,9 +109,9 @@ def trend(
         within=None if within is None else within_entry(within),
         scatter=seen.scatter,
         mounts=list(seen.mounts),
-        changes=[entry for _, entry in seen.changes],
+        changes=list(seen.changes),
         odd=[entry for _, entry in seen.odd.values()],
-        drift=None if seen.drift is None else seen.drift[1],
+        drift=seen.drift,
         recordings=list(seen.recordings),
         left_out=left_out,
         warnings=[each.message for each in warnings],
@@ -115,7 +119,7 @@ def trend(
 
 
 def _at_once(used: Sequence[Named]) -> Iterator[Finding]:
-    """Recordings in order that begin before an earlier one ends, as one mount has none."""
+    """Recordings that begin before an earlier one ends, which is impossible for one mount."""
     found = []
     last, ends, begun = "", -math.inf, -math.inf
     for name, result in used:
@@ -135,7 +139,7 @@ def _at_once(used: Sequence[Named]) -> Iterator[Finding]:
 def _usable(
     given: Sequence[Named], since: datetime | None
 ) -> tuple[list[Named], list[answers.UnusedResult]]:
-    """Results that tell where the mount was, each log once; and why the others do not."""
+    """Results that determine the mount, each log once; and why the others cannot be used."""
     used: list[Named] = []
     left_out = []
     usual = Counter(_held(result) for _, result in given if result.covariance is not None)
@@ -155,11 +159,11 @@ def _usable(
 
 
 def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> Iterator[str]:
-    """Why a result does not tell where the mount was."""
+    """Reasons why a result cannot be used, the first counts."""
     covariance, when = result.uncertain_pose.covariance, result.recorded_at
     if since is not None and (when is None or when < since):
-        told = "when it was recorded is not known" if when is None else instant(when)
-        yield f"before --since: {told}"
+        date = "when it was recorded is not known" if when is None else instant(when)
+        yield f"before --since: {date}"
     if result.diagnostics.combined is not None:
         yield "it is of several recordings together"
     if result.status != "ok":
@@ -174,8 +178,7 @@ def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> 
         yield "its covariance is singular"
     if _held(result) != held:
         names = [name for name, is_held in zip(POSE_NAMES, _held(result), strict=True) if is_held]
-        told = f"--fix holds {', '.join(names)}" if names else "--fix holds nothing of it"
-        yield f"{told}, unlike most of the others"
+        yield f"--fix holds {', '.join(names) or 'nothing of it'}, unlike most of the others"
 
 
 def _held(result: Result) -> tuple[bool, ...]:
@@ -185,7 +188,7 @@ def _held(result: Result) -> tuple[bool, ...]:
 
 
 def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
-    """When it was recorded, s; of two at once the name decides, numbers in it as numbers."""
+    """Order of recordings: by start, s, then by name, with numbers in names as numbers."""
     name, result = named
     start = result.recorded_at
     return (0.0 if start is None else start.timestamp()), natural(name)
@@ -193,17 +196,17 @@ def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Vectors:
-    """Translation and rotation vector from a reference, of the components that results found."""
+    """Poses as vectors (translation, rotation) from a reference, of the estimated components."""
 
     reference: UncertainPose
     first: Floats
-    """(6,), of the first pose."""
+    """(6,), vector of the first pose."""
     free: Bools
-    """(6,), components that the results found: what --fix holds says nothing about the mount."""
+    """(6,), which components the results estimated; those held by --fix say nothing."""
     series: search.Series
 
     def pose(self, value: Floats, covariance: Floats) -> UncertainPose:
-        """The pose of a vector (m,) with its covariance (m, m); what is held is the first one's."""
+        """The pose for a vector (m,) and covariance (m, m); held components as in the first."""
         full, C = self.first.copy(), np.zeros((6, 6))
         full[self.free] = value
         C[np.ix_(self.free, self.free)] = covariance
@@ -218,7 +221,7 @@ class _Vectors:
 
 
 def _vectors_of(poses: Sequence[UncertainPose], times: Floats) -> _Vectors:
-    """Poses of the same frames at times (k,), with the same components held in each."""
+    """Vectors of poses at times (k,); all have the same frames and held components."""
     R = _middle(np.array([pose.R for pose in poses]))
     reference = poses[0].exactly(R, poses[0].t)
     apart = [compare_poses(reference, pose) for pose in poses]
@@ -239,9 +242,9 @@ def _vectors_of(poses: Sequence[UncertainPose], times: Floats) -> _Vectors:
 
 
 def _middle(rotations: Floats) -> Floats:
-    """A rotation (3, 3) from which none of (k, 3, 3) is half a turn: its vector has two signs.
+    """A rotation (3, 3) that none of (k, 3, 3) is half a turn from, where the vector is ambiguous.
 
-    The first one, unless the IMU was put on the other way round.
+    It is the first one, unless the IMU was put on the other way round.
     """
     turns = (
         np.eye(3)[list(order)] * signs
@@ -258,7 +261,9 @@ def _seen(used: Sequence[Named], times: Floats, unit: Literal["day", "recording"
     series = vectors.series
     if len(series) < search.LEAST:
         one = search.Mounts(numbers=np.zeros(len(series), dtype=np.intp))
-        found = search.Explained(model=one, variances=np.zeros(2), score=0.0)
+        variances = np.zeros(2)
+        weights = search.weights_of(series, variances)
+        found = search.Explained(model=one, variances=variances, weights=weights, score=0.0)
         return replace(_steps(used, vectors, found), scatter=None)
     found, line = search.find_mounts(series), search.find_line(series)
     if line is not None and line.score < found.score:
@@ -269,17 +274,16 @@ def _seen(used: Sequence[Named], times: Floats, unit: Literal["day", "recording"
 def _steps(
     used: Sequence[Named], vectors: _Vectors, found: search.Explained[search.Mounts]
 ) -> _Seen:
-    """Mounts that stand still, and what lies between them."""
+    """Mounts that stand still, and the changes between them."""
     series, numbers, rows = vectors.series, found.model.numbers, found.model.rows
-    weights = search.weights_of(series, found.variances)
-    values, covariances = search.means(series, weights, numbers)
+    values, covariances = search.means(series, found.weights, numbers)
     poses = [vectors.pose(*each) for each in zip(values, covariances, strict=True)]
     mounts = [poses[numbers[each[0]]] for each in rows]
-    changes = []
+    changes, moves = [], []
     for k, without in enumerate(search.without_a_change(series, found)):
         (name, last), (next_name, first) = used[rows[k][-1]], used[rows[k + 1][0]]
         apart = compare_poses(mounts[k], mounts[k + 1])
-        entry = answers.ChangeEntry(
+        change = answers.ChangeEntry(
             after=name,
             before=next_name,
             after_start=last.recorded_at,
@@ -289,7 +293,8 @@ def _steps(
             place_probability=plain(search.certainty_of_place(series, found, rows[k], rows[k + 1])),
             other_urdf=_urdf(last) != _urdf(first),
         )
-        changes.append((apart, entry))
+        changes.append(change)
+        moves.append(apart)
     odd = {
         place: _odd(used[place], poses[other], poses[numbers[place]], _evidence(joined, found))
         for place, (other, joined) in search.with_an_odd_one(series, found).items()
@@ -310,6 +315,8 @@ def _steps(
             for row, mount in zip(rows, mounts, strict=True)
         ],
         changes=changes,
+        moves=moves,
+        words="; ".join(map(_change_words, moves, changes)),
         odd=odd,
         scatter=_scatter(found.variances),
         chance=chance_of_more(chi2, series.values.size - series.values.shape[1]),
@@ -323,8 +330,7 @@ def _drifting(
     unit: Literal["day", "recording"],
 ) -> _Seen:
     """A pose that changes steadily."""
-    series, line = vectors.series, found.model
-    weights = search.weights_of(series, found.variances)
+    series, line, weights = vectors.series, found.model, found.weights
     values, spreads = line.through(series, weights, series.times)
     poses = [vectors.pose(*each) for each in zip(values, spreads, strict=True)]
     odd = {}
@@ -350,27 +356,26 @@ def _drifting(
     return _Seen(
         used=used,
         recordings=_recordings(used, poses[0], (), odd),
+        drift=drift,
+        moves=[apart],
+        words=_drift_words(apart, drift),
         odd=odd,
-        drift=(apart, drift),
         scatter=_scatter(found.variances),
     )
 
 
 def _evidence(simpler: search.Explained[Any], found: search.Explained[Any]) -> float:
-    """Fall of the Bayesian information criterion from a simpler model to that which was found."""
+    """How much the Bayesian information criterion falls from a simpler model to the one found."""
     return float(plain(simpler.score - found.score + DECISIVE))
 
 
 def _odd(
     named: Named, usual: UncertainPose, own: UncertainPose, evidence: float
 ) -> tuple[PoseComparison, answers.OddEntry]:
-    """A recording that is alone, and how far it is off what lies around it."""
-    apart = compare_poses(usual, own)
+    """An odd recording, and how far it is off the mount around it."""
+    apart, (name, result) = compare_poses(usual, own), named
     return apart, answers.OddEntry(
-        file=named[0],
-        start=named[1].recorded_at,
-        **apart.entries(),
-        evidence=evidence,
+        file=name, start=result.recorded_at, **apart.entries(), evidence=evidence
     )
 
 
@@ -382,7 +387,7 @@ def _scatter(variances: Floats) -> answers.Scatter:
 def _recordings(
     used: Sequence[Named], start: UncertainPose, rows: Sequence[Indices], odd: Collection[int]
 ) -> list[answers.TrendRecording]:
-    """Each recording with its distance from a pose; rows are the places of each mount's."""
+    """Each recording with its distance from ``start``; rows are the places of each mount."""
     number = {int(row): k + 1 for k, each in enumerate(rows) for row in each}
     found = []
     for place, (name, result) in enumerate(used):
@@ -408,36 +413,29 @@ def _recordings(
 
 
 def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.Moved, str]:
-    first, last = (
-        _told(name, result.recorded_at) for name, result in (seen.used[0], seen.used[-1])
-    )
+    first, last = (_named(name, each.recorded_at) for name, each in (seen.used[0], seen.used[-1]))
     span = f"{len(seen.used)} recordings, {first} to {last}"
     if seen.odd:
         each = (f"{entry.file} by {apart}" for apart, entry in seen.odd.values())
         span += f", of which odd and left out: {', '.join(each)}"
-    moves = [apart for apart, _ in seen.changes] + ([seen.drift[0]] if seen.drift else [])
     allowed = "" if within is None else f", within {within}"
-    verdicts = {"no" if within is None else each.verdict(within) for each in moves}
-    if seen.drift is not None:
-        said = _drift_words(*seen.drift)
-    else:
-        said = "; ".join(_change_words(*each) for each in seen.changes)
+    verdicts = {"no" if within is None else each.verdict(within) for each in seen.moves}
     if "no" in verdicts:
         moved: answers.Moved = "moved" if seen.drift is None else "drifting"
         how = "has moved" if seen.drift is None else "moves steadily"
-        return moved, f"{place} {how}{allowed}: {said}; {span}"
+        return moved, f"{place} {how}{allowed}: {seen.words}; {span}"
     doubt = _doubt(seen, within)
     if "unknown" in verdicts:
-        doubt = f"{said}, and {within} is allowed" if within else said
+        doubt = f"{seen.words}, and {within} is allowed"
     if doubt:
         return "unknown", f"cannot tell whether {place} has moved{allowed}: {doubt}; {span}"
-    if moves:
-        return "not moved", f"{place} has not moved{allowed}: {said}; {span}"
+    if seen.moves:
+        return "not moved", f"{place} has not moved{allowed}: {seen.words}; {span}"
     return "not moved", f"{place} has not moved: {span}, {_agreement(seen.scatter)}"
 
 
 def _doubt(seen: _Seen, within: Tolerance | None) -> str:
-    """Why recordings without a change do not yet say that there was none."""
+    """Why recordings without a change do not prove that there was none; empty if they do."""
     ends = {0: "the first", len(seen.used) - 1: "the last"}
     for place, (apart, entry) in seen.odd.items():
         if place in ends and (within is None or apart.verdict(within) != "yes"):
@@ -462,14 +460,13 @@ def _agreement(scatter: answers.Scatter | None) -> str:
 
 
 def _change_words(apart: PoseComparison, change: answers.ChangeEntry) -> str:
-    where = (
-        f"{_told(change.after, change.after_start)} and {_told(change.before, change.before_start)}"
-    )
+    after = _named(change.after, change.after_start)
+    before = _named(change.before, change.before_start)
     urdf = ", where the URDF changed too" if change.other_urdf else ""
     sure = _evidence_words(change.evidence)
     if change.place_probability < _SURE:
         sure += f"; {figures(100.0 * change.place_probability, 2)} % sure that it is there"
-    return f"by {apart} between {where}{urdf} ({sure})"
+    return f"by {apart} between {after} and {before}{urdf} ({sure})"
 
 
 def _drift_words(apart: PoseComparison, drift: answers.DriftEntry) -> str:
@@ -482,8 +479,8 @@ def _evidence_words(evidence: float) -> str:
     return f"evidence {figures(evidence, 3)}, {DECISIVE:g} is decisive"
 
 
-def _told(name: str, when: datetime | None) -> str:
-    """A recording: its file and when it was made."""
+def _named(name: str, when: datetime | None) -> str:
+    """A recording: its file, and when it was made."""
     return name if when is None else f"{name} ({instant(when)})"
 
 
