@@ -10,7 +10,6 @@ import numpy as np
 
 from imucalib_cli.estimate.checks.judge import DISTRUST_SIGMAS
 from imucalib_cli.estimate.estimate import ImuCheck, SensorCheck
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions
@@ -20,7 +19,8 @@ from imucalib_cli.signals.timing.stamps import tidy_rows
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.estimate.estimate import Estimate, Residuals
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
     from imucalib_cli.jobs.input.request import ExpectedImu
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import ImuSamples, Sensor
@@ -30,11 +30,9 @@ FIRST_ORDER = math.pi / 2.0
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
-def with_priors(
-    options: MatchedOptions | PaperOptions, expected: ExpectedImu | None
-) -> MatchedOptions | PaperOptions:
+def with_priors(options: MatchedOptions, expected: ExpectedImu | None) -> MatchedOptions:
     """Options with the data sheet's figures as priors; for biases only where the user gave none."""
-    if expected is None or isinstance(options, PaperOptions):
+    if expected is None:
         return options
     given: dict[str, Any] = {f"{s}_bias_std": prior for s, prior in expected.bias_priors.items()}
     model = expected.model
@@ -72,17 +70,14 @@ def checked(
     expected: ExpectedImu | None,
     dropped: tuple[Sensor, ...],
 ) -> Estimate:
-    """A final estimate with what the data sheet says of it and of the samples it was made from.
+    """The final estimate with the findings of its comparison with the data sheet.
 
-    The priors of sensors that are ``dropped`` were left out.
+    The bias priors of ``dropped`` sensors were not used.
     """
     if expected is None:
         return estimate
     model = expected.model
-    priors = {s: prior for s, prior in expected.bias_priors.items() if s not in dropped}
-    check = _check(
-        samples, estimate.residuals, model, priors if estimate.method == "matched" else {}
-    )
+    check = _check(samples, estimate, expected, dropped)
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
     beyond = [
         warning(
@@ -99,10 +94,7 @@ def checked(
 
 
 def _check(
-    imu: ImuSamples,
-    residuals: Residuals,
-    model: ImuModel,
-    priors: dict[Sensor, float],
+    imu: ImuSamples, estimate: Estimate, expected: ExpectedImu, dropped: tuple[Sensor, ...]
 ) -> ImuCheck:
     """Measure a log's noise and compare it with the data sheet's.
 
@@ -112,18 +104,18 @@ def _check(
     """
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     rate = 1.0 / float(np.median(np.diff(imu.t[rows])))
-    values = {"accel": imu.accel[rows], "gyro": imu.gyro[rows]}
-    left = residuals.white_equivalent
+    priors = expected.bias_priors if estimate.method == "matched" else {}
+    in_windows = estimate.residuals.white_equivalent or (None, None)
     accel, gyro = (
         SensorCheck(
-            expected=model.noise(sensor) * float(np.sqrt(rate / 2.0)),
-            measured=noise_level(values[sensor]),
-            in_windows=None if left is None else left[place],
-            bias_prior=priors.get(sensor),
+            expected=expected.model.noise(sensor) * float(np.sqrt(rate / 2.0)),
+            measured=noise_level(imu.of(sensor)[rows]),
+            in_windows=level,
+            bias_prior=None if sensor in dropped else priors.get(sensor),
         )
-        for place, sensor in enumerate(_SENSORS)
+        for sensor, level in zip(_SENSORS, in_windows, strict=True)
     )
-    return ImuCheck(name=model.name, rate=rate, accel=accel, gyro=gyro)
+    return ImuCheck(name=expected.model.name, rate=rate, accel=accel, gyro=gyro)
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:

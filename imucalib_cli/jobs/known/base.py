@@ -1,4 +1,4 @@
-"""The IMU that tells how a robot without a fixed base moves: as the user says, or found."""
+"""The base IMU: it measures how a robot without a fixed base moves."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
 from imucalib_cli.jobs.known.parents import named_parent
 from imucalib_cli.robot.build import BaseImu, find_base
-from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
 from imucalib_cli.shown import meant
 from imucalib_cli.signals.imu.base import base_track, is_same_sensor, turns
@@ -26,10 +25,8 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.motion import Sources
     from imucalib_cli.jobs.input.request import CalibrationRequest
-    from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import Track
-    from imucalib_cli.robot.urdf import Robot
 
     Imus = tuple[ImuStream, ...]
 
@@ -37,35 +34,31 @@ _REMEDY = "add it to the URDF (`imucalib apply --add`), or record /tf_static"
 
 
 def with_base_imu(
-    imus: tuple[Imus, Imus],
-    sources: Sources,
-    clock: Clock,
-    robot: Robot | None,
-    request: CalibrationRequest,
+    wanted: Imus, others: Imus, sources: Sources, request: CalibrationRequest
 ) -> tuple[Imus, Sources, tuple[Finding, ...]]:
-    """Take one of a log's IMUs as what tells the base's motion, if one is named or must be.
+    """Use one of a log's IMUs for the motion of the base, if the user names one or one is needed.
 
-    One must be where the root of the URDF carries an IMU that turns, joint states are there, and
+    One is needed if the root of the URDF carries an IMU that turns, the log has joint states, and
     nothing else in the log moves the base.
 
-    Of the IMUs the first are to be calibrated, others are in the log too.
+    Args:
+        wanted: IMUs to be calibrated.
+        others: Other IMUs of the log.
+        sources: What else describes the motion.
+        request: With the name of the base IMU, if the user gives it.
 
     Returns:
-        The IMUs to be calibrated, the sources with it, and findings that say so; as given where
-        none is.
+        The IMUs left to be calibrated, the sources with the base IMU, and findings that say so.
 
     Raises:
-        ChoiceError: The named IMU is not there, or where it is on the robot is not known.
+        ChoiceError: The named IMU is not there, or its place on the robot is not known.
         InputError: It stands still, or its data cannot be used.
     """
-    if robot is not None:
-        robot = with_static_frames(robot, sources.edges)
-    wanted, known = imus[0], (*imus[0], *imus[1])
-    base: ImuStream | None = None
+    known = (*wanted, *others)
     if request.base_imu is not None:
-        base = _named(known, request.base_imu)
-    elif robot is not None:
-        base = _on_the_root(known, sources, clock, robot)
+        base: ImuStream | None = _named(known, request.base_imu)
+    else:
+        base = _on_the_root(known, sources)
     if base is None or (request.base_imu is None and wanted == (base,)):
         return wanted, sources, ()
     if not isinstance(request.estimator, MatchedOptions):
@@ -73,7 +66,7 @@ def with_base_imu(
             f"{base.name} would tell how the base moves, which only --method matched can use: "
             "leave --method out, or give the base's pose by --pose-topic"
         )
-    samples = samples_of(base, clock)
+    samples = samples_of(base, sources.clock)
     refuse_dead(samples, "--base-imu")
     if not turns(samples):
         raise InputError(
@@ -81,34 +74,32 @@ def with_base_imu(
             "stands still, or record while it moves",
             topic=base.name,
         )
-    others = tuple(each for each in wanted if each is not base)
-    if not others:
+    left = tuple(each for each in wanted if each is not base)
+    if not left:
         raise ChoiceError(
             f"--base-imu {base.name} is the only IMU that is asked for: it tells how others move"
         )
-    for other in others:
-        if is_same_sensor(samples_of(other, clock), samples):
+    for other in left:
+        if is_same_sensor(samples_of(other, sources.clock), samples):
             raise ChoiceError(
                 f"{base.name} and {other.name} have the readings of one sensor: choose the others "
                 "with --imu-topic, or another --base-imu"
             )
     track, findings = base_track(samples, request.units, request.estimator.gravity_norm)
-    placed = _placed(base, track, robot, request, {imu.frame_id for imu in others})
-    told = note("base.imu", topic=base.name, link=placed.link)
+    placed = _placed(base, track, sources, request, {imu.frame_id for imu in left})
+    used = note("base.imu", topic=base.name, link=placed.link)
     topics = {**sources.topics, track.name: base.name}
-    return others, replace(sources, base=placed, topics=topics), (told, *findings)
+    return left, replace(sources, base=placed, topics=topics), (used, *findings)
 
 
-def possible_bases(
-    imus: Imus, clock: Clock, robot: Robot, request: CalibrationRequest
-) -> Iterator[BaseImu]:
-    """Each of some IMUs as what tells how the base moves, those that cannot left out."""
+def possible_bases(imus: Imus, sources: Sources, request: CalibrationRequest) -> Iterator[BaseImu]:
+    """Each of some IMUs as the base IMU, if it can be one."""
     for imu in imus:
-        samples = samples_of(imu, clock)
+        samples = samples_of(imu, sources.clock)
         try:
             if turns(samples):
                 track, _ = base_track(samples, request.units, request.gravity)
-                yield _placed(imu, track, robot, request, ())
+                yield _placed(imu, track, sources, request, ())
         except ImucalibError:
             continue
 
@@ -123,20 +114,21 @@ def _named(imus: Imus, name: str) -> ImuStream:
     return found[0]
 
 
-def _on_the_root(imus: Imus, sources: Sources, clock: Clock, robot: Robot) -> ImuStream | None:
-    """The IMU on the URDF's root that tells how it moves, if nothing else does."""
-    if len(imus) == 1 or not sources.joints:
+def _on_the_root(imus: Imus, sources: Sources) -> ImuStream | None:
+    """The longest IMU stream on the URDF's root, if nothing else measures how the root moves."""
+    robot = sources.whole_robot
+    if robot is None or len(imus) == 1 or not sources.joints:
         return None
     moving = [edge for edge in sources.edges if not edge.is_static and track_moves(edge.track)]
     if find_base(moving, robot) is not None:
         return None
-    floating = [each.child for each in robot.joints if each.kind == "floating"]
+    roots = (robot.root, *(each.child for each in robot.joints if each.kind == "floating"))
     on_root = [
         imu
         for imu in imus
         if imu.frame_id in robot.links
-        and any(rigid_transform(robot, root, imu.frame_id) for root in (robot.root, *floating))
-        and turns(samples_of(imu, clock))
+        and any(rigid_transform(robot, root, imu.frame_id) for root in roots)
+        and turns(samples_of(imu, sources.clock))
     ]
     return max(on_root, key=len, default=None)
 
@@ -144,14 +136,15 @@ def _on_the_root(imus: Imus, sources: Sources, clock: Clock, robot: Robot) -> Im
 def _placed(
     imu: ImuStream,
     track: Track,
-    robot: Robot | None,
+    sources: Sources,
     request: CalibrationRequest,
     taken: Collection[str],
 ) -> BaseImu:
-    """Where an IMU is on the robot; without one its own frame is all there is.
+    """Where an IMU is on the robot; without a robot only its own frame is known.
 
-    It is called by its topic where its messages name no frame, or that of another IMU.
+    It is called by its topic if its messages name no frame, or one of the ``taken`` frames.
     """
+    robot = sources.whole_robot
     frame = imu.frame_id
     if not frame or (robot is None and frame in taken):
         frame = imu.topic.strip("/").replace("/", "_")

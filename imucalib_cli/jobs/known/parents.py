@@ -1,15 +1,13 @@
-"""The link that carries an IMU: as the user says for each, or as its own motion tells."""
+"""The link that carries an IMU: given by the user, or found from the IMU's own motion."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from imucalib_cli.diagnose.carrier import Carriers, find_carriers
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.input.motion import other_frames
-from imucalib_cli.robot.frames import with_static_frames
 from imucalib_cli.shown import meant
 from imucalib_cli.signals.samples import samples_of
 
@@ -18,17 +16,9 @@ if TYPE_CHECKING:
 
     from imucalib_cli.jobs.input.motion import Sources
     from imucalib_cli.jobs.input.request import CalibrationRequest
-    from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.path import KinematicPath
-    from imucalib_cli.robot.urdf import Robot
     from imucalib_cli.signals.samples import ImuSamples
-
-
-def request_of(imu: ImuStream, request: CalibrationRequest) -> CalibrationRequest:
-    """A request with the parent that the user names for one IMU."""
-    parent = named_parent(imu, request)
-    return request if parent is None else replace(request, parent=parent)
 
 
 def named_parent(imu: ImuStream, request: CalibrationRequest) -> str | None:
@@ -39,7 +29,7 @@ def named_parent(imu: ImuStream, request: CalibrationRequest) -> str | None:
 
 
 def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> None:
-    """See that every IMU for which the user names a parent is there.
+    """Check that every IMU for which the user names a parent is in the log.
 
     Raises:
         ChoiceError: One is not.
@@ -53,23 +43,15 @@ def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> Non
             )
 
 
-def find_parents(
-    imu: ImuStream,
-    clock: Clock,
-    sources: Sources,
-    robot: Robot | None,
-    request: CalibrationRequest,
-) -> Carriers:
+def find_parents(imu: ImuStream, sources: Sources, request: CalibrationRequest) -> Carriers:
     """Links that move as an IMU does."""
-    if robot is not None:
-        robot = with_static_frames(robot, sources.edges)
-    frames, path_to = other_frames(sources, robot, request)
+    frames, path_to = other_frames(sources, request)
     options = request.estimator
     if not isinstance(options, MatchedOptions):
         options = MatchedOptions()
 
     def repaired(path: KinematicPath) -> ImuSamples:
-        samples = samples_of(imu, clock)
+        samples = samples_of(imu, sources.clock)
         try:
             return request.repaired(samples, path).samples
         except ImucalibError:
@@ -81,9 +63,9 @@ def find_parents(
 def with_answer(
     error: ImucalibError, carriers: Carriers, unread: tuple[str, ...] = ()
 ) -> ImucalibError:
-    """An error that asks for the parent, with what the IMU's own motion tells of it.
+    """An error that asks for the parent, with the links that the IMU's own motion suggests.
 
-    ``unread`` are topics of poses that were not read.
+    ``unread`` are pose topics that were not read.
     """
     if error.reason is None:
         return error
@@ -91,17 +73,17 @@ def with_answer(
         moves = " or ".join(map(str, carriers.links))
         several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
         parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
-        told = f"{error.reason}; it moves like {moves}{several}: {parents}"
+        text = f"{error.reason}; it moves like {moves}{several}: {parents}"
     elif carriers.still:
-        told = (
+        text = (
             f"{error.reason}; it stands still while the robot moves, so that this log does not "
             "tell where it is: choose another --imu-topic, or record while what carries it moves"
         )
     elif unread:
-        told = (
+        text = (
             f"{error.reason}, and no link moves as it does: if {' or '.join(unread)} has the pose "
             f"of the robot's base, read it too: --pose-topic {unread[0]}"
         )
     else:
         return error
-    return ChoiceError(told, topic=error.topic, option=error.option)
+    return ChoiceError(text, topic=error.topic, option=error.option)
