@@ -15,6 +15,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import Sources, find_motion, other_frames
 from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.logs.clock import Clock
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.simulate.load import load_system
@@ -77,6 +78,7 @@ def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
     tool = Track(name="/tf (bar_link -> tool)", kind="pose", t=track.t, values=values)
     body = replace(track, name="/tf (world -> bar_link)")
     sources = Sources(
+        clock=Clock(kind="header", origin_ns=0),
         joints=(),
         edges=(
             Edge(parent="world", child="bar_link", track=body),
@@ -86,9 +88,9 @@ def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
     )
     options = MatchedOptions(gravity="none")
     request = CalibrationRequest(logs=(), parent=told, estimator=options)
-    motion = find_motion(sources, None, "imu_link", request)
+    motion = find_motion(sources, "imu_link", request)
     estimate = calibrate_matched(imu, motion.path, options)
-    frames, path_to = other_frames(sources, None, request)
+    frames, path_to = other_frames(sources, request)
     case = PoorFit(
         samples=imu,
         path=motion.path,

@@ -31,7 +31,7 @@ def _read(log: Path, **wishes: Any) -> tuple[Recording, Motion]:
     request = CalibrationRequest(logs=(log,), **wishes)
     recording = read_recording(request)
     (imu,) = recording.imus
-    return recording, find_motion(recording.sources, recording.robot, imu.frame_id, request)
+    return recording, find_motion(recording.sources, imu.frame_id, request)
 
 
 def test_joints_move_the_link_that_holds_the_frame(log_writer: LogWriter, arm_urdf: Path) -> None:
