@@ -98,23 +98,6 @@ def test_damage_that_left_nothing_of_a_topic_is_told(tmp_path: Path) -> None:
     assert said.endswith("; and 2 more")
 
 
-def test_poses_that_compete_are_a_choice(log_writer: LogWriter) -> None:
-    """Exit code 2: the user can say which is meant."""
-    log = log_writer.imu().tf("map", "body").tf("odom", "body").write()
-    request = CalibrationRequest(logs=(log,), parent="body")
-    recording = read_recording(request)
-    with pytest.raises(ChoiceError, match=r"'body' is given 2 times.*--pose-topic"):
-        find_motion(recording.sources, "imu_link", request)
-
-
-def test_bases_that_compete_are_a_choice(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().tf("map", "base").tf("odom", "base").write()
-    request = CalibrationRequest(logs=(log,), urdf=arm_urdf)
-    recording = read_recording(request)
-    with pytest.raises(ChoiceError, match=r"several poses move links of .*--pose-topic"):
-        find_motion(recording.sources, "imu_link", request)
-
-
 def test_a_log_without_any_time_gives_no_advice_to_change_the_clock(
     log_writer: LogWriter, arm_urdf: Path
 ) -> None:
