@@ -86,7 +86,7 @@ def apply(
     """
     found, failures = read_result_files(names)
     robot = load_robot(urdf)
-    # of xacro the robot is what it expands to
+    # robot.xml of a xacro file is its expansion, not the file
     written = robot.xml if str(urdf) == "-" else read_urdf(urdf)
     snippets: list[str] = []
     origins: dict[str, JointOrigin] = {}
@@ -100,6 +100,7 @@ def apply(
             used.append(each)
             origin = joint_for(robot, each.parent, each.child, each.pose.R, each.pose.t)
             joint, change = origin.joint, _change(robot, origin)
+            origins[joint] = origin
         except MissingJointError as error:
             if not add or each.child in robot.links:
                 failures.append(error)
@@ -110,8 +111,6 @@ def apply(
         except ImucalibError as error:
             failures.append(error)
             continue
-        else:
-            origins[joint] = origin
         if joint in held:
             raise _two_for_one(joint, held[joint], (file, each))
         held[joint] = (file, each)

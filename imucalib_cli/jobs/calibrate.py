@@ -22,8 +22,8 @@ from imucalib_cli.jobs.input.data_sheet import (
 )
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import printable, read_recording, recorded_at
-from imucalib_cli.jobs.input.recorded_options import recorded_options
-from imucalib_cli.jobs.known.parents import find_parents, named_parent, with_answer
+from imucalib_cli.jobs.input.request import recorded_options
+from imucalib_cli.jobs.known.mounts import find_parents, named_parent, with_answer
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.logs.select import check_joint_topics

@@ -18,7 +18,7 @@ from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.findings import Severity, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
-from imucalib_cli.jobs.input.recorded_options import recorded_estimator
+from imucalib_cli.jobs.input.request import recorded_estimator
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent

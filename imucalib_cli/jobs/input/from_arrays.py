@@ -52,8 +52,8 @@ def streams_of(
             "nothing tells how the robot moves: give pose_t, positions and quaternions_xyzw, or "
             "joint_t, joint_positions, joint_names and urdf"
         )
-    told = {"t": t, "pose_t": pose_t, "joint_t": joint_t}
-    times = {name: _numbers(name, values) for name, values in told.items() if values is not None}
+    given = {"t": t, "pose_t": pose_t, "joint_t": joint_t}
+    times = {name: _numbers(name, values) for name, values in given.items() if values is not None}
     first = min(float(each.min()) for each in times.values())
     last = max(float(each.max()) for each in times.values())
     if last - first > _LONGEST:

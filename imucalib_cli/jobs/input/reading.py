@@ -15,8 +15,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.input.halves import half_topics, joined
 from imucalib_cli.jobs.input.motion import Sources
-from imucalib_cli.jobs.known.base import with_base_imu
-from imucalib_cli.jobs.known.parents import check_parents
+from imucalib_cli.jobs.known.mounts import check_parents, with_base_imu
 from imucalib_cli.jobs.known.robot import asked_imus, named_log
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
