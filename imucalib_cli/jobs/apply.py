@@ -36,18 +36,18 @@ class Applied:
     """A URDF with new origins, and how each result was used."""
 
     content: bytes | None
-    """None where no result could be applied."""
+    """None if no result could be applied."""
     changes: tuple[str, ...]
     """The changes, one sentence for each joint."""
     failures: tuple[ImucalibError, ...]
-    """Findings of results left out, whose joints are unchanged."""
+    """Why results were left out; their joints are unchanged."""
     origins: tuple[JointOrigin, ...] = ()
     """The results that were applied."""
     snippets: tuple[str, ...] = ()
     """Joints that were added."""
 
     def made(self, path: Path) -> bool:
-        """Whether an existing URDF differs only in these origins: then an earlier run wrote it."""
+        """Whether an existing URDF differs only in these origins, so that an earlier run wrote it."""
         try:
             return not self.snippets and _with_origins(read_urdf(path), self.origins) == (
                 self.content
@@ -67,22 +67,21 @@ def apply(
 ) -> Applied:
     """Replace the origin of each result's joint; every other byte stays.
 
-    Of a xacro file, it is the joint as it stands there that is changed.
-
-    Of several results the usable ones are applied; the others are left out and reported.
+    In a xacro file the joint is changed as it is written there. Results that cannot be used are
+    left out and reported.
 
     Args:
         names: As of :func:`.result_files.result_names`.
         urdf: It is not changed.
         imus: Frames or topics of the IMUs to take from the files; empty takes all.
         add: Write the joint and the link of an IMU that the URDF does not have.
-        kinematics: Write the errors of the robot that stand clear of zero, too.
+        kinematics: Also correct errors of the robot that are clearly not zero.
         force: Use untrusted results too.
 
     Raises:
         InputError: A file cannot be used.
-        ChoiceError: An IMU is in no file, two results are for the same joint, or two correct the
-            same joint of the robot otherwise.
+        ChoiceError: An IMU is in no file, two results are for the same joint, or two results
+            correct a joint of the robot differently.
     """
     found, failures = read_result_files(names)
     robot = load_robot(urdf)
@@ -136,7 +135,6 @@ def apply(
 
 
 def _two_for_one(joint: str, *two: tuple[str, Result]) -> ChoiceError:
-    """Which two results are for one joint, and how to choose."""
     files = ", ".join(dict.fromkeys(file for file, _ in two))
     topics = dict.fromkeys(each.imu_topic for _, each in two)
     remedy = f"choose one with --imu, of: {', '.join(topics)}"

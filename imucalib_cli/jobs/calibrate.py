@@ -23,7 +23,7 @@ from imucalib_cli.jobs.input.data_sheet import (
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import printable, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options
-from imucalib_cli.jobs.known.mounts import find_parents, named_parent, with_answer
+from imucalib_cli.jobs.known.mounts import named_parent, with_carriers
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.logs.select import check_joint_topics
@@ -141,8 +141,7 @@ def _estimate_one(
     except ChoiceError as error:
         if error.option != "--parent":
             raise
-        carriers = find_parents(imu, sources, request)
-        raise with_answer(error, carriers, sources.unread) from error
+        raise with_carriers(error, imu, sources, request)[0] from error
     path = motion.path
     check_joint_topics(
         recording.joints,

@@ -12,7 +12,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.reading import on_one_clock, open_requested, read_topics
-from imucalib_cli.jobs.known.mounts import find_parents, with_answer, with_base_imu
+from imucalib_cli.jobs.known.mounts import with_base_imu, with_carriers
 from imucalib_cli.jobs.known.robot import Named, named_log
 from imucalib_cli.layout import Table
 from imucalib_cli.logs.part import part_of
@@ -86,11 +86,11 @@ class ImuFinding:
     solved_by: str | None = None
     """That option, if there is only one, such as ``--parent``."""
     moves_like: tuple[str, ...] = ()
-    """Where it is the parent that nothing tells: links that move as the IMU does."""
+    """If the parent is not known: links that move as the IMU does."""
     still: bool = False
-    """Likewise: whether it stands still while the robot moves."""
+    """If the parent is not known: whether the IMU stands still while the robot moves."""
     base_imu: str | None = None
-    """The IMU that tells how the base moves; perhaps this one."""
+    """The IMU that measures how the base moves; perhaps this one."""
     parent_unnamed: bool = False
     """Whether the parent's poses name no frame, so that their topic names it."""
 
@@ -392,10 +392,9 @@ def _imu(
         asks = isinstance(error, ChoiceError)
         found = replace(found, needs_choice=asks, solved_by=error.option)
         if error.option == "--parent":
-            carriers = find_parents(imu, sources, request)
+            error, carriers = with_carriers(error, imu, sources, request)
             links = tuple(each.frame for each in carriers.links)
             found = replace(found, moves_like=links, still=carriers.still)
-            error = with_answer(error, carriers, sources.unread)
         found = replace(found, problem=str(error))
         return found, (*units.findings, *check_alone(samples))
     found = replace(

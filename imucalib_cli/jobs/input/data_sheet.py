@@ -1,4 +1,4 @@
-"""Use the data sheet of the IMU that the user names: priors for the fit, and checks after it."""
+"""The data sheet of the IMU that the user names: priors for the fit, and checks after it."""
 
 from __future__ import annotations
 
@@ -43,8 +43,7 @@ def with_priors(options: MatchedOptions, expected: ExpectedImu | None) -> Matche
 def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sensor, ...]:
     """Sensors whose bias is far outside the data sheet's prior: the sheet does not apply.
 
-    A prior stated by the user is not treated so: if the data contradict it, the result is
-    untrusted.
+    This does not apply to priors that the user states: a contradiction makes the result untrusted.
     """
     if expected is None or estimate.method == "paper":
         return ()

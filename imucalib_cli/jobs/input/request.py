@@ -40,7 +40,7 @@ class ExpectedImu:
 
     model: ImuModel
     priors: tuple[Sensor, ...] = ("accel", "gyro")
-    """Sensors whose bias prior may come from the data sheet: for others the user gave one."""
+    """Sensors whose bias prior may come from the data sheet; the user gave the others."""
 
     @property
     def bias_priors(self) -> dict[Sensor, float]:
@@ -65,23 +65,23 @@ class CalibrationRequest:
     imu_topics: tuple[str, ...] = ()
     """Empty: every IMU in the log."""
     gyro_topics: tuple[str, ...] = ()
-    """Of gyroscopes apart from their accelerometers; empty: found."""
+    """Topics of gyroscopes that are separate from their accelerometers; empty: found."""
     accel_topics: tuple[str, ...] = ()
-    """Of their accelerometers, in the same order."""
+    """Topics of their accelerometers, in the same order."""
     joint_topics: tuple[str, ...] = ()
     pose_topics: tuple[str, ...] = ()
     description_topics: tuple[str, ...] = ()
     """Topics of the URDF, if none is given as a file; empty: found."""
     joint_prefix: str | None = None
-    """What the log's joint names have before those of the URDF, or lack; None: found."""
+    """Prefix that the log's joint names have or lack against the URDF's; None: found."""
     part: Part | None = None
-    """Of the log; None: all."""
+    """Part of the log that is used; None: all."""
     parent: str | None = None
     """Link or frame that carries the IMU; None: found automatically."""
     parents: tuple[tuple[str, str], ...] = ()
-    """Of single IMUs, each by its topic or frame: these go before ``parent``."""
+    """Parents of single IMUs, by topic or frame; they have priority over ``parent``."""
     base_imu: str | None = None
-    """The IMU that tells how the base moves; None: found where nothing else tells it."""
+    """The IMU that measures how the base moves; None: found if nothing else measures it."""
     imu_link: str | None = None
     """The IMU's frame in the URDF, if it is not the messages' frame_id."""
     world: str | None = None
@@ -92,12 +92,12 @@ class CalibrationRequest:
     imu: ExpectedImu | None = None
     """The IMU's data sheet."""
     planar: bool = False
-    """Whether to hold the height of the pose, which driving on a plane does not tell."""
+    """Whether to hold the height of the pose, which driving on a plane does not determine."""
     require: Tolerance | None = None
     needs_nominal: bool = False
     """Whether the URDF or the log's frames must contain the pose of every IMU, to be verified."""
     unverified: frozenset[int] = frozenset()
-    """Of the six components of the pose those that are not, so that they may be held there."""
+    """Components 0 to 5 of the pose that are not verified, so that they may be held."""
 
     details: bool = False
     """Whether to keep the series and curves that a report draws."""

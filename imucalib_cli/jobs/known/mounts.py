@@ -57,50 +57,43 @@ def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> Non
             )
 
 
-def find_parents(imu: ImuStream, sources: Sources, request: CalibrationRequest) -> Carriers:
-    """Links that move as an IMU does."""
+def with_carriers(
+    error: ImucalibError, imu: ImuStream, sources: Sources, request: CalibrationRequest
+) -> tuple[ImucalibError, Carriers]:
+    """An error that asks for the parent of an IMU, with the links that move as the IMU does."""
     frames, path_to = other_frames(sources, request)
-    options = request.estimator
+    samples, options = samples_of(imu, sources.clock), request.estimator
     if not isinstance(options, MatchedOptions):
         options = MatchedOptions()
 
     def repaired(path: KinematicPath) -> ImuSamples:
-        samples = samples_of(imu, sources.clock)
         try:
             return request.repaired(samples, path).samples
         except ImucalibError:
             return samples
 
-    return find_carriers(repaired, options, frames, path_to)
-
-
-def with_answer(
-    error: ImucalibError, carriers: Carriers, unread: tuple[str, ...] = ()
-) -> ImucalibError:
-    """An error that asks for the parent, with the links that the IMU's own motion suggests.
-
-    ``unread`` are pose topics that were not read.
-    """
-    if error.reason is None:
-        return error
+    carriers = find_carriers(repaired, options, frames, path_to)
+    reason, unread = error.reason, sources.unread
+    if reason is None:
+        return error, carriers
     if carriers.links:
         moves = " or ".join(map(str, carriers.links))
         several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
         parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
-        text = f"{error.reason}; it moves like {moves}{several}: {parents}"
+        text = f"{reason}; it moves like {moves}{several}: {parents}"
     elif carriers.still:
         text = (
-            f"{error.reason}; it stands still while the robot moves, so that this log does not "
+            f"{reason}; it stands still while the robot moves, so that this log does not "
             "tell where it is: choose another --imu-topic, or record while what carries it moves"
         )
     elif unread:
         text = (
-            f"{error.reason}, and no link moves as it does: if {' or '.join(unread)} has the pose "
+            f"{reason}, and no link moves as it does: if {' or '.join(unread)} has the pose "
             f"of the robot's base, read it too: --pose-topic {unread[0]}"
         )
     else:
-        return error
-    return ChoiceError(text, topic=error.topic, option=error.option)
+        return error, carriers
+    return ChoiceError(text, topic=error.topic, option=error.option), carriers
 
 
 def with_base_imu(

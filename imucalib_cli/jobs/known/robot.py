@@ -46,7 +46,7 @@ class Named:
     prefixes: tuple[str, ...] = ()
     """Prefixes of the joint names, if several fit equally well."""
     problem: ImucalibError | None = None
-    """For an inspection: why the robot is not known."""
+    """Why the robot is not known; only in an inspection."""
 
 
 def named_log(data: LogData, request: CalibrationRequest) -> Named:
