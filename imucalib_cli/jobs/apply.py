@@ -47,7 +47,7 @@ class Applied:
     """Joints that were added."""
 
     def made(self, path: Path) -> bool:
-        """Whether an existing URDF differs only in these origins, so that an earlier run wrote it."""
+        """Whether a URDF differs only in these origins, so that an earlier run wrote it."""
         try:
             return not self.snippets and _with_origins(read_urdf(path), self.origins) == (
                 self.content
