@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.build import BaseImu
-    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.imu.repair import Repaired
 
 _SAMPLES: Final = frozenset({"imu.slow", "imu.spikes"})
@@ -144,9 +144,6 @@ def _base_elsewhere(
 def _stamped_as(path: KinematicPath, repaired: KinematicPath) -> KinematicPath:
     """The same path with the repaired stamps, for tracks that lost no rows in the repair."""
     known = {track.name: track for track in repaired.tracks}
-
-    def restamped(track: Track) -> Track:
-        other = known.get(track.name, track)
-        return other if len(other.t) == len(track.t) else track
-
-    return replace(path, tracks=tuple(restamped(track) for track in path.tracks))
+    tracks = ((track, known.get(track.name, track)) for track in path.tracks)
+    kept = (other if len(other.t) == len(track.t) else track for track, other in tracks)
+    return replace(path, tracks=tuple(kept))

@@ -119,8 +119,7 @@ def _check(
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
     factor = imu_assumptions().noise_factor
-    for sensor in _SENSORS:
-        found = check.accel if sensor == "accel" else check.gyro
+    for sensor, found in zip(_SENSORS, (check.accel, check.gyro), strict=True):
         values = {
             "sensor": sensor,
             "measured": found.measured,
@@ -128,7 +127,11 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
             "model": check.name,
             "rate": check.rate,
         }
-        least = _least(found.expected, check.rate, model.bandwidth(sensor)) / factor
+        least, bandwidth = found.expected, model.bandwidth(sensor)
+        if bandwidth is not None:
+            # share of the noise that remains if the bandwidth is below half the rate
+            least *= math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (check.rate / 2.0)))
+        least /= factor
         if found.measured > factor * found.expected:
             yield warning("imu.noise_above_sheet", **values)
         # A low-pass filter keeps the noise below its cut-off, where the windows measure.
@@ -136,10 +139,3 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
             yield warning("imu.noise_filtered", **values)
         elif found.measured < least:
             yield warning("imu.noise_below_sheet", **values)
-
-
-def _least(expected: float, rate: float, bandwidth: float | None) -> float:
-    """Share of a sample's noise that remains if the sensor's bandwidth is below half the rate."""
-    if bandwidth is None:
-        return expected
-    return expected * math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0)))

@@ -93,8 +93,11 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
             option="--joint-prefix",
         )
     joints = _of_one_robot(robot, joints, imus, findings)
-    framed = {name: _framed(robot, imu) for name, imu in data.imus.items()}
-    data = replace(data, joints=joints, imus=framed)
+    imus_with_frames = {}
+    for name, imu in data.imus.items():
+        frame = next((each for each in imu.frames if each in robot.links), "")
+        imus_with_frames[name] = replace(imu, frame_id=imu.frame_id or frame)
+    data = replace(data, joints=joints, imus=imus_with_frames)
     data = _with_frame_names(robot, data, used, " ".join((*imus, *used)), findings)
     return Named(data=data, robot=robot, findings=(*described, *findings), prefixes=tuple(unsure))
 
@@ -246,12 +249,6 @@ def _of_one_robot(robot: Robot, joints: Joints, imus: Imus, findings: Findings) 
     values = {"dropped": dropped, "robot": str(robot.source), "used": tuple(own)}
     findings[note("joints.other_robot", **values)] = None
     return {topic: streams for topic, streams in joints.items() if topic not in dropped}
-
-
-def _framed(robot: Robot, imu: ImuStream) -> ImuStream:
-    """An IMU with a frame of the URDF, if its messages name none."""
-    frame = next((each for each in imu.frames if each in robot.links), imu.frame_id)
-    return imu if imu.frame_id else replace(imu, frame_id=frame)
 
 
 def _with_frame_names(
