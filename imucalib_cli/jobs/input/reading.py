@@ -27,7 +27,7 @@ from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
     from pathlib import Path
 
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
@@ -103,7 +103,8 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         chosen = replace(chosen, descriptions=())
     files = fingerprints(log.paths)
     # An IMU that nobody asked for may be the one that measures how the base moves.
-    data = chosen.of(read_topics(log, (*chosen.all, *chosen.other_imus), progress))
+    data = log.read((*chosen.all, *chosen.other_imus), telling(progress, "reading"))
+    data = chosen.of(data)
     used = {imu.topic for imu in data.imus.values() if len(imu)}
     unused = [topic for topic in chosen.imus if topic not in used]
     if unused and (request.imu_topics or not used):
@@ -122,17 +123,13 @@ def open_requested(request: CalibrationRequest, progress: Progress | None = None
         request.csv_columns,
         columns=request.joint_columns,
         scan_remote=request.allow_remote_scan,
-        progress=lambda share: None if progress is None else progress("downloading", share),
+        progress=telling(progress, "downloading"),
     )
 
 
-def read_topics(log: Log, topics: Collection[str], progress: Progress | None) -> LogData:
-    """Read some topics of a log.
-
-    Raises:
-        InputError, ChoiceError: As :meth:`imucalib_cli.logs.log.Log.read`.
-    """
-    return log.read(topics, None if progress is None else lambda share: progress("reading", share))
+def telling(progress: Progress | None, step: str) -> Callable[[float], None]:
+    """A function that reports the share done of a step, 0 to 1, if anyone listens."""
+    return lambda share: None if progress is None else progress(step, share)
 
 
 def recording_of(
