@@ -1,4 +1,4 @@
-"""A batch from its logs to their records: what is finished is skipped, the rest done and kept."""
+"""A batch: from logs to records. Finished logs are skipped, results of the others are kept."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from imucalib_cli.batch.tables import csv_table
 from imucalib_cli.findings import note
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
     from collections.abc import Set as AbstractSet
     from pathlib import Path
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 
 class Engine(Protocol):
-    """Runs a task on each log and hands over what came of it, in the order of completion.
+    """Runs a task on each log and yields the results in the order of completion.
 
-    A worker that is lost costs its log another try, then an error record; a log that takes longer
-    than it may an error record at once. Closing the generator ends what still runs.
+    A log whose worker is lost is tried again, then gets an error record; a log that exceeds the
+    time limit gets an error record at once. Closing the generator ends running work.
     """
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
@@ -39,35 +39,37 @@ class Engine(Protocol):
 
 SUMMARY = "summary.csv"
 RESULT = ".yaml"
-"""Ends the files of results."""
+"""Suffix of the result files."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """Logs, what is done with each, and by what."""
+    """Logs, the task for each of them, and the engine that runs it."""
 
     logs: Sequence[BatchLog]
     task: Task
     engine: Engine
     folder: Path | None = None
-    """Of the results; None keeps nothing."""
+    """Folder of the results; None keeps nothing."""
     fresh: bool = False
-    """Do finished logs again."""
+    """Whether to do finished logs again."""
     rehash: bool = False
-    """Read every log to see whether it has changed, whatever its size and time say."""
+    """Whether to hash every log, even if its size and time are unchanged."""
     tell: Callable[[Finding], None] = lambda _: None
-    """Called with what became of earlier results."""
+    """Called with findings about earlier results."""
 
     def run(self, report: Report = lambda _done, _all: None) -> Generator[tuple[BatchLog, Record]]:
-        """Each log with its record, those first that were finished before.
+        """Yield each log with its record, finished logs first.
 
-        Closed or broken off, it leaves what is finished, and a summary of it. The report is called
-        with the number of logs that are done, and of all: first with those of earlier. Raises
-        ChoiceError where another batch writes to the folder; InputError where the folder cannot be
-        written to, or there is no such scheduler.
+        If it is closed or interrupted, records and summary of the finished logs stay. ``report``
+        is called with the number of finished logs and of all logs.
+
+        Raises:
+            ChoiceError: Another batch writes to the folder.
+            InputError: The folder cannot be written to, or the scheduler is not there.
         """
         if self.folder is None:
-            yield from self._done({log: log for log in self.logs}, None, report)
+            yield from self._work(self.logs, None, report)
             return
         folder = ResultFolder(self.folder)
         with ExitStack() as stack:
@@ -86,18 +88,17 @@ class Batch:
                 else:
                     yield log, record
             suffixes = (RESULT, *(suffix for suffix, _ in self.task.extras))
-            named = dict(zip(folder.named(left, suffixes), left, strict=True))
-            yield from self._done(named, folder, report)
+            yield from self._work(folder.named(left, suffixes), folder, report)
 
-    def _done(
-        self, logs: Mapping[BatchLog, BatchLog], folder: ResultFolder | None, report: Report
+    def _work(
+        self, logs: Sequence[BatchLog], folder: ResultFolder | None, report: Report
     ) -> Iterator[tuple[BatchLog, Record]]:
-        """Do logs, given as they were found by those that have their name in the folder."""
+        """Run the task on logs, which have their names in the folder, and keep the results."""
         already = len(self.logs) - len(logs)
         report(already, len(self.logs))
         if not logs:
             return
-        with closing(self.engine(self.task, list(logs))) as finished:
+        with closing(self.engine(self.task, logs)) as finished:
             for count, (log, done) in enumerate(finished, already + 1):
                 record = done.record
                 if folder is not None:
@@ -106,7 +107,7 @@ class Batch:
                     if before is not None and before.written and _is_another(record, before):
                         self.tell(note("batch.log_replaced", log=record.log))
                 report(count, len(self.logs))
-                yield logs[log], record
+                yield log, record
 
     def _finished(
         self,
@@ -115,19 +116,19 @@ class Batch:
         known: AbstractSet[tuple[int, ...]],
         places: AbstractSet[str],
     ) -> Record | None:
-        """The record of a log that is finished, with its files as they lie now.
+        """The record of a finished log, updated to where its files are now.
 
-        A log whose files have other sizes than those of each known record is new, and is not
-        hashed. Places are those of all logs.
+        A log whose files have sizes that no record has (``known``) is new, and is not hashed.
+        ``places`` are those of all logs.
         """
         if self.fresh:
             return None
+        sizes = sizes_of(log)
+        if tuple(sorted(size for size, _ in sizes.values())) not in known:
+            return None
         try:
-            sizes = sizes_of(log)
-            if tuple(sorted(size for size, _ in sizes.values())) not in known:
-                return None
             stamps = stamps_of(sizes, known=None if self.rehash else folder.stamps)
-        except OSError:  # told by who is to read it
+        except OSError:  # the task reports it
             return None
         name = folder.finished(log, key_of(self.task.context, stamps), places)
         if name is None:
@@ -140,6 +141,6 @@ class Batch:
 
 
 def _is_another(record: Record, before: Record) -> bool:
-    """Whether a log holds something else than before, as far as both could be read."""
+    """Whether a log has other contents than before, if both could be read."""
     now, then = ([stamp.identity for stamp in each.files] for each in (record, before))
     return bool(now) and bool(then) and now != then

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     Sizes = dict[LogPath, tuple[int, int | str]]
 
 _SETTLED_NS = 2_000_000_000
-"""ns: times of files are as coarse as 2 s (FAT); a younger file may change without a new time."""
+"""ns: file times are as coarse as 2 s (FAT); a younger file may change without a new time."""
 
 
 def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
@@ -42,44 +42,53 @@ def context_of(request: CalibrationRequest, extras: Iterable[str]) -> str:
     The request has no log; extras are names of the files that are made beside each result.
     """
     options = replace(request, logs=(), urdf=None, details=False)
-    plain = msgspec.to_builtins(options, enc_hook=_plain)
+    plain = msgspec.to_builtins(
+        options, enc_hook=lambda each: each.tolist() if isinstance(each, np.ndarray) else str(each)
+    )
     return _digest([__version__, urdf_hash(request), sorted(extras), plain])
 
 
 def urdf_hash(request: CalibrationRequest) -> str | None:
-    """SHA-256 of the URDF's bytes, of a xacro of what it expands to; None where none is on disk.
+    """SHA-256 of the URDF on disk (for xacro: of its expansion); None if there is none.
 
-    Raises InputError where it cannot be read.
+    Raises:
+        InputError: It cannot be read.
     """
     urdf = request.urdf
-    if isinstance(urdf, Path) and urdf.suffix == ".xacro":
+    if not isinstance(urdf, Path):
+        return None
+    if urdf.suffix == ".xacro":
         from imucalib_cli.robot.urdf import load_robot
 
         return load_robot(urdf).sha256
     try:
-        return sha256_of(urdf) if isinstance(urdf, Path) else None
+        return sha256_of(urdf)
     except OSError as error:
         raise InputError(f"{urdf}: cannot be read ({error.strerror}): check the path") from error
 
 
 def sizes_of(log: BatchLog) -> Sizes:
-    """Size and time of last change, ns, of every file that is read of a log; its version of a URL.
+    """Size and time of last change, ns, of every file of a log; for a URL its version.
 
-    None of a log that is not there, is no file or folder, or is behind a URL whose server tells no
-    version.
+    Empty if the log cannot be read, is no file or folder, or is behind a URL without a version;
+    the task reports why.
     """
     sizes: Sizes = {}
-    for remote in (each for each in log.paths if isinstance(each, RemoteFile)):
-        now = RemoteFile(remote.address)  # which has not been asked yet
-        with suppress(InputError, NoRangesError):  # told by who is to read it
-            now.head(1)
-            if now.size is not None and now.version:
-                sizes[remote] = now.size, now.version
-    local = (each for each in log.paths if not isinstance(each, RemoteFile))
-    for path in (each for named in local for each in files_read(named)):
-        if os.path.isfile(path):  # noqa: PTH113 - never raises; a pipe would be waited for
-            found = path.stat()
-            sizes[path] = found.st_size, found.st_mtime_ns
+    try:
+        for path in log.paths:
+            if isinstance(path, RemoteFile):
+                now = RemoteFile(path.address)  # which has not been asked yet
+                with suppress(InputError, NoRangesError):
+                    now.head(1)
+                    if now.size is not None and now.version:
+                        sizes[path] = now.size, now.version
+                continue
+            for file in files_read(path):
+                if os.path.isfile(file):  # noqa: PTH113 - never raises; a pipe would be waited for
+                    found = file.stat()
+                    sizes[file] = found.st_size, found.st_mtime_ns
+    except OSError:
+        return {}
     return sizes
 
 
@@ -89,10 +98,15 @@ def stamps_of(
     hashes: Mapping[str, str] | None = None,
     known: Mapping[str, FileStamp] | None = None,
 ) -> list[FileStamp]:
-    """What the files of a log hold; OSError where one cannot be read.
+    """Hashes of the files of a log.
 
-    ``hashes``, by path as text, are of files that were hashed since; stamps that are known of
-    earlier times, by absolute path, are trusted for files of the same size and time.
+    Args:
+        sizes: As of :func:`sizes_of`.
+        hashes: Hashes that were computed since, by path as text.
+        known: Earlier stamps by absolute path, trusted for files of the same size and time.
+
+    Raises:
+        OSError: A file cannot be read.
     """
     now = time.time_ns()
     stamps = []
@@ -112,10 +126,10 @@ def stamps_of(
 
 
 def key_of(context: str, stamps: Sequence[FileStamp]) -> str | None:
-    """The hash of all that a log's result depends on; None where nothing of the log can be read.
+    """The hash of all that a log's result depends on; None if nothing of the log can be read.
 
-    Where its files lie, and what they are called but for the suffix, does not count; of what is
-    behind a URL only the URL, the size and the version are known.
+    The places and names of its files, except for the suffix, do not count; of a file behind a URL
+    the URL, the size and the version count.
     """
     contents = [[os.path.splitext(stamp.path)[1], stamp.identity] for stamp in stamps]  # noqa: PTH122
     return _digest([context, contents]) if contents else None
@@ -123,8 +137,3 @@ def key_of(context: str, stamps: Sequence[FileStamp]) -> str | None:
 
 def _digest(content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def _plain(value: Any) -> Any:
-    """What msgspec does not know, as builtins."""
-    return value.tolist() if isinstance(value, np.ndarray) else str(value)

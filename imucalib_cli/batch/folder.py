@@ -1,8 +1,8 @@
-"""The folder of results: which logs are finished in it, and who has which name.
+"""The folder of results: which logs are finished in it, and which log has which name.
 
-A log is finished when its record stands in ``records/``: it is written last, whole or not at all.
-Before any work the names of all logs are written down, so that what a killed batch has left of a
-log is written over by the next one, and by no other log.
+A log is finished when its record is in ``records/``: it is written last, whole or not at all.
+The names of all logs are stored before any work, so that the partial files of a killed batch are
+overwritten by the next batch for the same log, and by no other log.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 RECORDS = "records"
-"""Folder of the records, in that of the results."""
+"""Name of the folder of records."""
 _NAMES, _LOCK = ".names.json", ".lock"
 
 
 class ResultFolder:
-    """The folder of results of a batch, which holds it while it runs.
+    """The folder of results of a batch, locked while the batch runs.
 
     Attributes:
         records: By the name of the log.
-        stamps: Of all files that were known at first, by absolute path.
+        stamps: Of all files in earlier records, by absolute path.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -55,9 +55,11 @@ class ResultFolder:
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:
-        """Make the folder where it is not there, and read what it holds; no other batch may.
+        """Make, lock and read the folder.
 
-        Raises ChoiceError where another batch writes to it, InputError where it cannot be made.
+        Raises:
+            ChoiceError: Another batch writes to it.
+            InputError: It cannot be made.
         """
         try:
             self._records.mkdir(parents=True, exist_ok=True)
@@ -76,32 +78,34 @@ class ResultFolder:
             yield
 
     def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
-        """Name under which a log is finished; None where it is to be done.
+        """The name of a finished log; None if it must be done.
 
-        The key is that of its contents and the options; what is still at one of the places, those
-        of all logs of the batch, was not moved.
+        ``key`` is the hash of its contents and options. A record of another log counts if that log
+        was moved: if its place is none of the ``places`` of the batch's logs.
         """
         for name in self._by_key.get(key, ()):
             record = self.records[name]
-            is_its = record.place == log.place or record.place not in places
-            if is_its and self._is_whole(record):
+            is_own = record.place == log.place or record.place not in places
+            if is_own and self._is_whole(record):
                 return name
         return None
 
-    def named(self, logs: Iterable[BatchLog], suffixes: Iterable[str]) -> list[BatchLog]:
-        """Give each log a name of its own, the one it had before if there is one, and keep them.
+    def named(self, logs: Iterable[BatchLog], suffixes: tuple[str, ...]) -> list[BatchLog]:
+        """Give each log a unique name, its earlier one if it has one, and store the names.
 
-        A name with files of others that end as the batch's files do is not free.
+        A name is not free if files of something else, with one of the suffixes, begin with it.
         """
-        theirs = {place: name for name, place in self._owners.items()}
-        files = _by_beginning(
-            path for path in self._folder.iterdir() if path.name.endswith(tuple(suffixes))
-        )
+        earlier = {place: name for name, place in self._owners.items()}
+        files: dict[str, list[Path]] = defaultdict(list)  # by all beginnings before a dot
+        for path in self._folder.iterdir():
+            if path.name.endswith(suffixes):
+                for beginning in accumulate(path.name.split(".")[:-1], "{}.{}".format):
+                    files[beginning].append(path)
         taken = {sameness(name) for name in self._owners}
         counts: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
         named = []
         for log in logs:
-            name = theirs.get(log.place) or _free_name(log, taken, files, counts)
+            name = earlier.get(log.place) or _free_name(log, taken, files, counts)
             taken.add(sameness(name))
             self._owners[name] = log.place
             named.append(BatchLog(log.paths, name))
@@ -109,13 +113,14 @@ class ResultFolder:
         return named
 
     def keep(self, name: str, done: Done) -> Record:
-        """Write the files of a log, take away those of an earlier time, then write its record.
+        """Write the files of a log, remove its older files, then write its record.
 
-        The record comes back with the hashes of the files.
+        Returns:
+            The record with the hashes of the files.
         """
         before = self.records.get(name)
         if before is not None and before.key is not None:
-            # from here on it is not what the files hold
+            # from here on the files are not those of the old record
             self.keep_record(name, msgspec.structs.replace(before, key=None))
         for file, content in done.contents:
             write_whole(self._folder / file, content)
@@ -141,11 +146,11 @@ class ResultFolder:
 
     def _read(self) -> None:
         owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
-        # A folder may come from elsewhere: no name in it leads out of it.
+        # The folder may come from elsewhere: ignore names that lead out of it.
         self._owners = {name: place for name, place in owners.items() if Path(name).name == name}
         for path in sorted(self._records.glob("[!.]*.json")):
             record = _decoded(path, Record)
-            if record is not None:  # else done again: of another version, or damaged
+            if record is not None:  # otherwise damaged or of another version: do it again
                 self.records[path.stem] = record
                 self._owners[path.stem] = record.place
                 self._by_key.setdefault(record.key, []).append(path.stem)
@@ -161,21 +166,11 @@ class ResultFolder:
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:
-    """What a file holds; None where it is missing, damaged or of another version."""
+    """The content of a file; None if it is missing, damaged or of another version."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, msgspec.DecodeError):
         return None
-
-
-def _by_beginning(paths: Iterable[Path]) -> dict[str, list[Path]]:
-    """Files by all that their names begin with before a dot."""
-    found: dict[str, list[Path]] = defaultdict(list)
-    for path in paths:
-        parts = path.name.split(".")[:-1]
-        for beginning in accumulate(parts, "{}.{}".format):
-            found[beginning].append(path)
-    return found
 
 
 def _free_name(
@@ -184,10 +179,13 @@ def _free_name(
     files: Mapping[str, Iterable[Path]],
     counts: Mapping[str, Iterator[int]],
 ) -> str:
-    """A name that no other log has, and no file of others; results of the log itself stay.
+    """A name that no other log and no file of something else has.
 
-    Names are taken as sameness has them; files stand by what their names begin with, numbers that
-    logs of one name have not had yet by that name.
+    Args:
+        log: Its own results, such as ``imucalib run`` writes them, do not block a name.
+        taken: Names of other logs, as :func:`sameness` returns them.
+        files: By the beginnings of their names.
+        counts: Numbers that are not used yet, by the name without its number.
     """
     stem = file_name(log_name(log.paths[0]))
     for number in counts[sameness(stem)]:
@@ -199,7 +197,7 @@ def _free_name(
 
 
 def _is_of(path: Path, log: BatchLog) -> bool:
-    """Whether a file is a result of a log, such as ``imucalib run`` has written there."""
+    """Whether a file is a result of a log."""
     named = {printable(path) for path in log.paths}
     try:
         results = read_result_file(str(path))

@@ -1,7 +1,7 @@
-"""The processes of this machine: a fresh one for each log, with a limit of its memory.
+"""Processes of this machine: a fresh one for each log, with a memory limit.
 
-A process that is killed, by the system or by its own fault, takes nothing along but its log. Where
-the system can fork a process that has imported everything, starting one costs little.
+A process that is killed loses only its own log. Starting one is cheap if the system can fork a
+process that has imported everything.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _NEEDED = (
     "numpy.random",
     "zstandard",
 )
-"""What is imported where it is used, and every log uses: a tenth of a second each."""
+"""Modules that are imported late but that every log uses: a tenth of a second each."""
 _TRIES = 2
-"""Of a log whose process is killed: what killed it may have been the others' memory."""
+"""Tries for a log whose process is killed: the memory of the others may be the cause."""
 
 
 def default_workers(memory: int) -> int:
-    """As many as there are processors, fewer where memory does not hold so many bytes for each."""
+    """As many as there are processors, fewer if memory has not so many bytes for each."""
     processors = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -62,16 +62,16 @@ def default_workers(memory: int) -> int:
 
 @dataclass(frozen=True)
 class LocalProcesses:
-    """An engine: so many processes at a time, each with so much memory."""
+    """An engine that runs each log in a process of its own."""
 
     workers: int
     memory: int
     """Bytes; enforced by Linux alone (RLIMIT_DATA)."""
     timeout: float | None = None
-    """s that a log may take; None is any time."""
+    """Time limit for a log, s."""
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
-        """Run the task, as the interface has it."""
+        """Run the task, as :class:`imucalib_cli.batch.batch.Engine`."""
         context = fresh_processes(preloaded(task))
         waiting = deque((log, 1) for log in logs)
         running: dict[Connection, _Running] = {}
@@ -105,16 +105,15 @@ class LocalProcesses:
                 each.process.join()
 
     def _left(self, running: Iterable[_Running]) -> float | None:
-        """S until the first of some processes has had its time; None where any time will do."""
+        """Time until the first of some processes exceeds its limit, s; None without a limit."""
         if self.timeout is None:
             return None
-        now = time.monotonic()
-        return max(0.0, min(each.begun + self.timeout - now for each in running))
+        return max(0.0, min(each.begun for each in running) + self.timeout - time.monotonic())
 
 
 @dataclass(frozen=True)
 class _Running:
-    """A process at work."""
+    """A running process."""
 
     process: BaseProcess
     log: BatchLog
@@ -124,14 +123,14 @@ class _Running:
 
 
 def preloaded(task: Task) -> list[str]:
-    """Modules that the process which others are forked from has imported."""
+    """Modules to import before the workers are forked."""
     return [*_NEEDED, *sorted(task.modules)]
 
 
 def _started(
     context: BaseContext, task: Task, log: BatchLog, memory: int
 ) -> tuple[BaseProcess, Connection]:
-    """A process at work, and where its answer comes from; its end where it dies without one."""
+    """A started process, and the connection for its answer, closed if it dies."""
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(  # type: ignore[attr-defined]
         target=_work, args=(task, log, memory, theirs), daemon=True
@@ -143,12 +142,12 @@ def _started(
 
 def _work(task: Task, log: BatchLog, memory: int, answer: Connection) -> None:
     prepare_worker()
-    # a thread that dies, for want of memory say, leaves its part of the work undone
+    # a dead thread, perhaps without memory, would leave its part of the work undone
     threading.excepthook = lambda _: os._exit(1)
     _limit_memory(memory)
     try:
         answer.send(task(log))
-    except Exception:  # noqa: BLE001 - told by the parent, which gets no answer
+    except Exception:  # noqa: BLE001 - the parent reports it
         raise SystemExit(1) from None
 
 
@@ -163,7 +162,7 @@ def _limit_memory(limit: int) -> None:
 
 
 def _received(ours: Connection) -> Done | None:
-    """The answer of a process; None where it died without one, or in the middle of it."""
+    """The answer of a process; None if the process died before it was complete."""
     with ours, contextlib.suppress(EOFError, OSError):
         done: Done = ours.recv()
         return done

@@ -1,11 +1,11 @@
-"""Which logs a batch has: paths, patterns, folders and lists become recordings, each once."""
+"""Find the logs of a batch: paths, patterns, folders and URLs become recordings, each once."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from glob import glob, has_magic
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
-"""Of files that are taken for logs in a folder whatever they hold: a damaged one shall be told."""
+"""Files that count as logs in a folder whatever they hold, so that damaged ones are reported."""
 _PART = re.compile(r"(.+)_(\d+)((?:\.\w+)+)")
 """Name of a part of a split recording, as ``ros2 bag record`` numbers them from 0."""
 
@@ -34,24 +34,24 @@ class BatchLog:
 
     paths: tuple[LogPath, ...]
     """A path or a URL, or the parts of a split recording."""
-    name: str = ""
-    """What its files in the folder of results are named after; no other log there has it."""
+    name: str = field(default="", compare=False)
+    """Beginning of its file names in the folder of results, where it is unique."""
 
     @property
     def label(self) -> str:
-        """What it is called, in tables and messages."""
+        """Its name in tables and messages."""
         return printable(self.paths[0])
 
     @property
     def place(self) -> str:
-        """Where it lies."""
+        """Its absolute path or URL."""
         return absolute(self.paths[0])
 
 
 def absolute(path: LogPath) -> str:
-    """An absolute path as text, links as they are; different for all paths and URLs."""
+    """An absolute path as text, without resolving links; different for all paths and URLs."""
     if isinstance(path, RemoteFile):
-        # of a query, in which secrets are, no more than tells it from others
+        # a query may hold secrets: its hash suffices to distinguish it
         _, _, query = path.address.partition("?")
         return f"{path}{hashlib.sha256(query.encode()).hexdigest()[:16]}" if query else str(path)
     place = os.path.abspath(path)  # noqa: PTH100 - keeps links
@@ -60,23 +60,22 @@ def absolute(path: LogPath) -> str:
 
 @dataclass(frozen=True)
 class Found:
-    """What the arguments of a batch lead to."""
+    """The logs of a batch, and notes on repeated logs and joined parts."""
 
     logs: tuple[BatchLog, ...]
     findings: tuple[Finding, ...]
-    """What leads to a log that is there already, and what was taken for parts of one."""
 
 
 def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
     """Find the recordings that names lead to, in their order.
 
     A folder is one recording where it has the metadata of one or the tables of EuRoC; otherwise
-    its recordings are searched for in it and below. A pattern is expanded where no file has its
-    name. What leads nowhere stays, to be told as a log that cannot be read.
+    its recordings are searched for in it and below. A pattern is expanded if no file has its name.
+    A name that leads nowhere stays, so that it is reported as a log that cannot be read.
 
     Args:
         names: Paths, patterns and URLs.
-        left_out: A folder that is not searched: that of the results.
+        left_out: The folder of the results, which is not searched.
     """
     logs: dict[object, BatchLog] = {}
     findings = []
@@ -139,14 +138,14 @@ def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
 
 
 def _is_log(path: Path) -> bool:
-    """Whether a file is one of the logs of its folder; what imucalib wrote of another is none."""
+    """Whether a file in a folder is a log that imucalib did not write itself."""
     if holds_log(path):
         return not is_made_here(path)
     return path.suffix.lower() in _SUFFIXES
 
 
 def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
-    """Files of one folder, the parts of a split recording together: NAME_0, NAME_1 and so on."""
+    """Files of one folder, with the parts of a split recording (NAME_0, NAME_1, ...) together."""
     parts: dict[object, dict[int, Path]] = {}
     for path in paths:
         match = _PART.fullmatch(path.name)
@@ -160,7 +159,7 @@ def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
 
 
 def _identity(path: LogPath) -> object:
-    """The same for all names and links that lead to one file or folder."""
+    """Equal for all names and links of one file or folder."""
     if isinstance(path, RemoteFile):
         return path.address
     return identity(path.parent if path.name == "metadata.yaml" else path)

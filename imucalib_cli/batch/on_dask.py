@@ -1,6 +1,6 @@
-"""Dask: the workers of a cluster, or of this machine. Its scheduler has the queue and the retries.
+"""Dask workers of a cluster or of this machine. The scheduler handles the queue and retries.
 
-Workers read the logs and the URDF themselves; results come back to this process, which writes them.
+Workers read the logs and the URDF themselves; this process writes the results.
 """
 
 from __future__ import annotations
@@ -29,36 +29,40 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.task import Done, Task
 
 _CONNECTING, _GREETING = "5s", "20s"
-"""A scheduler that does not answer by then is not there; one that does may be busy."""
+"""Time limits for the first answer of a scheduler, and for one that is busy."""
 _RETRIES = 1
-"""Of what fails on a worker for a reason of the worker's."""
+"""Retries of a log that fails because of its worker."""
 _SOON = 0.01
 """s."""
 _LOST = 1
-"""Workers that a log may lose before it is given up, in a cluster of our own; that of others has
-its own limit, distributed.scheduler.allowed-failures."""
+"""Workers of our own cluster that a log may lose before it fails; other clusters have their own
+limit, distributed.scheduler.allowed-failures."""
 
 
 @dataclass(frozen=True)
 class DaskWorkers:
-    """An engine: the workers of a scheduler, or a cluster of this machine."""
+    """An engine that uses the workers of a scheduler, or a cluster of this machine."""
 
     scheduler: str
     """Its address, or ``local``."""
     workers: int
     memory: int
-    """Bytes for each; of a local cluster, these two."""
+    """Bytes for each; only for a local cluster, as ``workers``."""
     timeout: float | None = None
-    """s that a log may take; None is any time."""
+    """Time limit for a log, s."""
 
     def __post_init__(self) -> None:
-        """See that Dask is installed; else InputError."""
+        """Raise InputError if Dask is not installed."""
         optional("distributed", "--dask needs", "dask")
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
-        """Run the task, as the interface has it; InputError where the scheduler is not there."""
+        """Run the task, as :class:`imucalib_cli.batch.batch.Engine`.
+
+        Raises:
+            InputError: The scheduler is not there.
+        """
         distributed = optional("distributed", "--dask needs", "dask")
-        for name in ("distributed", "tornado"):  # lost workers are told in our words
+        for name in ("distributed", "tornado"):  # we report lost workers ourselves
             logging.getLogger(name).setLevel(logging.CRITICAL)
         task = replace(task, folder=Path.cwd())
         with self._client(distributed) as client:
@@ -66,7 +70,7 @@ class DaskWorkers:
             given: dict[Any, BatchLog] = {}
 
             def give(count: int) -> list[Any]:
-                # a key of its own: the same log may have been done before, by another version
+                # a new key: another version may have done the same log before
                 new = {
                     client.submit(
                         within,
@@ -81,7 +85,7 @@ class DaskWorkers:
                 given.update(new)
                 return list(new)
 
-            # a log that waits for a worker of our own would be blamed with the one that kills it
+            # a log that waits in our own worker would fail with the log that kills the worker
             at_once = self.workers if self.scheduler == "local" else len(logs)
             finished = distributed.as_completed(give(at_once), loop=client.loop)
             for future in finished:
@@ -121,7 +125,7 @@ class DaskWorkers:
                 if address == self.scheduler:
                     asyncio.run(_see_answer(distributed, address))
                 client = distributed.Client(address, timeout=_GREETING, set_as_default=False)
-            except Exception as error:  # of whatever kind; its words may hold a password
+            except Exception as error:  # any kind; its text may hold a password
                 raise InputError(
                     f"--dask {self._name}: no scheduler answers there: give an address such as "
                     "tcp://host:8786, with the certificates that Dask is configured to use, or "
@@ -137,21 +141,20 @@ class DaskWorkers:
 
 
 async def _see_answer(distributed: Any, address: str) -> None:
-    """Connect once: a client that fails to, and is left, waits and complains when all ends."""
+    """Connect once: a client that cannot connect would wait, and complain at exit."""
     security = distributed.Security().get_connection_args("client")
     comm = await distributed.comm.connect(address, timeout=_CONNECTING, **security)
     await comm.close()
 
 
 class _OverTimeError(BaseException):
-    """Raised in a thread whose time is up; nothing on its way takes it for an error of its own."""
+    """Raised in a thread whose time is up; no ``except Exception`` catches it."""
 
 
 def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
-    """Do a task in the thread of a worker, which cannot be killed as a process can, within s.
+    """Run a task with a time limit, s, in a worker's thread, which cannot be killed.
 
-    Between two steps of the interpreter the time is seen to be up, so not within a call of a
-    compiled library.
+    The limit takes effect between two steps of the interpreter, not inside a compiled library.
     """
     if seconds is None:
         return task(log)
@@ -169,7 +172,7 @@ def within(seconds: float | None, task: Task, log: BatchLog) -> Done:
         done = task(log)
         if ended.acquire(blocking=False):
             return done
-        while True:  # it is on its way, and must not come later
+        while True:  # wait for the exception here, so that it does not come later
             time.sleep(_SOON)
     except _OverTimeError:
         return task.late(log, seconds)

@@ -1,4 +1,4 @@
-"""What became of one log: the line of ``--format jsonl``, and what is kept for the next time."""
+"""The record of one log: a line of ``--format jsonl``, and a stored file for the next batch."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Records as tables: CSV, markdown for a summary of CI, JUnit XML, lines for a terminal.
 
-Names in a log, and of one, may hold anything: each form escapes what has a meaning in it.
+Names of logs and IMUs may hold any characters: each form escapes those that have a meaning in it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Entry(NamedTuple):
     record: Record
     result: Result | None
     reasons: list[str]
-    """Why there is no result, or why it should not be used; the gravest first."""
+    """Why there is no result, or why it should not be used; the most serious first."""
 
     @property
     def status(self) -> str:
@@ -51,15 +51,15 @@ class Entry(NamedTuple):
 
 
 def entries(records: Iterable[Record]) -> Iterator[Entry]:
-    """The results of each log, then why others are not there."""
+    """An entry for each result of each log, then one for each error."""
     for record in records:
         yield from (Entry(record, result, reasons(result)) for result in record.results)
         yield from (Entry(record, None, [error]) for error in record.errors)
 
 
 def _of(take: Callable[[Result], Any]) -> Callable[[Entry], Any]:
-    """What a column holds where there is a result; empty elsewhere."""
-    return lambda entry: None if entry.result is None else take(entry.result)
+    """A column that is empty without a result."""
+    return lambda entry: entry.result and take(entry.result)
 
 
 COLUMNS: tuple[tuple[str, str, Callable[[Entry], Any]], ...] = (
@@ -111,7 +111,7 @@ COLUMNS: tuple[tuple[str, str, Callable[[Entry], Any]], ...] = (
         lambda entry: entry.record.key,
     ),
 )
-"""Of summary.csv and ``--format csv``, in their order: names, what they hold, from where."""
+"""Columns of summary.csv and ``--format csv``: names, meaning, value."""
 
 
 def csv_table(records: Iterable[Record]) -> str:
@@ -129,38 +129,39 @@ _HEADS = ("log", "IMU", "status", "translation mm", "± mm", "± deg", "why not"
 
 
 def _row(entry: Entry) -> tuple[str, ...]:
-    """What a person looks at first."""
+    """The most important columns, for people."""
     log, result = entry.record.log, entry.result
     if result is None:
         return (log, "", entry.status, "", "", "", entry.why)
     place = " ".join(
         "?" if value is None else f"{value * 1e3:.2f}" for value in result.transform.translation
     )
-    std = result.std
-    sigmas = [] if std is None else [std.translation_mm, std.rotation_deg]
+    parts: list[list[float | None]] = [[None], [None]]
+    if result.std is not None:
+        parts = [result.std.translation_mm, result.std.rotation_deg]
     largest = [
-        "" if None in each else f"{max(filter(None, each), default=0.0):.2g}" for each in sigmas
+        "" if None in each else f"{max(filter(None, each), default=0.0):.2g}" for each in parts
     ]
-    return (log, entry.imu, entry.status, place, *(largest or ["", ""]), entry.why)
+    return (log, entry.imu, entry.status, place, *largest, entry.why)
 
 
 def counted(records: Sequence[Record]) -> str:
-    """How many logs are what, in words."""
+    """The number of logs, and of each status, in words."""
     counts = dict.fromkeys(reversed(_FROM_WORST), 0)
     for record in records:
         counts[record.status] += 1
-    told = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    return f"{len(records)} log{'s' * (len(records) != 1)}: {told or 'none done'}"
+    listed = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
+    return f"{len(records)} log{'s' * (len(records) != 1)}: {listed or 'none done'}"
 
 
 def words(records: Sequence[Record]) -> tuple[Block, ...]:
-    """For people: how many logs are what, and a table of them."""
+    """For people: the number of logs of each status, and a table."""
     rows = tuple(map(_row, entries(records)))
     return counted(records), Table(_HEADS, rows, frozenset(_HEADS[4:6]))
 
 
 def markdown(records: Sequence[Record]) -> str:
-    """A table as GitHub and GitLab show it; the worst first, as far as a summary may be long."""
+    """A table for GitHub and GitLab, the worst first, cut off at the limit of a summary."""
     worst_first = sorted(entries(records), key=lambda entry: _FROM_WORST.index(entry.status))
     lines = [f"**{counted(records)}**", "", _piped(_HEADS), _piped(["---"] * len(_HEADS))]
     size = 0
@@ -179,7 +180,7 @@ def _piped(cells: Iterable[str]) -> str:
 
 
 def _marked_down(text: str) -> str:
-    """Text that is nothing but text to markdown."""
+    """Text with all characters of markdown escaped."""
     return as_html(re.sub(r"([\\`*_{}\[\]()#+!|~])", r"\\\1", text))
 
 
@@ -213,16 +214,15 @@ def junit(records: Sequence[Record]) -> str:
 
 
 def complaints(record: Record) -> Iterator[tuple[str, str]]:
-    """What is wrong with a log, for people: a word, and a sentence that names it."""
+    """Problems of a log, for people: a word, and a sentence that names the log."""
     for entry in entries([record]):
         for reason in entry.reasons:
             if entry.result is not None:
                 yield "untrusted", f"{record.log}: {entry.imu}: {reason}"
+            elif reason.startswith(record.log):
+                yield "error", reason
             else:
-                yield (
-                    "error",
-                    reason if reason.startswith(record.log) else f"{record.log}: {reason}",
-                )
+                yield "error", f"{record.log}: {reason}"
 
 
 def github_lines(record: Record) -> list[str]:

@@ -1,4 +1,4 @@
-"""The work on one log, in whatever process: from its files to what is to be written of it."""
+"""The work on one log, in any process: from its files to the content of its results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     Content = str | bytes
     Maker = Callable[[Path, Outcome], Iterable[tuple[Path, Content]]]
-    """Makes the files of one kind beside the results: the path of the first, the outcome."""
+    """From the path of the first file and the outcome to the files of one kind."""
     ExitCode = Callable[[Iterable[ImucalibError], Sequence[Result]], int]
 
 _NAME, _LABEL = 100, 90
@@ -42,7 +42,7 @@ _NAME, _LABEL = 100, 90
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """What a worker hands back: nothing of it is written yet."""
+    """The work of a worker on one log, of which nothing is written yet."""
 
     record: Record
     contents: tuple[tuple[str, Content], ...]
@@ -51,7 +51,7 @@ class Done:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """What is to be done with each log of a batch."""
+    """The work on each log of a batch."""
 
     request: CalibrationRequest
     """Without a log."""
@@ -59,23 +59,23 @@ class Task:
     """As content_key.context_of has it."""
     urdf_sha256: str | None
     exit_code: ExitCode
-    """Of why something could not be given, and of what was."""
+    """From errors and results to an exit code."""
     extras: tuple[tuple[str, Maker], ...] = ()
-    """Files beside the results: what follows the log's name, and what makes them."""
+    """Files beside the results: suffix after the log's name, and maker."""
     keeps_files: bool = True
-    """Whether files are wanted, beside the record."""
+    """Whether to make files beside the record."""
     folder: Path | None = None
-    """Where the command runs, from which its paths count, for workers of other machines."""
+    """Working folder of the command, for workers on other machines."""
     version: str = __version__
 
     @property
     def modules(self) -> set[str]:
-        """What a worker imports to take it over."""
+        """Modules that a worker imports to unpickle the task."""
         functions = (self.exit_code, *(make for _, make in self.extras))
         return {function.__module__ for function in functions}
 
     def __call__(self, log: BatchLog) -> Done:
-        """Calibrate a log; whatever is wrong with it is told in the record."""
+        """Calibrate a log; every error is in the record."""
         begun = time.perf_counter()
         sizes: Sizes = {}
         results: tuple[Result, ...] = ()
@@ -83,11 +83,11 @@ class Task:
         contents: dict[str, Content] = {}
         stamps: list[FileStamp] = []
         try:
-            self._see_worker(log)
-            sizes = _sizes(log)
+            self._check_worker(log)
+            sizes = sizes_of(log)
             outcome = self._outcome(log)
             if not self._has_its_urdf():
-                raise _PassingError(  # noqa: TRY301 - told like all else
+                raise _PassingError(  # noqa: TRY301 - recorded like all errors
                     f"{self.request.urdf} has changed since the batch began, or is another for "
                     "the worker: run the same command again"
                 )
@@ -98,9 +98,13 @@ class Task:
             contents = dict(self._files(log, outcome, errors)) if self.keeps_files else {}
         except Exception as error:  # noqa: BLE001 - one log must not stop the others
             errors.append(_in_our_words(error))
-        is_whole = sizes == _sizes(log) and self._has_its_urdf()
-        is_lasting = not any(map(_is_passing, errors))
-        with suppress(OSError):  # none of a log that cannot be read
+        is_whole = sizes == sizes_of(log) and self._has_its_urdf()
+        # otherwise the next try may succeed: a full disk, a package that is not installed
+        is_lasting = not any(
+            isinstance(error, _PassingError) or isinstance(error.__cause__, (OSError, ImportError))
+            for error in errors
+        )
+        with suppress(OSError):  # the log cannot be read
             stamps = stamps or stamps_of(sizes)
         record = self._record(
             log,
@@ -114,11 +118,11 @@ class Task:
         return Done(record=record, contents=tuple(contents.items()))
 
     def lost(self, log: BatchLog, reason: str) -> Done:
-        """What is told of a log whose worker was lost; it is done again the next time."""
+        """The record of a log whose worker was lost; it is done again the next time."""
         return Done(record=self._record(log, [InputError(reason)]), contents=())
 
     def late(self, log: BatchLog, seconds: float) -> Done:
-        """The same of a log that took longer than it may."""
+        """The record of a log that exceeded its time limit."""
         reason = (
             f"not finished within --timeout {seconds:g} s: run the same command again with more"
         )
@@ -158,7 +162,7 @@ class Task:
     def _files(
         self, log: BatchLog, outcome: Outcome, errors: list[ImucalibError]
     ) -> Iterator[tuple[str, Content]]:
-        """The YAML of each IMU, then what is asked for besides; what cannot be made is an error."""
+        """The YAML of each IMU, then the extra files; a file that cannot be made is an error."""
         yaml = FORMATS["yaml"]
         labels = names_of(outcome.results, PART)
         for label, result in zip(labels, outcome.results, strict=True):
@@ -170,11 +174,8 @@ class Task:
             except ImucalibError as error:
                 errors.append(error)
 
-    def _see_worker(self, log: BatchLog) -> None:
-        """See that this worker does what the command's own process would.
-
-        Raises InputError where it runs another version, or does not see the files.
-        """
+    def _check_worker(self, log: BatchLog) -> None:
+        """Raise InputError if this worker runs another version, or does not see the files."""
         if self.folder is None:
             return
         here = f"the worker on {platform.node()}"
@@ -197,17 +198,12 @@ _SHARED = "logs and URDF must be at the same place for all workers, as on a shar
 
 
 def file_name(log_name: str) -> str:
-    """What the files of a log begin with, from its name."""
+    """Beginning of the names of a log's files."""
     return short(log_name, _NAME).lstrip(".") or "log"
 
 
 class _PassingError(InputError):
-    """What may be otherwise the next time, though the log is the same."""
-
-
-def _is_passing(error: ImucalibError) -> bool:
-    """Whether the next time may be otherwise: a full disk, a package that is not installed."""
-    return isinstance(error, _PassingError) or isinstance(error.__cause__, (OSError, ImportError))
+    """An error that may not occur the next time, though the log is the same."""
 
 
 def _in_our_words(error: Exception) -> ImucalibError:
@@ -221,11 +217,3 @@ def _in_our_words(error: Exception) -> ImucalibError:
     if isinstance(error, OSError):
         return _PassingError(f"cannot be read any more: {error}")
     return _PassingError(f"internal error: {type(error).__name__}: {error}; please report it")
-
-
-def _sizes(log: BatchLog) -> Sizes:
-    """Of what can be read; why the rest cannot is said by who reads it."""
-    try:
-        return sizes_of(log)
-    except OSError:
-        return {}

@@ -36,18 +36,18 @@ class Applied:
     """A URDF with new origins, and how each result was used."""
 
     content: bytes | None
-    """None where no result could be applied."""
+    """None if no result could be applied."""
     changes: tuple[str, ...]
     """The changes, one sentence for each joint."""
     failures: tuple[ImucalibError, ...]
-    """Findings of results left out, whose joints are unchanged."""
+    """Why results were left out; their joints are unchanged."""
     origins: tuple[JointOrigin, ...] = ()
     """The results that were applied."""
     snippets: tuple[str, ...] = ()
     """Joints that were added."""
 
     def made(self, path: Path) -> bool:
-        """Whether an existing URDF differs only in these origins: then an earlier run wrote it."""
+        """Whether a URDF differs only in these origins, so that an earlier run wrote it."""
         try:
             return not self.snippets and _with_origins(read_urdf(path), self.origins) == (
                 self.content
@@ -67,26 +67,25 @@ def apply(
 ) -> Applied:
     """Replace the origin of each result's joint; every other byte stays.
 
-    Of a xacro file, it is the joint as it stands there that is changed.
-
-    Of several results the usable ones are applied; the others are left out and reported.
+    In a xacro file the joint is changed as it is written there. Results that cannot be used are
+    left out and reported.
 
     Args:
         names: As of :func:`.result_files.result_names`.
         urdf: It is not changed.
         imus: Frames or topics of the IMUs to take from the files; empty takes all.
         add: Write the joint and the link of an IMU that the URDF does not have.
-        kinematics: Write the errors of the robot that stand clear of zero, too.
+        kinematics: Also correct errors of the robot that are clearly not zero.
         force: Use untrusted results too.
 
     Raises:
         InputError: A file cannot be used.
-        ChoiceError: An IMU is in no file, two results are for the same joint, or two correct the
-            same joint of the robot otherwise.
+        ChoiceError: An IMU is in no file, two results are for the same joint, or two results
+            correct a joint of the robot differently.
     """
     found, failures = read_result_files(names)
     robot = load_robot(urdf)
-    # of xacro the robot is what it expands to
+    # robot.xml of a xacro file is its expansion, not the file
     written = robot.xml if str(urdf) == "-" else read_urdf(urdf)
     snippets: list[str] = []
     origins: dict[str, JointOrigin] = {}
@@ -100,6 +99,7 @@ def apply(
             used.append(each)
             origin = joint_for(robot, each.parent, each.child, each.pose.R, each.pose.t)
             joint, change = origin.joint, _change(robot, origin)
+            origins[joint] = origin
         except MissingJointError as error:
             if not add or each.child in robot.links:
                 failures.append(error)
@@ -110,8 +110,6 @@ def apply(
         except ImucalibError as error:
             failures.append(error)
             continue
-        else:
-            origins[joint] = origin
         if joint in held:
             raise _two_for_one(joint, held[joint], (file, each))
         held[joint] = (file, each)
@@ -137,7 +135,6 @@ def apply(
 
 
 def _two_for_one(joint: str, *two: tuple[str, Result]) -> ChoiceError:
-    """Which two results are for one joint, and how to choose."""
     files = ", ".join(dict.fromkeys(file for file, _ in two))
     topics = dict.fromkeys(each.imu_topic for _, each in two)
     remedy = f"choose one with --imu, of: {', '.join(topics)}"

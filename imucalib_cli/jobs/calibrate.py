@@ -12,7 +12,7 @@ from imucalib_cli import __version__
 from imucalib_cli.diagnose.diagnose import needs_diagnosis
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
-from imucalib_cli.findings import Finding, Severity
+from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.input.data_sheet import (
     checked,
@@ -22,12 +22,8 @@ from imucalib_cli.jobs.input.data_sheet import (
 )
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import printable, read_recording, recorded_at
-from imucalib_cli.jobs.input.recorded_options import recorded_options
-from imucalib_cli.jobs.known.parents import (
-    find_parents,
-    request_of,
-    with_answer,
-)
+from imucalib_cli.jobs.input.request import recorded_options
+from imucalib_cli.jobs.known.mounts import named_parent, with_carriers
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.logs.select import check_joint_topics
@@ -44,12 +40,10 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.input.reading import Recording
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
-    from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.mount import Nominal
     from imucalib_cli.robot.path import KinematicPath
-    from imucalib_cli.signals.imu.repair import Repaired
     from imucalib_cli.signals.samples import ImuSamples
 
 
@@ -125,40 +119,38 @@ def calibrate_recording(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Alone:
-    """One IMU by itself."""
+    """The estimate of one IMU by itself."""
 
     imu: ImuStream
     request: CalibrationRequest
-    """With what concerns this IMU."""
+    """With the parent and the priors of this IMU."""
     samples: ImuSamples
     motion: Motion
-    repaired: Repaired
+    t: Floats
+    """(N,), s, of the samples that are used."""
     estimate: Estimate
 
 
 def _estimate_one(
     recording: Recording, imu: ImuStream, request: CalibrationRequest, progress: Progress | None
 ) -> _Alone:
-    samples = samples_of(imu, recording.clock)
-    request = request_of(imu, request)
+    samples, sources = samples_of(imu, recording.clock), recording.sources
+    request = replace(request, parent=named_parent(imu, request) or request.parent)
     try:
-        motion = find_motion(recording.sources, recording.robot, imu.frame_id, request)
+        motion = find_motion(sources, imu.frame_id, request)
     except ChoiceError as error:
         if error.option != "--parent":
             raise
-        carriers = find_parents(imu, recording.clock, recording.sources, recording.robot, request)
-        raise with_answer(error, carriers, recording.sources.unread) from error
-    check_joint_topics(recording.joints, _driven(motion.path))
-    check_overlap(samples, motion, recording.clock)
-    tracks = {track.name: track.t for track in motion.path.tracks}
-    missing = tuple(missing_parts({imu.name: samples.t, **tracks}))
-    repaired = request.repaired(samples, motion.path)
-    options = with_priors(request.estimator, request.imu)
-    if isinstance(options, MatchedOptions):
-        options = options.along(motion.path)
-    options = _with_initial(options, motion, request)
-    if isinstance(options, MatchedOptions):
-        options = replace(options, either_sign=request.units.sign == "auto")
+        raise with_carriers(error, imu, sources, request)[0] from error
+    path = motion.path
+    check_joint_topics(
+        recording.joints,
+        {path.tracks[s.track].names[s.column] for s in path.steps if isinstance(s, JointStep)},
+    )
+    check_overlap(samples, motion)
+    missing = missing_parts({imu.name: samples.t, **{track.name: track.t for track in path.tracks}})
+    repaired = request.repaired(samples, path)
+    options = _options(motion, request)
     estimate = _estimate(repaired.samples, repaired.path, options, details=request.details)
     wrong = contradicted(estimate, request.imu)
     if wrong:
@@ -170,51 +162,46 @@ def _estimate_one(
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
     if progress is not None and needs_diagnosis(estimate):
         progress(f"looking for what is wrong with {imu.name}", None)
-    estimate = explain(estimate, repaired, motion, recording, request)
-    found = (*recording.findings, *motion.findings, *missing)
+    estimate = explain(estimate, repaired, motion, recording.imus, request)
+    blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
+    of_log = (*recording.findings, *motion.findings, *missing)
+    before, suspects = (
+        tuple(each for each in some if each.code not in blamed)
+        for some in (of_log, repaired.suspects)
+    )
+    repairs: dict[str, float | str | bool | None] = {
+        "gyro_unit": repaired.gyro_unit,
+        "accel_unit": repaired.accel_unit,
+        "imu_samples_at_fault": repaired.samples_at_fault,
+    }
+    estimate = replace(
+        estimate,
+        findings=(*before, *repaired.findings, *suspects, *estimate.findings),
+        notes={**repairs, **estimate.notes},
+    )
     return _Alone(
         imu=imu,
         request=request,
         samples=samples,
         motion=motion,
-        repaired=repaired,
-        estimate=_with_repairs(estimate, repaired, found),
+        t=repaired.samples.t,
+        estimate=estimate,
     )
 
 
 def _calibrated(recording: Recording, alone: _Alone, estimate: Estimate) -> Calibrated:
-    """The result of an IMU of an estimate that the other IMUs of the log may have had a part in."""
-    motion, request = alone.motion, alone.request
-    if request.require is not None:
-        estimate = require(estimate, motion.mount.parent, request.require)
+    """The result of an IMU, whose estimate may use the other IMUs of the log."""
+    motion, mount = alone.motion, alone.motion.mount
+    if alone.request.require is not None:
+        estimate = require(estimate, mount.parent, alone.request.require)
     result = result_of(
         estimate,
-        parent=motion.mount.parent,
-        child=motion.mount.child,
-        nominal=motion.mount.nominal,
-        provenance=_provenance(recording, alone.imu, motion, alone.repaired.samples.t, request),
+        parent=mount.parent,
+        child=mount.child,
+        nominal=mount.nominal,
+        provenance=_provenance(recording, alone),
     )
     return Calibrated(result=result, estimate=estimate, samples=alone.samples, motion=motion)
-
-
-def _with_repairs(
-    estimate: Estimate, repaired: Repaired, of_the_log: tuple[Finding, ...]
-) -> Estimate:
-    blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
-    of_the_log, suspects = (
-        tuple(each for each in some if each.code not in blamed)
-        for some in (of_the_log, repaired.suspects)
-    )
-    record: dict[str, float | str | bool | None] = {
-        "gyro_unit": repaired.gyro_unit,
-        "accel_unit": repaired.accel_unit,
-        "imu_samples_at_fault": repaired.samples_at_fault,
-    }
-    return replace(
-        estimate,
-        findings=(*of_the_log, *repaired.findings, *suspects, *estimate.findings),
-        notes={**record, **estimate.notes},
-    )
 
 
 def _estimate(
@@ -233,19 +220,19 @@ def _estimate(
     return calibrate_paper(samples, path, options)
 
 
-def _with_initial(
-    options: MatchedOptions | PaperOptions, motion: Motion, request: CalibrationRequest
-) -> MatchedOptions | PaperOptions:
-    """Take the pose that priors refer to, or the published method's guess, from the URDF.
+def _options(motion: Motion, request: CalibrationRequest) -> MatchedOptions | PaperOptions:
+    """The method's options, with what the data sheet, the path and the URDF add to them.
 
     Raises:
-        ChoiceError: It is needed and not known, or it is the pose to be verified.
+        ChoiceError: The URDF's pose is needed and not known, or it is the pose to be verified.
     """
-    nominal = motion.mount.nominal
+    options, nominal = request.estimator, motion.mount.nominal
     if isinstance(options, PaperOptions):
         if options.R_initial is not None or nominal is None:
             return options
         return replace(options, R_initial=nominal.R_parent_imu, t_initial=nominal.t_parent_imu)
+    options = with_priors(options, request.imu).along(motion.path)
+    options = replace(options, either_sign=request.units.sign == "auto")
     prior, unverified = options.pose, request.unverified
     if request.planar:
         height = upright_component(motion.path)
@@ -282,15 +269,15 @@ def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -
     return replace(options, pose=known)
 
 
-def _driven(path: KinematicPath) -> set[str]:
-    return {
-        path.tracks[step.track].names[step.column]
-        for step in path.steps
-        if isinstance(step, JointStep)
-    }
+_OTHER_CLOCK = {
+    "log": "if one clock is wrong, rerun with --clock log to use the times of receipt",
+    "header": "rerun with --clock header to use the stamps of the headers",
+    None: "no other stamps in the log are sound, so record again",
+}
+"""What to do about the clock, by its alternative."""
 
 
-def check_overlap(samples: ImuSamples, motion: Motion, clock: Clock) -> None:
+def check_overlap(samples: ImuSamples, motion: Motion) -> None:
     """Check that the stamps of an IMU and of its motion overlap.
 
     Raises:
@@ -305,42 +292,29 @@ def check_overlap(samples: ImuSamples, motion: Motion, clock: Clock) -> None:
             raise InputError(
                 f"{samples.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
                 f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; "
-                f"{_other_clock(clock)}",
+                f"{_OTHER_CLOCK[motion.sources.clock.alternative]}",
                 topic=samples.topic,
             )
 
 
-def _other_clock(clock: Clock) -> str:
-    match clock.alternative:
-        case "log":
-            return "if one clock is wrong, rerun with --clock log to use the times of receipt"
-        case "header":
-            return "rerun with --clock header to use the stamps of the headers"
-        case _:
-            return "no other stamps in the log are sound, so record again"
-
-
-def _provenance(
-    recording: Recording, imu: ImuStream, motion: Motion, t: Floats, request: CalibrationRequest
-) -> Provenance:
-    """Where a result comes from; t (N,), s of the log, are the IMU's samples that are used."""
-    robot = motion.robot
+def _provenance(recording: Recording, alone: _Alone) -> Provenance:
+    """Where the result of an IMU comes from."""
+    motion, t, robot = alone.motion, alone.t, alone.motion.sources.robot
+    urdf = None if robot is None else SourceFile(path=printable(robot.source), sha256=robot.sha256)
     return Provenance(
         tool="imucalib",
         version=__version__,
         files=list(recording.files.result()),
-        urdf=None
-        if robot is None
-        else SourceFile(path=printable(robot.source), sha256=robot.sha256),
-        topics=Topics(imu=imu.name, motion=list(motion.topics)),
+        urdf=urdf,
+        topics=Topics(imu=alone.imu.name, motion=list(motion.topics)),
         part=UNSET if recording.part is None else list(recording.part),
         world=motion.path.world,
         clock=recording.clock.kind,
-        options=scalars(recorded_options(request)),
+        options=scalars(recorded_options(alone.request)),
         recording=RecordingEntry(
-            start=recorded_at(recording, imu, float(t[0])),
+            start=recorded_at(recording, alone.imu, float(t[0])),
             duration=float(t[-1] - t[0]),
-            imu_samples=len(imu),
+            imu_samples=len(alone.imu),
             imu_rate=1.0 / usual_interval(t),
             motion_samples=sum(len(track.t) for track in motion.path.tracks),
         ),

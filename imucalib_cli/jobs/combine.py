@@ -18,7 +18,7 @@ from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.findings import Severity, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
-from imucalib_cli.jobs.input.recorded_options import recorded_estimator
+from imucalib_cli.jobs.input.request import recorded_estimator
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
@@ -27,7 +27,6 @@ from imucalib_cli.results.statistics_file import StoredLog
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.again import Combined, OwnValues
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
@@ -37,10 +36,10 @@ if TYPE_CHECKING:
 
     Change = Callable[[MatchedOptions], MatchedOptions]
 
-_MENDED_BY_OTHERS: Final = (CODES | judge.OF_ANSWER) - {"prior.contradicted"}
-"""Codes of reasons against one log that do not hold for several."""
-_SAID_ANEW: Final = CODES | judge.OF_ANSWER | {SOLVED_TOGETHER}
-"""Codes of findings that rest on an answer of the run, not on its data."""
+_OF_ONE_LOG: Final = (CODES | judge.OF_ANSWER) - {"prior.contradicted"}
+"""Codes of findings that make one log untrusted, but not several logs together."""
+_OF_ANSWER: Final = CODES | judge.OF_ANSWER | {SOLVED_TOGETHER}
+"""Codes of findings that rest on the answer of the run, not on its data."""
 _SHARED: Final = ("robot", "sensor_model", "pose", "sensor_scale_most", "sensor_axes_most")
 """Options about what logs share."""
 _FEW: Final = 3
@@ -54,13 +53,13 @@ def combine(
     *,
     asked: int = 0,
 ) -> tuple[list[tree.Result], list[ImucalibError]]:
-    """Solve the logs of each IMU together; those of one log again.
+    """Solve the logs of each IMU together; an IMU with one log is solved again.
 
     Args:
         logs: In any order, of one IMU or of several; the same log twice counts once.
         change: From the options of a run to those that are asked for.
         tolerance: Largest sigma to trust.
-        asked: How many logs there were, with those that could not be used.
+        asked: How many logs there were, including those that could not be used.
 
     Returns:
         A result for each IMU, and why others have none: their logs are of different robots, none
@@ -96,10 +95,11 @@ def calibrate_together(
             failures.append(error)
             continue
         failures += outcome.failures
-        for each in outcome.calibrated:
-            if each.estimate.statistics is not None:
-                found = each.estimate.statistics
-                logs.append(StoredLog(name=str(path), result=each.result, statistics=found))
+        logs += [
+            StoredLog(name=str(path), result=each.result, statistics=each.estimate.statistics)
+            for each in outcome.calibrated
+            if each.estimate.statistics is not None
+        ]
     results, unsolved = combine(
         logs, lambda options: options, request.require, asked=len(request.logs)
     )
@@ -115,20 +115,21 @@ def _of_imu(
         once.setdefault(log.result.provenance.log_identity or (log.name,), log)
     logs, left_out = _usable([*once.values()])
     twice = given - len(logs) - len(left_out)
-    _see_one_robot(logs)
+    _require_one_robot(logs)
     options = [_changed(log, change) for log in logs]
-    _see_same_priors(logs, options)
-    combined = None
+    _require_same_priors(logs, options)
+    first, combined, kept = logs[0].result, None, {}
     if len(logs) == 1:
         estimate = _one(logs[0], options[0])
+        # what the windows of the one log said still holds
+        kept = {name: getattr(first.diagnostics, name) for name in ("consistency", "imu_model")}
     else:
         estimate, combined = _several(logs, options, left_out)
-    first = logs[0].result
-    told = [warning("logs.twice", count=twice)] if twice else []
+    found = [warning("logs.twice", count=twice)] if twice else []
     if asked > given:
-        told.append(warning("logs.missing", missing=asked - given, logs=asked, used=len(logs)))
-    told += [warning("logs.left_out", log=each.name, reason=each.reason) for each in left_out]
-    estimate = replace(estimate, findings=(*estimate.findings, *told))
+        found.append(warning("logs.missing", missing=asked - given, logs=asked, used=len(logs)))
+    found += [warning("logs.left_out", log=each.name, reason=each.reason) for each in left_out]
+    estimate = replace(estimate, findings=(*estimate.findings, *found))
     if tolerance is not None:
         estimate = require(estimate, first.parent, tolerance)
     result = result_of(
@@ -138,22 +139,19 @@ def _of_imu(
         nominal=first.nominal,
         provenance=_provenance(logs, options[0]),
     )
-    kept = {}
-    if combined is None:  # what the windows of the one log said still holds
-        kept = {name: getattr(first.diagnostics, name) for name in ("consistency", "imu_model")}
     return structs.replace(
         result, diagnostics=structs.replace(result.diagnostics, combined=combined, **kept)
     )
 
 
 def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftOut]]:
-    """Logs that nothing contradicts; what their motion did not determine others may tell."""
+    """Logs that nothing contradicts; other logs may determine what their motion did not."""
     usable, left_out = [], []
     for log in logs:
         wrong = [
             each.message
             for each in log.result.diagnostics.findings
-            if each.severity == "untrusted" and each.code not in _MENDED_BY_OTHERS
+            if each.severity == "untrusted" and each.code not in _OF_ONE_LOG
         ]
         if wrong and len(logs) > 1:
             left_out.append(tree.LeftOut(log.name, wrong[0]))
@@ -167,9 +165,10 @@ def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftO
     return usable, left_out
 
 
-def _see_one_robot(logs: Sequence[StoredLog]) -> None:
-    """Raise ChoiceError where errors of the robot are of two robots."""
-    robots = [None if (u := log.result.provenance.urdf) is None else u.identity for log in logs]
+def _require_one_robot(logs: Sequence[StoredLog]) -> None:
+    """Raise ChoiceError if errors of the robot are about different URDFs."""
+    urdfs = [log.result.provenance.urdf for log in logs]
+    robots = [None if urdf is None else urdf.identity for urdf in urdfs]
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
             raise ChoiceError(
@@ -178,27 +177,20 @@ def _see_one_robot(logs: Sequence[StoredLog]) -> None:
             )
 
 
-def _see_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOptions]) -> None:
-    """Raise ChoiceError where what logs share is not stated alike."""
-    stated = [
-        {
-            name: value
-            for name, value in recorded_estimator(each).items()
-            if name.partition(".")[0] in _SHARED
-        }
-        for each in options
-    ]
-    for log, each in zip(logs, stated, strict=True):
-        differ = [name for name, value in each.items() if stated[0].get(name) != value]
-        if differ:
-            raise ChoiceError(
-                f"{logs[0].name} and {log.name} were run with other values of {differ[0]}: what "
-                "they share has one prior, so state it here, or run both alike"
-            )
+def _require_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOptions]) -> None:
+    """Raise ChoiceError if the priors of what logs share differ."""
+    first = recorded_estimator(options[0])
+    for log, each in zip(logs, options, strict=True):
+        for name, value in recorded_estimator(each).items():
+            if name.partition(".")[0] in _SHARED and first.get(name) != value:
+                raise ChoiceError(
+                    f"{logs[0].name} and {log.name} were run with other values of {name}: what "
+                    "they share has one prior, so state it here, or run both alike"
+                )
 
 
 def _changed(log: StoredLog, change: Change) -> MatchedOptions:
-    """Options of a run as they are asked for now; ChoiceError where its statistics know no such."""
+    """The options that are asked for now; ChoiceError if the statistics do not allow them."""
     before = log.statistics.options
     options = change(before)
     if options.has_gravity != before.has_gravity:
@@ -224,32 +216,40 @@ def _changed(log: StoredLog, change: Change) -> MatchedOptions:
 
 
 def _one(log: StoredLog, options: MatchedOptions) -> Estimate:
-    """One log again: what its data said still holds, what its unknowns said is said anew."""
-    statistics, said = log.statistics, log.result.diagnostics
+    """Solve one log again: findings on its data stay, those on its unknowns are made anew."""
+    statistics, before = log.statistics, log.result.diagnostics
     answer, found = solve_again(statistics, options)
-    of_data = [finding_of(each) for each in said.findings if each.code not in _SAID_ANEW]
+    of_data = [finding_of(each) for each in before.findings if each.code not in _OF_ANSWER]
     findings = sorted([*of_data, *found], key=lambda each: each.severity is not Severity.UNTRUSTED)
     return estimate_of(
         answer,
         statistics,
-        window=_window(said.window),
-        residuals=_residuals([said]),
+        window=Window(**structs.asdict(before.window)),
+        residuals=_residuals([before]),
         findings=tuple(findings),
-        notes=dict(said.notes),
+        notes=dict(before.notes),
     )
 
 
 def _several(
     logs: Sequence[StoredLog], options: Sequence[MatchedOptions], left_out: list[tree.LeftOut]
 ) -> tuple[Estimate, tree.CombinedEntry]:
+    """Solve several logs; what each log has of its own is given as the mean over logs."""
     found = combine_logs([log.statistics for log in logs], options)
-    said = [log.result.diagnostics for log in logs]
+    before = [log.result.diagnostics for log in logs]
+    longest = max(before, key=lambda each: each.windows_used)
     values = [_own_values(log, own) for log, own in zip(logs, found.own, strict=True)]
-    longest = max(said, key=lambda each: each.windows_used)
+    means = {name: np.mean([own[name] for own in values], axis=0) for name in values[0]}
+    stds: dict[str, Any] = {}
+    for name in ("time_offset", "accel_bias", "gyro_bias"):
+        own_stds = [getattr(log.result, name).std for log in logs]
+        known = [np.square(np.atleast_1d(std)) for std in own_stds if std is not None]
+        between = np.array([own[name] for own in values]).var(axis=0, ddof=1)
+        stds[name] = np.sqrt(between + np.mean(known, axis=0)) if known else None
     estimate = estimate_of(
         found.answer,
-        window=_window(longest.window),
-        residuals=_residuals(said),
+        window=Window(**structs.asdict(longest.window)),
+        residuals=_residuals(before),
         findings=(
             *_contradicted(logs, options),
             *_findings(logs, found),
@@ -257,14 +257,38 @@ def _several(
         ),
         notes={"logs": len(logs)},
     )
-    entry = _entry(logs, found, values, left_out)
-    return _with_means(estimate, logs, values), entry
+    estimate = replace(
+        estimate,
+        time_offset=float(means["time_offset"][0]),
+        time_offset_std=None if stds["time_offset"] is None else float(stds["time_offset"][0]),
+        accel_bias=means["accel_bias"],
+        accel_bias_std=stds["accel_bias"],
+        gyro_bias=means["gyro_bias"],
+        gyro_bias_std=stds["gyro_bias"],
+        gravity_world=means["gravity_world"],
+    )
+    return estimate, _entry(logs, found, values, left_out)
+
+
+def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Any]:
+    """Biases (3,), gravity (3,) and time offset (1,) of one log."""
+    layout, state = log.statistics.equations.layout, own.state
+    values: dict[str, Any] = {
+        "time_offset": np.array([state.held_offset]),
+        "accel_bias": np.zeros(3),
+        "gyro_bias": np.zeros(3),
+    }
+    for name in values:
+        part = layout.part(name)
+        if part != slice(0, 0):
+            values[name] = state.x[part]
+    return {**values, "gravity_world": state.gravity}
 
 
 def _contradicted(
     logs: Sequence[StoredLog], options: Sequence[MatchedOptions]
 ) -> Iterable[Finding]:
-    """What is stated now and was not in the runs, and the first log that contradicts it."""
+    """A prior that is stated now and was not in the runs, if a log contradicts it."""
     for log, asked in zip(logs, options, strict=True):
         if recorded_estimator(asked) != recorded_estimator(log.statistics.options):
             _, found = solve_again(log.statistics, asked)
@@ -274,33 +298,10 @@ def _contradicted(
                 return
 
 
-def _with_means(
-    estimate: Estimate, logs: Sequence[StoredLog], values: Sequence[dict[str, Floats]]
-) -> Estimate:
-    """What each log has of its own, as the mean and how far one log's is from it."""
-    means: dict[str, Any] = {}
-    for name in ("time_offset", "accel_bias", "gyro_bias"):
-        each = np.array([own[name] for own in values])
-        stds = [getattr(log.result, name).std for log in logs]
-        known = [np.square(np.atleast_1d(std)) for std in stds if std is not None]
-        means[name] = each.mean(axis=0)
-        means[f"{name}_std"] = (
-            np.sqrt(each.var(axis=0, ddof=1) + np.mean(known, axis=0)) if known else None
-        )
-    offset, std = means.pop("time_offset"), means.pop("time_offset_std")
-    return replace(
-        estimate,
-        time_offset=float(offset[0]),
-        time_offset_std=None if std is None else float(std[0]),
-        gravity_world=np.mean([own["gravity_world"] for own in values], axis=0),
-        **means,
-    )
-
-
 def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
     sigma = np.sqrt(np.diag(found.answer.pose_covariance))
     for log, own in zip(logs, found.own, strict=True):
-        # Equations are straight lines: what a turn leaves out is half of its square.
+        # Equations are linear: half the square of a turn is what they neglect.
         bent = own.turned**2 / 2.0 > sigma[3:].max()
         if bent and log.result.diagnostics.unobservable:
             yield untrusted("logs.far", log=log.name, rotation=own.turned)
@@ -313,7 +314,8 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
                 rotation=own.apart[1],
                 sigmas=own.sigmas,
             )
-    yield from _apart(logs, found)
+    if not any(own.disagrees for own in found.own):
+        yield from _apart(logs, found)
     if len(logs) < _FEW:
         yield warning(
             "logs.few",
@@ -324,9 +326,7 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
 
 
 def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
-    """Logs of which more than one is elsewhere: a scatter that no mount that sits fast has."""
-    if any(own.disagrees for own in found.own):
-        return
+    """The log that is farthest from the others, if that is more than a firm mount allows."""
     far = 0.0
     for log, own in zip(logs, found.own, strict=True):
         covariance = log.result.uncertain_pose.covariance
@@ -341,23 +341,9 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
         yield untrusted("logs.apart", translation=worst[0], rotation=worst[1])
 
 
-def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Floats]:
-    layout, state = log.statistics.equations.layout, own.state
-    values = {"gravity_world": state.gravity}
-    for name, size in (("accel_bias", 3), ("gyro_bias", 3), ("time_offset", 1)):
-        part = layout.part(name)
-        values[name] = state.x[part] if part != slice(0, 0) else np.zeros(size)
-    if layout.part("time_offset") == slice(0, 0):
-        values["time_offset"] = np.array([state.held_offset])
-    return values
-
-
-def _window(entry: tree.WindowEntry) -> Window:
-    return Window(samples=entry.samples, seconds=entry.seconds, reason=entry.reason)
-
-
-def _residuals(said: Sequence[tree.Diagnostics]) -> Residuals:
-    used = np.array([each.windows_used for each in said], dtype=np.float64)
+def _residuals(logs: Sequence[tree.Diagnostics]) -> Residuals:
+    """Residuals of all logs: root mean squares over their windows, and sums."""
+    used = np.array([each.windows_used for each in logs], dtype=np.float64)
 
     def pooled(parts: Sequence[Any]) -> Any:
         if any(part is None for part in parts):
@@ -365,23 +351,23 @@ def _residuals(said: Sequence[tree.Diagnostics]) -> Residuals:
         squares = np.square(np.array(parts, dtype=np.float64))
         return np.sqrt(used @ squares / max(used.sum(), 1.0))
 
-    normalised = [each.residual_normalised for each in said]
+    normalised = [each.residual_normalised for each in logs]
     return Residuals(
-        accel_rms=pooled([each.residual_rms.accel for each in said]),
-        gyro_rms=pooled([each.residual_rms.gyro for each in said]),
-        accel_normalised=pooled([None if n is None else n.accel for n in normalised]),
-        gyro_normalised=pooled([None if n is None else n.gyro for n in normalised]),
+        accel_rms=pooled([each.residual_rms.accel for each in logs]),
+        gyro_rms=pooled([each.residual_rms.gyro for each in logs]),
+        accel_normalised=pooled([n and n.accel for n in normalised]),
+        gyro_normalised=pooled([n and n.gyro for n in normalised]),
         windows_used=int(used.sum()),
-        windows_dropped=sum(each.windows_dropped for each in said),
-        samples_replaced=sum(each.samples_replaced for each in said),
-        gaps=sum(each.gaps for each in said),
+        windows_dropped=sum(each.windows_dropped for each in logs),
+        samples_replaced=sum(each.samples_replaced for each in logs),
+        gaps=sum(each.gaps for each in logs),
     )
 
 
 def _entry(
     logs: Sequence[StoredLog],
     found: Combined,
-    values: Sequence[dict[str, Floats]],
+    values: Sequence[dict[str, Any]],
     left_out: list[tree.LeftOut],
 ) -> tree.CombinedEntry:
     translation, rotation = found.scatter[0] * 1e3, np.degrees(found.scatter[1])
@@ -413,33 +399,28 @@ def _entry(
 
 
 def _provenance(logs: Sequence[StoredLog], options: MatchedOptions) -> tree.Provenance:
-    """Of all logs; options as they are asked for now."""
+    """Of all logs, with the options that are asked for now."""
     sources = [log.result.provenance for log in logs]
     first = sources[0]
     motion = dict.fromkeys(topic for source in sources for topic in source.topics.motion)
-    clocks = dict.fromkeys(source.clock for source in sources)
+    recordings = [source.recording for source in sources if source.recording is not None]
+    starts = [each.start for each in recordings if each.start is not None]
+    recording = None
+    if len(recordings) == len(sources):
+        recording = tree.RecordingEntry(
+            start=min(starts) if len(starts) == len(sources) else None,
+            duration=sum(each.duration for each in recordings),
+            imu_samples=sum(each.imu_samples for each in recordings),
+            imu_rate=recordings[0].imu_rate,
+            motion_samples=sum(each.motion_samples for each in recordings),
+        )
     return structs.replace(
         first,
         version=__version__,
         files=[file for source in sources for file in source.files],
         topics=tree.Topics(imu=first.topics.imu, motion=list(motion)),
-        clock=", ".join(clocks),
+        clock=", ".join(dict.fromkeys(source.clock for source in sources)),
         options={**first.options, **scalars(recorded_estimator(options))},
-        recording=_recording([source.recording for source in sources]),
+        recording=recording,
         part=first.part if len(logs) == 1 else UNSET,
-    )
-
-
-def _recording(each: Sequence[tree.RecordingEntry | None]) -> tree.RecordingEntry | None:
-    """Of all logs: since the first began, and as much as all of them together hold."""
-    known = [entry for entry in each if entry is not None]
-    if len(known) < len(each):
-        return None
-    starts = [entry.start for entry in known if entry.start is not None]
-    return tree.RecordingEntry(
-        start=min(starts) if len(starts) == len(known) else None,
-        duration=sum(entry.duration for entry in known),
-        imu_samples=sum(entry.imu_samples for entry in known),
-        imu_rate=known[0].imu_rate,
-        motion_samples=sum(entry.motion_samples for entry in known),
     )

@@ -37,9 +37,15 @@ def compare_files(
 ) -> tuple[KalibrAnswer, tuple[Block, ...]]:
     """Compare one result with Kalibr's.
 
-    Of the files one may be ``-``, which reads standard input. Without the camera's optical frame in
-    the URDF, ``camera_link``, it is the only one whose name says so. Of several IMUs ``imu`` is the
-    frame or topic of one.
+    Args:
+        result: A result of this tool; one file may be ``-`` for standard input.
+        kalibr: A result of Kalibr.
+        urdf: Has the IMU and the camera.
+        camera: Name of the camera in Kalibr's result.
+        camera_link: The camera's optical frame in the URDF; by default the only frame with such a
+            name.
+        imu: Frame or topic of the IMU, if the result has several.
+        truth: File with the true pose, if it is known.
 
     Returns:
         The answer, and its text form of a dozen lines.

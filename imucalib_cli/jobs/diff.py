@@ -55,12 +55,11 @@ def diff_results(
         except ImucalibError as error:
             failures.append(error)
             continue
-        for a, b in pairs:
+        for pair in pairs:
             try:
-                if a is None or b is None:
-                    raise _without_partner(a, b, names)
-                sides = (names[0], a), (names[1], b)
-                answers.append(diff(*sides, _in_the_same_frames(a, b, names, robot), within))
+                a, b = _both(pair, names)
+                poses = _in_the_same_frames(a, b, names, robot)
+                answers.append(diff((names[0], a), (names[1], b), poses, within))
             except ImucalibError as error:
                 failures.append(error)
     return answers, failures
@@ -89,11 +88,14 @@ def _pairs(first: list[Result], second: list[Result]) -> list[Pair]:
     return found + [(None, result) for result in left]
 
 
-def _without_partner(a: Result | None, b: Result | None, names: tuple[str, str]) -> ChoiceError:
+def _both(pair: Pair, names: tuple[str, str]) -> tuple[Result, Result]:
+    """Both results of a pair; ChoiceError if one of them is missing."""
+    a, b = pair
+    if a is not None and b is not None:
+        return a, b
     here, there = names if b is None else names[::-1]
-    result = a or b
-    imu = "" if result is None else f"{result.child} ({result.imu_topic})"
-    return ChoiceError(
+    imu = "".join(f"{each.child} ({each.imu_topic})" for each in pair if each is not None)
+    raise ChoiceError(
         f"{here} has a result of {imu}, {there} has none to go with it: compare results of the "
         "same IMUs"
     )

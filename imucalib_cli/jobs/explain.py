@@ -13,7 +13,7 @@ from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Severity, untrusted
 from imucalib_cli.jobs.input.motion import other_frames
-from imucalib_cli.jobs.known.base import possible_bases
+from imucalib_cli.jobs.known.mounts import possible_bases
 from imucalib_cli.robot.build import base_imu_path
 from imucalib_cli.signals.samples import ImuSamples
 
@@ -23,28 +23,39 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.motion import Motion
-    from imucalib_cli.jobs.input.reading import Recording
     from imucalib_cli.jobs.input.request import CalibrationRequest
+    from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.robot.build import BaseImu
-    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.imu.repair import Repaired
 
 _SAMPLES: Final = frozenset({"imu.slow", "imu.spikes"})
-"""Findings on samples that tell too little: the likely cause of a poor fit that has no other."""
+"""Findings on poor samples: the likely cause of a poor fit that has no other."""
 
 
 def explain(
     estimate: Estimate,
     repaired: Repaired,
     motion: Motion,
-    recording: Recording,
+    imus: tuple[ImuStream, ...],
     request: CalibrationRequest,
 ) -> Estimate:
-    """Put the cause of a poor fit first, if one cause explains it; a good fit returns at once."""
-    options = request.estimator
+    """Put the cause of a poor fit first, if one cause explains it; a good fit returns at once.
+
+    Args:
+        estimate: The fit.
+        repaired: What it was made from.
+        motion: What moves the IMU.
+        imus: All IMUs that are calibrated.
+        request: With the options of the fit.
+    """
+    options, robot = request.estimator, motion.sources.whole_robot
     if not isinstance(options, MatchedOptions):
         return explained(estimate, repaired.contradicted)
-    frames, path_to = other_frames(recording.sources, motion.robot, request)
+    topic = repaired.samples.topic
+    own = tuple(imu for imu in imus if imu.topic == topic)
+    others = tuple(imu for imu in imus if imu.topic != topic)
+    frames, path_to = other_frames(motion.sources, request)
     poor = PoorFit(
         samples=repaired.samples,
         path=repaired.path,
@@ -52,16 +63,16 @@ def explain(
         estimate=estimate,
         frames=frames,
         path_to=lambda frame: _stamped_as(path_to(frame), repaired.path),
-        joints=() if motion.robot is None else tuple(j.name for j in motion.robot.joints),
-        against=lambda: _against(repaired, motion, recording, request),
+        joints=() if robot is None else tuple(joint.name for joint in robot.joints),
+        against=lambda: _against(others, repaired.path, motion, request),
     )
     # A wrong unit explains everything else; any other better fit is chance.
     causes = repaired.contradicted or diagnose(poor)
     if needs_diagnosis(estimate):
         causes = (
             causes
-            or _base_elsewhere(repaired, motion, recording, request)
-            or _suspected(estimate, repaired, motion, recording.sources.unread)
+            or _base_elsewhere(own, repaired.path, motion, request, options)
+            or _suspected(estimate, repaired, motion)
         )
     estimate = explained(estimate, causes)
     nominal = motion.mount.nominal
@@ -73,55 +84,56 @@ def explain(
     return replace(estimate, findings=(inverted, *estimate.findings))
 
 
-def _suspected(
-    estimate: Estimate, repaired: Repaired, motion: Motion, unread: tuple[str, ...]
-) -> tuple[Finding, ...]:
-    """What was found before the fit about the sensors, else about the chain, else left unread."""
+def _suspected(estimate: Estimate, repaired: Repaired, motion: Motion) -> tuple[Finding, ...]:
+    """Earlier findings about the sensors, else about the chain, else about unread poses."""
     samples = (each for each in estimate.findings if each.code in _SAMPLES)
     guessed = (each for each in motion.findings if each.code == "robot.chain_missing")
     suspects = (*repaired.suspects, *samples) or tuple(guessed)
+    unread = motion.sources.unread
     if not suspects and unread:
         return (untrusted("cause.pose_unread", topics=unread, first=unread[0]),)
     return tuple(replace(each, severity=Severity.UNTRUSTED) for each in suspects)
 
 
 def _against(
-    repaired: Repaired, motion: Motion, recording: Recording, request: CalibrationRequest
+    others: tuple[ImuStream, ...], used: KinematicPath, motion: Motion, request: CalibrationRequest
 ) -> Iterator[KinematicPath]:
-    """How the parent moves against each other IMU, unless one tells the base's motion already."""
-    sources, robot = recording.sources, motion.robot
+    """The parent's motion against each other IMU, unless a base IMU is used already."""
+    sources, robot = motion.sources, motion.sources.whole_robot
     if sources.base is not None or robot is None:
         return
-    others = tuple(imu for imu in recording.imus if imu.topic != repaired.samples.topic)
-    for base in possible_bases(others, recording.clock, robot, request):
+    for base in possible_bases(others, sources, request):
         try:
             path = base_imu_path(base, motion.mount.parent, robot=robot, tracks=sources.joints)
         except ImucalibError:
             continue
-        yield _stamped_as(path, repaired.path)
+        yield _stamped_as(path, used)
 
 
 def _base_elsewhere(
-    repaired: Repaired, motion: Motion, recording: Recording, request: CalibrationRequest
+    own: tuple[ImuStream, ...],
+    used: KinematicPath,
+    motion: Motion,
+    request: CalibrationRequest,
+    options: MatchedOptions,
 ) -> tuple[Finding, ...]:
-    """Name the link that carries the base IMU, if another moves as it does.
+    """Name the link that carries the base IMU, if another link moves as it does.
 
-    It is looked for as that of any IMU: against this one, whose place in the URDF is then trusted.
+    The link is searched as for any IMU: against this IMU, whose place in the URDF is then trusted.
     """
-    sources, robot, path = recording.sources, motion.robot, repaired.path
-    base, options = sources.base, request.estimator
-    if base is None or robot is None or not isinstance(options, MatchedOptions):
+    sources = motion.sources
+    base, robot, joints = sources.base, sources.whole_robot, sources.joints
+    if base is None or robot is None:
         return ()
-    track, joints = base.track, sources.joints
-    here = tuple(imu for imu in recording.imus if imu.topic == repaired.samples.topic)
+    track = base.track
     samples = ImuSamples(t=track.t, gyro=track.values[:, :3], accel=track.values[:, 3:])
-    for told in possible_bases(here, recording.clock, robot, request):
+    for trusted in possible_bases(own, sources, request):
 
-        def path_to(link: str, told: BaseImu = told) -> KinematicPath:
-            found = base_imu_path(told, link, robot=robot, tracks=joints)
-            return _stamped_as(found, path)
+        def path_to(link: str, trusted: BaseImu = trusted) -> KinematicPath:
+            found = base_imu_path(trusted, link, robot=robot, tracks=joints)
+            return _stamped_as(found, used)
 
-        found = find_carriers(lambda _: samples, options.along(path), robot.links, path_to).links
+        found = find_carriers(lambda _: samples, options.along(used), robot.links, path_to).links
         links = {link for each in found for link in (each.frame, *each.joined, *each.resting)}
         if links and base.link not in links:
             names = [str(each) for each in found]
@@ -132,9 +144,6 @@ def _base_elsewhere(
 def _stamped_as(path: KinematicPath, repaired: KinematicPath) -> KinematicPath:
     """The same path with the repaired stamps, for tracks that lost no rows in the repair."""
     known = {track.name: track for track in repaired.tracks}
-
-    def restamped(track: Track) -> Track:
-        other = known.get(track.name, track)
-        return other if len(other.t) == len(track.t) else track
-
-    return replace(path, tracks=tuple(restamped(track) for track in path.tracks))
+    tracks = ((track, known.get(track.name, track)) for track in path.tracks)
+    kept = (other if len(other.t) == len(track.t) else track for track, other in tracks)
+    return replace(path, tracks=tuple(kept))

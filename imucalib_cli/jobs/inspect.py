@@ -2,49 +2,249 @@
 
 from __future__ import annotations
 
-import shlex
-from dataclasses import dataclass, replace
+import json
+from dataclasses import asdict, dataclass, replace
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
-from imucalib_cli.jobs.input.halves import joined
 from imucalib_cli.jobs.input.motion import find_motion
-from imucalib_cli.jobs.input.reading import (
-    gather_sources,
-    moving_streams,
-    open_requested,
-    robot_and_names,
-)
-from imucalib_cli.jobs.inspection import (
-    Health,
-    ImuFinding,
-    Inspection,
-    JointFinding,
-    PoseFinding,
-)
-from imucalib_cli.jobs.known.base import with_base_imu
-from imucalib_cli.jobs.known.parents import find_parents, with_answer
-from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.jobs.input.reading import on_one_clock, open_requested, telling
+from imucalib_cli.jobs.known.mounts import with_base_imu, with_carriers
+from imucalib_cli.jobs.known.robot import Named, named_log
+from imucalib_cli.layout import Table
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
+from imucalib_cli.results.codec import to_document
+from imucalib_cli.results.from_estimate import finding_entry
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
 from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Iterable, Iterator, Sequence
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.motion import Sources
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
+    from imucalib_cli.layout import Block
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
+    from imucalib_cli.logs.messages.table import Kind
+    from imucalib_cli.logs.reader import Topic
     from imucalib_cli.logs.select import Selection
-    from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
-    from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.logs.streams import ImuStream, Stream
+    from imucalib_cli.signals.imu.stream_health import StampHealth
+    from imucalib_cli.signals.imu.units import UnitGuess
+
+_FRAME = "FRAME by the link or frame that carries the IMU"
+_BODY = "BODY by a name for what the poses are of"
+_BASE = "IMU by the topic of the one on the body that the others are calibrated against"
+_URDF = "ROBOT.urdf by your robot's"
+"""What the user must put into a command."""
+
+
+_MS = 1e3
+_READ_AS: dict[Kind, str] = {"imu": "IMU", "joints": "joints", "pose": "poses", "text": "text"}
+_TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
+_HEALTH = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "bunched", "back", "zero")
+"""Heads of the two tables."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Health:
+    """Stamps of one topic, or of one stream of it."""
+
+    name: str
+    """Topic, and frames or joints where it holds several streams."""
+    header: StampHealth
+    """Of the header stamps, or of the counter that stands in for them."""
+    log: StampHealth
+    counter: str | None = None
+    """Topic whose messages have a counter of ms in place of a header stamp."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuFinding:
+    """One IMU: its values, and the link that carries it."""
+
+    topic: str
+    frame_id: str
+    units: UnitGuess
+    parent: str | None = None
+    """Frame that a run would take as its parent."""
+    world: str | None = None
+    motion: tuple[str, ...] = ()
+    """Topics of the parent's motion."""
+    problem: str | None = None
+    """Why it cannot be calibrated with these options."""
+    needs_choice: bool = False
+    """Whether an option solves the problem."""
+    solved_by: str | None = None
+    """That option, if there is only one, such as ``--parent``."""
+    moves_like: tuple[str, ...] = ()
+    """If the parent is not known: links that move as the IMU does."""
+    still: bool = False
+    """If the parent is not known: whether the IMU stands still while the robot moves."""
+    base_imu: str | None = None
+    """The IMU that measures how the base moves; perhaps this one."""
+    parent_unnamed: bool = False
+    """Whether the parent's poses name no frame, so that their topic names it."""
+
+    @property
+    def floats(self) -> bool:
+        """Whether its accelerometer shows no gravity."""
+        return self.units.accel_unit == "m/s², no gravity"
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointFinding:
+    """Joints of one publisher."""
+
+    topic: str
+    names: tuple[str, ...]
+    missing: tuple[str, ...] | None
+    """Joints that are not in the URDF; None without a URDF."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseFinding:
+    """One edge of the frames' tree."""
+
+    topic: str
+    parent: str
+    child: str
+    is_static: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspection:
+    """Everything known about a recording without calibrating."""
+
+    files: tuple[str, ...]
+    topics: tuple[Topic, ...]
+    health: tuple[Health, ...]
+    clock: str
+    imus: tuple[ImuFinding, ...]
+    joints: tuple[JointFinding, ...]
+    poses: tuple[PoseFinding, ...]
+    urdf: str | None
+    findings: tuple[Finding, ...]
+    command: str | None
+    """To run next; None if no command would work."""
+    placeholders: str
+    """Placeholders in the commands that the user must replace."""
+    more_commands: tuple[str, ...] = ()
+    """Commands for further IMUs."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in words."""
+        return tuple(finding.message for finding in self.findings)
+
+    def as_json(self) -> str:
+        """Everything, as JSON-ready data."""
+        imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
+        content = asdict(replace(self, findings=(), imus=imus))
+        for topic, entry in zip(self.topics, content["topics"], strict=True):
+            del entry["definition"]
+            entry["columns"] = topic.columns and str(topic.columns)
+            entry["read_as"] = tuple(topic.kinds)
+        content |= {"findings": _entries(self.findings), "warnings": self.warnings}
+        for imu, entry in zip(self.imus, content["imus"], strict=True):
+            units = imu.units
+            entry["units"] |= {"findings": _entries(units.findings), "warnings": units.warnings}
+        return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def blocks(self) -> Iterator[Block]:
+        """Everything, as lines and tables for people."""
+        yield f"log       {', '.join(self.files)}"
+        if self.urdf is not None:
+            yield f"urdf      {self.urdf}"
+        yield ""
+        yield Table(_TOPIC, tuple(map(_topic_row, self.topics)), frozenset(_TOPIC[3:]))
+        if self.health:
+            yield ""
+            yield f"stamps    {self._stamps()} would be used"
+            kind = "log" if self.clock == "log" else "header"
+            health = tuple(_health_row(each, kind) for each in self.health)
+            yield Table(_HEALTH, health, frozenset(_HEALTH[1:]))
+        yield ""
+        yield from self._imu_lines()
+        yield from self._motion_lines()
+        yield from (f"{each.severity.value:<10}{each.message}" for each in self.findings)
+        yield ""
+        if self.command is None:
+            yield "There is nothing to run on this log; see above."
+        else:
+            replace = f" (replace {self.placeholders})" if self.placeholders else ""
+            yield f"Run{replace}:"
+            yield f"    {self.command}"
+            yield from (f"    {command}" for command in self.more_commands)
+
+    def _stamps(self) -> str:
+        """The stamps that a run takes, of messages without a header too."""
+        counters = dict.fromkeys(each.counter for each in self.health if each.counter)
+        if self.clock == "log" or not counters:
+            return f"{self.clock} stamps"
+        of = f"the counter tick, ms, of {', '.join(counters)}"
+        only = all(each.counter for each in self.health)
+        return f"{of}, which has no header stamp," if only else f"header stamps, and {of},"
+
+    def _imu_lines(self) -> Iterator[str]:
+        if not self.imus:
+            yield "imu       none: no sensor_msgs/Imu with messages"
+        for imu in self.imus:
+            units = imu.units
+            yield (
+                f"imu       {imu.topic}, frame '{imu.frame_id}': accel at rest "
+                f"{units.accel_at_rest:.4g} ({units.accel_unit}), gyro up to "
+                f"{units.gyro_largest:.3g} ({units.gyro_unit})"
+            )
+            moved = f"moved in {imu.world} by {', '.join(imu.motion)}"
+            if imu.base_imu == imu.topic:
+                moved = "tells how it moves"
+            yield f"          {imu.problem or f'carried by {imu.parent}, {moved}'}"
+
+    def _motion_lines(self) -> Iterator[str]:
+        for joint in self.joints:
+            yield f"joints    {joint.topic}: {', '.join(joint.names)}"
+            if joint.missing:
+                yield f"          not in the URDF: {', '.join(joint.missing)}"
+        for pose in self.poses:
+            static = " (static)" if pose.is_static else ""
+            child = pose.child or "(no child frame)"
+            yield f"pose      {pose.topic}: {child} in {pose.parent}{static}"
+
+
+def _entries(findings: Iterable[Finding]) -> list[object]:
+    return [to_document(finding_entry(finding)) for finding in findings]
+
+
+def _topic_row(topic: Topic) -> tuple[str, ...]:
+    seconds = (topic.end_ns - topic.start_ns) * 1e-9
+    rate = f"{(topic.count - 1) / seconds:.1f}" if topic.count > 1 and seconds > 0 else "-"
+    read_as = ", ".join(_READ_AS[kind] for kind in topic.kinds) or "-"
+    kind = topic.type or topic.encoding
+    return topic.name, kind, read_as, str(topic.count), f"{seconds:.1f}", rate
+
+
+def _health_row(each: Health, kind: str) -> tuple[str, ...]:
+    health = each.log if kind == "log" else each.header
+    return (
+        each.name,
+        f"{health.rate_hz:.1f}",
+        f"{health.jitter * _MS:.2f}",
+        str(health.gaps),
+        f"{health.longest_gap:.3f}",
+        str(health.duplicates),
+        str(health.bursts),
+        str(health.backwards),
+        str(health.zeros),
+    )
 
 
 def inspect(request: CalibrationRequest, progress: Progress | None = None) -> Inspection:
@@ -54,33 +254,27 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
         InputError: A file cannot be read. A log that cannot be calibrated is no error.
         ChoiceError: The part holds nothing.
     """
-    urdf, part = request.urdf, request.part
     log = open_requested(request, progress)
-    names = {
-        topic.name for kind in ("imu", "joints", "pose") for topic in candidates(log.topics, kind)
-    }
-    names |= {topic.name for topic in descriptions(log.topics) if urdf is None}
-    data = log.read(names, None if progress is None else lambda share: progress("reading", share))
+    topics = [each for kind in ("imu", "joints", "pose") for each in candidates(log.topics, kind)]
+    topics += descriptions(log.topics) if request.urdf is None else ()
+    data = log.read({topic.name for topic in topics}, telling(progress, "reading"))
     robots = _robots(data, request)
     chosen, request, problem = _chosen(log, request)
-    clock, imus, told = _seen(robots, chosen, request, problem)
+    clock, imus, found = _imus(robots, chosen, request, problem)
     if _lacks_carrier(imus) and chosen is not None and len(chosen.unread) == 1:
         # perhaps the pose of the base
         with_pose = replace(request, pose_topics=chosen.unread)
         with_base = select_topics(log.topics, pose_topics=chosen.unread)
-        other = _seen(robots, with_base, with_pose, problem)
+        other = _imus(robots, with_base, with_pose, problem)
         if not _lacks_carrier(other[1]):
-            (clock, imus, told), request = other, with_pose
-    hints = [
-        *data.findings,
-        *log.undefined,
-        *(each for one in robots for each in one.findings),
-        *told,
-    ]
-    if part is not None:
-        data, _ = part_of(data, clock, part)
+            (clock, imus, found), request = other, with_pose
+    of_robots = (each for one in robots for each in one.findings)
+    findings = (*data.findings, *log.undefined, *of_robots, *found)
+    if request.part is not None:
+        data, _ = part_of(data, clock, request.part)
+    commands, placeholders = _commands(request, imus, data)
     robot = robots[0].robot if len(robots) == 1 else None
-    commands, placeholders = _command(request, imus, data)
+    named = data if robot is None else robots[0].data
     return Inspection(
         files=tuple(str(path) for path in log.paths),
         topics=log.topics,
@@ -95,7 +289,7 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
                 if robot is None
                 else tuple(name for name in joint.names if name not in robot.joint_by_name),
             )
-            for joints in (data if robot is None else robots[0].data).joints.values()
+            for joints in named.joints.values()
             for joint in joints
         ),
         poses=tuple(
@@ -105,78 +299,59 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
             for poses in data.poses.values()
             for pose in poses
         ),
-        urdf=None if urdf is None else str(urdf),
-        findings=tuple(dict.fromkeys(hints)),
+        urdf=None if request.urdf is None else str(request.urdf),
+        findings=tuple(dict.fromkeys(findings)),
         command=commands[0] if commands else None,
-        more_commands=commands[1:],
+        more_commands=tuple(commands[1:]),
         placeholders=placeholders,
     )
 
 
 def _lacks_carrier(imus: Sequence[ImuFinding]) -> bool:
-    """Whether there is an IMU of which neither log nor motion tells what carries it."""
+    """Whether neither the log nor the motion shows what carries one of the IMUs."""
     return any(
         each.solved_by == "--parent" and not each.moves_like and not each.still for each in imus
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class _OfRobot:
-    """What of a log belongs to one robot, in the names of its URDF."""
-
-    robot: Robot | None
-    data: LogData
-    findings: tuple[Finding, ...] = ()
-    prefixes: tuple[str, ...] = ()
-    problem: ImucalibError | None = None
-    """Why it is not known which robot it is."""
-
-
-def _robots(data: LogData, request: CalibrationRequest) -> tuple[_OfRobot, ...]:
-    """The robot of a log; where there are several, that of each IMU."""
+def _robots(data: LogData, request: CalibrationRequest) -> tuple[Named, ...]:
+    """The robot of a log; if there are several robots, one for each IMU."""
     try:
-        robot, named, findings, prefixes = robot_and_names(data, request)
+        return (named_log(data, request),)
     except ChoiceError as error:
-        if error.option == "--description-topic" and len(data.imus) > 1:
-            alone = ({name: imu} for name, imu in data.imus.items())
-            return tuple(
-                one for imus in alone for one in _robots(replace(data, imus=imus), request)
-            )
-        return (_OfRobot(robot=None, data=data, problem=error),)
-    return (_OfRobot(robot=robot, data=named, findings=findings, prefixes=prefixes),)
+        if error.option != "--description-topic" or len(data.imus) == 1:
+            return (Named(data=data, problem=error),)
+    alone = (replace(data, imus={name: imu}) for name, imu in data.imus.items())
+    return tuple(one for each in alone for one in _robots(each, request))
 
 
-def _seen(
-    robots: Sequence[_OfRobot],
+def _imus(
+    robots: Sequence[Named],
     chosen: Selection | None,
     request: CalibrationRequest,
     problem: ImucalibError | None,
 ) -> tuple[Clock, tuple[ImuFinding, ...], list[Finding]]:
+    """The clock, the IMUs of all robots, and what was found."""
     imus: list[ImuFinding] = []
     findings: list[Finding] = []
-    for one in robots:
-        read = one.data if chosen is None else chosen.of(one.data)
-        clock = choose_clock(moving_streams(read), request.clock)
-        read, pairs = joined(read, clock, request)
-        if request.part is not None:
-            read, _ = part_of(read, clock, request.part)
-        sources, duplicates = gather_sources(read, clock, chosen, one.prefixes)
-        findings += [*clock.findings, *pairs, *duplicates]
-        base = None
-        unknown = problem or one.problem
+    for named in robots:
+        read = named if chosen is None else replace(named, data=chosen.of(named.data))
+        timed = on_one_clock(read, request, chosen)
+        sources = timed.sources
+        findings += timed.findings
+        base, unknown = None, problem or named.problem
         try:
-            given = tuple(imu for imu in read.imus.values() if len(imu))
-            left, sources, told = with_base_imu((given, ()), sources, clock, one.robot, request)
+            given = tuple(imu for imu in timed.data.imus.values() if len(imu))
+            left, sources, of_base = with_base_imu(given, (), sources, request)
             base = next((imu.name for imu in given if imu not in left), None)
-            findings += told
+            findings += of_base
         except ImucalibError as error:
             unknown = unknown or error
-        for imu in read.imus.values():
-            found, problems = _imu(imu, clock, sources, one.robot, request=request, problem=unknown)
-            found = replace(found, base_imu=base)
-            imus.append(found)
+        for imu in timed.data.imus.values():
+            found, problems = _imu(imu, sources, request, unknown)
+            imus.append(replace(found, base_imu=base))
             findings += problems
-    return clock, tuple(imus), findings
+    return sources.clock, tuple(imus), findings
 
 
 def _chosen(
@@ -184,7 +359,7 @@ def _chosen(
 ) -> tuple[Selection | None, CalibrationRequest, ImucalibError | None]:
     """The topics that a run would read, or why it cannot.
 
-    Of several pose topics it is the one with most rows.
+    Of several pose topics the one with most rows is chosen.
     """
     try:
         return select_topics(log.topics), request, None
@@ -200,16 +375,10 @@ def _chosen(
 
 
 def _imu(
-    imu: ImuStream,
-    clock: Clock,
-    sources: Sources,
-    robot: Robot | None,
-    *,
-    request: CalibrationRequest,
-    problem: ImucalibError | None,
+    imu: ImuStream, sources: Sources, request: CalibrationRequest, problem: ImucalibError | None
 ) -> tuple[ImuFinding, tuple[Finding, ...]]:
     """An IMU: its values, the link that carries it, and what a run would repair or refuse."""
-    samples = samples_of(imu, clock)
+    samples = samples_of(imu, sources.clock)
     units = guess_units(samples)
     found = ImuFinding(topic=imu.name, frame_id=imu.frame_id, units=units)
     if sources.base is not None and sources.base.track.name == imu.name:
@@ -217,29 +386,26 @@ def _imu(
     try:
         if problem is not None:
             raise problem
-        motion = find_motion(sources, robot, imu.frame_id, request)
-        check_overlap(samples, motion, clock)
+        motion = find_motion(sources, imu.frame_id, request)
+        check_overlap(samples, motion)
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)
         found = replace(found, needs_choice=asks, solved_by=error.option)
         if error.option == "--parent":
-            carriers = find_parents(imu, clock, sources, robot, request)
-            found = replace(
-                found, moves_like=tuple(each.frame for each in carriers.links), still=carriers.still
-            )
-            error = with_answer(error, carriers, sources.unread)
+            error, carriers = with_carriers(error, imu, sources, request)
+            links = tuple(each.frame for each in carriers.links)
+            found = replace(found, moves_like=links, still=carriers.still)
         found = replace(found, problem=str(error))
         return found, (*units.findings, *check_alone(samples))
-    unnamed = any(
-        not edge.child and sources.topics[edge.track.name] == motion.mount.parent
-        for edge in sources.edges
-    )
     found = replace(
         found,
         parent=motion.mount.parent,
         world=motion.path.world,
         motion=motion.topics,
-        parent_unnamed=unnamed,
+        parent_unnamed=any(
+            not edge.child and sources.topics[edge.track.name] == motion.mount.parent
+            for edge in sources.edges
+        ),
     )
     if found.floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
@@ -254,86 +420,78 @@ def _imu(
     return found, (*of_units, *motion.findings, *repaired.findings)
 
 
-def _command(
-    request: CalibrationRequest, findings: Sequence[ImuFinding], data: LogData
-) -> tuple[tuple[str, ...], str]:
+def _commands(
+    request: CalibrationRequest, imus: Sequence[ImuFinding], data: LogData
+) -> tuple[list[str], str]:
     """Commands for the IMUs that can be calibrated, and their placeholders.
 
-    One for each; one for all where all can by the same options, for what they share is then solved
-    together. If none can be without a choice that nothing tells, one that says what is missing.
+    One for each; one for all if the same options fit all IMUs of the log, since a run then solves
+    together what they share. If no IMU can be calibrated without a choice that nothing in the log
+    answers, one command that says what is missing.
     """
-    words = ["imucalib", "run", *(shlex.quote(str(path)) for path in request.logs)]
+    words = ["imucalib", "run", *(quote(str(path)) for path in request.logs)]
     if request.part is not None:
         words.append(str(request.part))
     if request.csv_columns:
-        words.append(f"--csv-columns {shlex.quote(','.join(request.csv_columns))}")
-    words += [f"--joints {shlex.quote(str(each))}" for each in request.joint_columns]
-    several = len(findings) > 1
+        words.append(f"--csv-columns {quote(','.join(request.csv_columns))}")
+    words += [f"--joints {quote(str(each))}" for each in request.joint_columns]
+    several = len(imus) > 1
     if not any((*data.joints.values(), *data.poses.values())):
-        command = " ".join([*words, "--base-imu IMU"])
-        return ((command,), _BASE) if several and not data.joints else ((), "")
-    words += [f"--pose-topic {shlex.quote(topic)}" for topic in request.pose_topics]
-    findings = [each for each in findings if not each.still and each.base_imu != each.topic]
-    ready = [each for each in findings if each.problem is None or each.solved_by == "--parent"]
+        words.append("--base-imu IMU")
+        return ([" ".join(words)], _BASE) if several and not data.joints else ([], "")
+    words += [f"--pose-topic {quote(topic)}" for topic in request.pose_topics]
+    imus = [each for each in imus if not each.still and each.base_imu != each.topic]
+    ready = [each for each in imus if each.problem is None or each.solved_by == "--parent"]
+    floating = ["--gravity none"] if any(each.floats for each in imus) else []
     if request.urdf is not None:
-        words.append(f"--urdf {shlex.quote(str(request.urdf))}")
+        words.append(f"--urdf {quote(str(request.urdf))}")
     elif any(data.joints.values()) and not ready:
-        command = " ".join([*words, "--urdf ROBOT.urdf", *_options(findings)])
-        return (command,), "ROBOT.urdf by your robot's"
+        return [" ".join([*words, "--urdf ROBOT.urdf", *floating])], _URDF
     if not ready:
-        asks = any(finding.needs_choice for finding in findings)
-        command = " ".join([*words, "--parent FRAME", *_options(findings)])
-        return ((command,), _FRAME) if asks else ((), "")
-    others = len([each for each in data.imus if each != ready[0].base_imu])
-    wanted = {(*_own_options(each, several=False)[0], *_options([each])) for each in ready}
-    if len(ready) == others and len(wanted) == 1 and not ready[0].problem:
+        asks = any(each.needs_choice for each in imus)
+        return ([" ".join([*words, "--parent FRAME", *floating])], _FRAME) if asks else ([], "")
+    others = len([name for name in data.imus if name != ready[0].base_imu])
+    if (
+        len(ready) == others
+        and not ready[0].problem
+        and len({tuple(_own_options(each)[0]) for each in ready}) == 1
+    ):
         ready, several = ready[:1], False
     commands, placeholders = [], dict[str, None]()
     for each in ready:
-        own, placeholder = _own_options(each, several=several)
+        own, placeholder = _own_options(each)
         placeholders |= {placeholder: None} if placeholder else {}
-        commands.append(" ".join([*words, *own, *_options([each])]))
-    return tuple(commands), ", ".join(placeholders)
+        topic = [f"--imu-topic {quote(each.topic)}"] if several else []
+        commands.append(" ".join([*words, *topic, *own]))
+    return commands, ", ".join(placeholders)
 
 
-_FRAME = "FRAME by the link or frame that carries the IMU"
-_BODY = "BODY by a name for what the poses are of"
-_BASE = "IMU by the topic of the one on the body that the others are calibrated against"
-
-
-def _own_options(imu: ImuFinding, *, several: bool) -> tuple[list[str], str]:
-    """Options for one IMU, and what the user must put in."""
+def _own_options(imu: ImuFinding) -> tuple[list[str], str]:
+    """Options for one IMU beside its topic, and what the user must put in."""
     own, placeholder = [], ""
-    if several:
-        own.append(f"--imu-topic {shlex.quote(imu.topic)}")
     if imu.base_imu is not None:
-        own.append(f"--base-imu {shlex.quote(imu.base_imu)}")
+        own.append(f"--base-imu {quote(imu.base_imu)}")
     if imu.moves_like:
-        own.append(f"--parent {shlex.quote(imu.moves_like[0])}")
+        own.append(f"--parent {quote(imu.moves_like[0])}")
     elif imu.problem is not None:
         own.append("--parent FRAME")
         placeholder = _FRAME
     elif imu.parent_unnamed:
         own.append("--parent BODY")
         placeholder = _BODY
-    return own, placeholder
-
-
-def _options(findings: Sequence[ImuFinding]) -> list[str]:
-    return ["--gravity none"] if any(finding.floats for finding in findings) else []
+    return [*own, *(["--gravity none"] if imu.floats else [])], placeholder
 
 
 def _health(data: LogData, counted: Collection[str]) -> tuple[Health, ...]:
-    """Stamps of each stream; of streams that share a topic's messages, once.
+    """Stamps of each stream; streams that share a topic's messages are listed once.
 
-    Those of topics that are ``counted`` are a counter.
+    The stamps of ``counted`` topics are a counter.
     """
-    streams: list[tuple[str, ImuStream | JointStream | PoseStream]] = [
-        (imu.name, imu) for imu in data.imus.values()
-    ]
+    streams: list[tuple[str, Stream]] = [(imu.name, imu) for imu in data.imus.values()]
     for joints in data.joints.values():
-        many = len(joints) > 1
-        streams += [(f"{j.topic} ({len(j.names)} joints)" if many else j.topic, j) for j in joints]
+        for joint in joints:
+            count = f" ({len(joint.names)} joints)" if len(joints) > 1 else ""
+            streams.append((f"{joint.topic}{count}", joint))
     for poses in data.poses.values():
         streams += [
             (f"{p.topic} ({p.parent} -> {p.child or '?'})", p) for p in poses if not p.is_static

@@ -1,4 +1,4 @@
-"""What a log told of the robot itself: joint zeros and origins, and what no log can tell."""
+"""The kinematics report: estimated joint zeros and origins, and those that no log can show."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 _HEADS: Final = ("joint", "what", "true less URDF", "beforehand", "")
 _UNITS: Final = {"rad": ("deg", math.degrees(1.0)), "m": ("mm", 1e3)}
 _TAUGHT: Final = 0.9
-"""Of the sigma beforehand: what is left with more of it was taught nothing by the log."""
+"""Share of the prior sigma: with more of it left, the log gave no information."""
 _BASE: Final = "gauge: where the robot's base stands, which gravity and the fit follow"
 _OF_BASE: Final = {"base_translation": "place", "base_rotation": "rotation"}
-"""What entries say of the base IMU in its link."""
+"""Names of the errors of the base IMU's place in its link."""
 _MOUNT: Final = "gauge: part of the IMU's mount"
 
 
 def kinematics_report(each: Calibrated) -> Iterator[Block]:
     """Joint zeros and origins of one IMU's chain, in its order, as lines and a table.
 
-    Before them stands where the base IMU is in its link, if one tells how the base moves.
+    The errors of the base IMU's place in its link come first, if there is a base IMU.
     """
     result, path = each.result, each.motion.path
     joints = [step for step in path.steps if isinstance(step, JointStep)]
@@ -46,16 +46,21 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         f"the robot's joints between {path.world} and {path.parent}, as {result.child} saw them "
         f"(apply --kinematics writes what of the joints stands {CLEAR:g} sigma off):"
     )
+    parameters = result.diagnostics.parameters
     found: dict[tuple[str, str], list[ParameterEntry]] = {}
-    for entry in result.diagnostics.parameters:
+    for entry in parameters:
         if entry.name in {ZERO, ORIGIN}:
             found.setdefault((joint_of(entry), entry.name), []).append(entry)
     rows = [
         _row(entry, "base IMU", f"{_OF_BASE[entry.name]} {entry.label}")
-        for entry in result.diagnostics.parameters
+        for entry in parameters
         if entry.name in _OF_BASE
     ]
-    moving = _moving(path)
+    moving = [
+        place
+        for place, step in enumerate(path.steps)
+        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
+    ]
     for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
         for entry in entries:
@@ -75,22 +80,13 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
 
 
 def _places(path: KinematicPath, first: int) -> Iterator[tuple[str, str, str]]:
-    """Joint, zero or origin, and why no log could tell it; ``first`` is the first step to move."""
+    """Joint, kind of error, and why no log could show it; ``first`` is the first moving step."""
     for place, step in enumerate(path.steps):
         if isinstance(step, JointStep):
-            name = _reported(path, place)
-            yield name, ORIGIN, _BASE if place <= first else _MOUNT
-            slides = step.kind == "prismatic"
-            zero = _BASE if place <= first else "part of its origin" if slides else _MOUNT
-            yield name, ZERO, zero
-
-
-def _moving(path: KinematicPath) -> list[int]:
-    return [
-        place
-        for place, step in enumerate(path.steps)
-        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
-    ]
+            name, is_base = _reported(path, place), place <= first
+            yield name, ORIGIN, _BASE if is_base else _MOUNT
+            zero = "part of its origin" if step.kind == "prismatic" else _MOUNT
+            yield name, ZERO, _BASE if is_base else zero
 
 
 def _reported(path: KinematicPath, place: int) -> str:
@@ -111,5 +107,4 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
         remark = "the log says nothing of it"
-    told = with_std(value, std), f"± {sigma(before)}{learnt}"
-    return joint, f"{what}, {unit}", *told, remark
+    return joint, f"{what}, {unit}", with_std(value, std), f"± {sigma(before)}{learnt}", remark

@@ -1,4 +1,4 @@
-"""From what a run leaves, or from a result alone, to a page to look at."""
+"""Render a report: from an outcome, a stored result, or a file of statistics."""
 
 from __future__ import annotations
 
@@ -14,43 +14,33 @@ from imucalib_cli.report.page import page
 from imucalib_cli.results.statistics_file import read_statistics
 
 if TYPE_CHECKING:
-    from imucalib_cli.jobs.calibrate import Calibrated, Outcome
-    from imucalib_cli.results.statistics_file import StoredLog
+    from imucalib_cli.jobs.calibrate import Outcome
 
 
 def report(outcome: Outcome) -> str:
-    """HTML about every IMU that could be calibrated, at least one; of a request with details."""
-    return page([_material(each) for each in outcome.calibrated])
+    """HTML about every calibrated IMU, at least one; of a request with details."""
+    materials = []
+    for each in outcome.calibrated:
+        stamps = {each.samples.topic: each.samples.t}
+        stamps |= {track.name: track.t for track in each.motion.path.tracks}
+        details = each.estimate.details
+        materials.append(Material(result=each.result, details=details, stamps=stamps))
+    return page(materials)
 
 
 def report_of_file(name: str) -> str:
     """HTML of a stored result, ``-`` for standard input, or of a file of statistics.
 
-    What is not in it needs the log.
+    Some figures need the log and are left out.
 
     Raises:
         InputError: The file cannot be read or holds no result.
     """
-    if name.endswith(".npz"):
-        return page([_of_statistics(read_statistics(Path(name)))])
-    return page([Material(result=result) for result in read_result_file(name)])
-
-
-def _of_statistics(log: StoredLog) -> Material:
+    if not name.endswith(".npz"):
+        return page([Material(result=result) for result in read_result_file(name)])
+    log, stretches = read_statistics(Path(name)), None
     covariance = log.result.uncertain_pose.covariance
-    return Material(
-        result=log.result,
-        spectra=log.statistics.spectra,
-        stretches=None
-        if covariance is None
-        else stretches_of(log.statistics, np.sqrt(np.diag(covariance))),
-    )
-
-
-def _material(calibrated: Calibrated) -> Material:
-    samples, tracks = calibrated.samples, calibrated.motion.path.tracks
-    return Material(
-        result=calibrated.result,
-        details=calibrated.estimate.details,
-        stamps={samples.topic: samples.t} | {track.name: track.t for track in tracks},
-    )
+    if covariance is not None:
+        stretches = stretches_of(log.statistics, np.sqrt(np.diag(covariance)))
+    spectra = log.statistics.spectra
+    return page([Material(result=log.result, spectra=spectra, stretches=stretches)])

@@ -1,4 +1,4 @@
-"""Files of earlier runs among arguments: results, and statistics beside them; how they are read."""
+"""Read the files of earlier runs: results, and the statistics beside them."""
 
 from __future__ import annotations
 
@@ -26,48 +26,48 @@ _STATISTICS = ".npz"
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
 """First key of a result document, whatever the file's name."""
 _RESULT = re.compile(_OPENING.pattern + rb"[^\n]*?[\s,]\"?status\"?\s*:")
-"""First keys of a result; answers of verify and others have other ones after the first."""
+"""First keys of a result; the answers of verify and other commands have another second key."""
 
 
 def is_result(name: str) -> bool:
     """Whether an argument is a result rather than a log; ``-`` is one."""
-    if name == "-":
-        return True
-    if is_url(name):
-        return False
+    if name == "-" or is_url(name):
+        return name == "-"
     path = Path(name)
     if path.name == "metadata.yaml" or path.is_dir():  # of a ROS 2 recording
         return False
-    try:
-        if not path.is_file():  # a pipe cannot be read twice, and opening one may wait
-            return path.suffix.lower() in _SUFFIXES
-        return path.suffix.lower() in _SUFFIXES or _begins(path, _OPENING)
+    if path.suffix.lower() in _SUFFIXES:
+        return True
+    try:  # a pipe cannot be read twice, and opening one may wait
+        return path.is_file() and _begins(path, _OPENING)
     except OSError:
-        return path.suffix.lower() in _SUFFIXES
+        return False
 
 
 def result_names(names: Sequence[str]) -> list[str]:
-    """Every result file once, those of a folder by name; what else lies in one is passed over.
+    """Every result file once; of a folder the results in it, sorted by name.
 
     Raises:
         InputError: There is none, or a folder cannot be read.
     """
     found: dict[str, None] = {}
     for name in names:
-        is_folder = name != "-" and Path(name).is_dir()
-        found |= dict.fromkeys(_results_in(Path(name)) if is_folder else [name])
+        folder = Path(name)
+        if name == "-" or not folder.is_dir():
+            found[name] = None
+            continue
+        try:
+            there = (each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
+            files = sorted(there, key=lambda each: natural(each.name))
+            results = [each for each in files if each.is_file() and _begins(each, _RESULT)]
+        except OSError as error:
+            raise InputError(
+                f"{folder}: cannot be read ({error.strerror}): check the path"
+            ) from error
+        found |= dict.fromkeys(map(str, results))
     if not found:
         raise InputError(f"{', '.join(names)}: no result of imucalib run in it")
     return list(found)
-
-
-def _results_in(folder: Path) -> list[str]:
-    try:
-        there = (each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
-        files = sorted(there, key=lambda each: natural(each.name))
-        return [str(each) for each in files if each.is_file() and _begins(each, _RESULT)]
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be read ({error.strerror}): check the path") from error
 
 
 def _begins(path: Path, pattern: re.Pattern[bytes]) -> bool:
@@ -105,7 +105,9 @@ def read_result_files(
 def results_of(
     found: Sequence[tuple[str, Result]], imus: Sequence[str]
 ) -> list[tuple[str, Result]]:
-    """The results of some IMUs, by frame (with or without a leading slash) or topic; all of none.
+    """The results of some IMUs, by frame (with or without a leading slash) or topic.
+
+    Without IMUs all results.
 
     Raises:
         ChoiceError: An IMU is in none of the files.
@@ -151,13 +153,15 @@ def read_text(name: str, expected: str = "a result of imucalib run") -> str:
 def read_statistics_files(
     paths: Iterable[Path],
 ) -> tuple[list[StoredLog], list[Path], list[ImucalibError]]:
-    """Statistics named themselves, beside a result, or in a folder, whose bad files stop no others.
+    """Read statistics: files, files beside results, or all files in folders.
+
+    A bad file in a folder does not stop the others.
 
     Returns:
         The statistics; archives of something else in folders; why other files there are not used.
 
     Raises:
-        InputError: A file that is named cannot be used, or a folder or a result has none.
+        InputError: A named file cannot be used, or a folder or a result has no statistics.
     """
     from imucalib_cli.results.statistics_file import read_statistics  # with all of the estimator
 
@@ -169,14 +173,14 @@ def read_statistics_files(
             logs += _statistics_of(path)
             continue
         files = sorted(path.glob(f"*{_STATISTICS}"), key=lambda each: natural(each.name))
-        own = [file for file in files if not _is_foreign(file)]
-        if not own:
+        others = [file for file in files if _is_foreign(file)]
+        if len(others) == len(files):
             raise InputError(
                 f"{path}: no statistics in it: `imucalib batch LOGS -o {path} --statistics` writes "
                 "them"
             )
-        foreign += [file for file in files if file not in own]
-        for file in own:
+        foreign += others
+        for file in (each for each in files if each not in others):
             try:
                 logs.append(read_statistics(file))
             except ImucalibError as error:
@@ -185,7 +189,7 @@ def read_statistics_files(
 
 
 def _is_foreign(file: Path) -> bool:
-    """Whether a file is a sound archive, and of something else; a damaged one may be ours."""
+    """Whether a file is a sound archive of something else; a damaged one may be ours."""
     try:
         with ZipFile(file) as archive:
             return "header.npy" not in archive.namelist()
@@ -201,7 +205,7 @@ def _statistics_of(path: Path) -> list[StoredLog]:
     beside = place_of(path)
     results = read_result_file(str(path))
     near = sorted({beside, *path.parent.glob(f"{escape(path.name.split('.')[0])}*{_STATISTICS}")})
-    # Those of several IMUs have the frame in their name, and a batch names them after the log.
+    # Several IMUs have their frames in the file names; a batch names files after the log.
     logs = [read_statistics(file) for file in near if file.exists()]
     own = [log for log in logs if log.result in results]
     if not own:

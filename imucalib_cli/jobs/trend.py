@@ -26,8 +26,8 @@ def trend_of(
 
     Args:
         names: As of :func:`.result_files.result_names`.
-        within: How far a mount may move; None makes an alarm of every decisive change.
-        since: Recordings from before that count no more.
+        within: How far a mount may move; with None every decisive change is an alarm.
+        since: Earlier recordings are ignored.
 
     Raises:
         InputError: There is no result.

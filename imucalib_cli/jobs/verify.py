@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import no_nominal
-from imucalib_cli.jobs.input.reading import robot_of
+from imucalib_cli.jobs.known.robot import robot_of
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.result_files import read_result_files
 from imucalib_cli.results.comparison.verdicts import WITHIN, verify
@@ -33,8 +33,8 @@ def verify_recording(
 ) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
     """Calibrate every IMU of a recording and compare each with its nominal pose.
 
-    Of the six components of a pose those that are ``ignored`` need not be right. An IMU that could
-    not be checked has an error in place of an answer.
+    The ``ignored`` ones of the six components of a pose are not checked. An IMU that could not be
+    checked has an error instead of an answer.
 
     Raises:
         InputError, ChoiceError: As :func:`.calibrate.calibrate`; and ChoiceError if the nominal
@@ -43,13 +43,13 @@ def verify_recording(
     outcome = calibrate(replace(request, needs_nominal=True, unverified=ignored), progress)
     answers = []
     for each in outcome.calibrated:
-        result, left = each.result, ignored
+        result, unchecked = each.result, ignored
         if request.planar:
-            left |= {upright_component(each.motion.path)}
+            unchecked |= {upright_component(each.motion.path)}
         nominal = result.nominal
         if nominal is None:  # needs_nominal excludes this
             raise ChoiceError(no_nominal(result.parent, result.child))
-        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=left))
+        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=unchecked))
     return answers, list(outcome.failures)
 
 

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -37,7 +38,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"
 ROBOT = ("--urdf", str(SAMPLES / "rihibot.urdf"))
-
+BATCH = (sys.executable, "-m", "imucalib_cli", "batch")
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 Said = pytest.CaptureFixture[str]
 Patch = pytest.MonkeyPatch
@@ -62,6 +64,20 @@ def logs(tmp_path: Path, arm_urdf: Path, monkeypatch: Patch) -> Logs:
 
 def batch(*arguments: object) -> int:
     return main(["batch", *map(str, arguments)])
+
+
+def process(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """The command as a process of its own."""
+    done = subprocess.run(
+        arguments,
+        cwd=folder,
+        env=ENVIRONMENT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    return done
 
 
 def lines_of(capsys: Said) -> list[Any]:
@@ -145,20 +161,17 @@ def test_the_exit_code_is_the_worst(logs: Logs, capsys: Said) -> None:
     assert "untrusted: a.mcap: imu_link: " in err
 
 
-def test_options_make_another_result(logs: Logs, capsys: Said) -> None:
-    given = [*logs("a.mcap"), "-o", "results"]
-    batch(*given)
-    key = json.loads(Path("results/records/a.json").read_text())["key"]
-    for options in (["--window", "51"], ["--parent", "upper"], ["--clock", "log"], ["--fix", "tx"]):
+def test_options_make_another_result(logs: Logs) -> None:
+    def key(*options: str) -> str:
         batch(*given, *options)
-        other = json.loads(Path("results/records/a.json").read_text())["key"]
-        assert other != key
-        key = other
+        return str(json.loads(Path("results/records/a.json").read_text())["key"])
+
+    given = [*logs("a.mcap"), "-o", "results"]
+    changes = (["--window", "51"], ["--parent", "upper"], ["--clock", "log"], ["--fix", "tx"])
+    keys = [key(), *(key(*options) for options in changes)]
     urdf = Path("arm.urdf")
     urdf.write_text(urdf.read_text().replace("keep me", "changed"))
-    batch(*given, "--fix", "tx")
-    assert json.loads(Path("results/records/a.json").read_text())["key"] != key
-    del capsys
+    assert len({*keys, key("--fix", "tx")}) == 6
 
 
 def test_the_same_log_twice_is_told_and_done_once(logs: Logs, capsys: Said) -> None:
@@ -281,17 +294,9 @@ def test_processes_calibrate(reader: str, tmp_path: Path) -> None:
     for name, share in (("a", 4), ("b", 5)):
         (tmp_path / f"{name}.mcap").write_bytes(whole[: len(whole) * share // 10])
     (tmp_path / "empty.mcap").touch()
-    command = f"'{sys.executable}' -m imucalib_cli batch . {' '.join(ROBOT)} -o results --report"
+    command = shlex.join([*BATCH, ".", *ROBOT, "-o", "results", "--report"])
     tail = "--format jsonl | head -n 1" if reader == "head" else ""
-    done = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {command} {tail}"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "Traceback" not in done.stderr
+    done = process(tmp_path, "bash", "-c", f"set -o pipefail; {command} {tail}")
     if reader == "head":
         assert done.returncode == 141
         return
@@ -318,15 +323,7 @@ def test_logs_with_every_damage_are_what_run_makes_of_them(tmp_path: Path) -> No
         (folder / str(number)).mkdir()
         make(13, number, kinds, folder / str(number), runs=1.0)
     options = ["--urdf", str(urdf)]
-    done = subprocess.run(
-        [sys.executable, "-m", "imucalib_cli", "batch", "logs", *options, "-o", "results"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "Traceback" not in done.stderr
+    done = process(tmp_path, *BATCH, "logs", *options, "-o", "results")
     assert "internal error" not in done.stderr
     files = sorted((tmp_path / "results" / "records").glob("[!.]*.json"))
     records = [json.loads(path.read_text()) for path in files]
@@ -347,27 +344,26 @@ def test_logs_with_every_damage_are_what_run_makes_of_them(tmp_path: Path) -> No
 def test_an_interruption_says_how_to_go_on(tmp_path: Path) -> None:
     for name in "abcd":
         shutil.copy(SAMPLES / "rihibot.mcap", tmp_path / f"{name}.mcap")
-    command = [sys.executable, "-m", "imucalib_cli", "batch", ".", *ROBOT, "-o", "results"]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen(
+    command = [*BATCH, ".", *ROBOT, "-o", "results"]
+    started = subprocess.Popen(
         [*command, "--workers", "1"],
         cwd=tmp_path,
-        env=environment,
+        env=ENVIRONMENT,
         stderr=subprocess.PIPE,
         text=True,
     )
     records = tmp_path / "results" / "records"
     while not list(records.glob("[!.]*.json")):
         time.sleep(0.01)
-    process.terminate()
-    _, words = process.communicate(timeout=30)
-    assert process.returncode == 130
+    started.terminate()
+    _, words = started.communicate(timeout=30)
+    assert started.returncode == 130
     last = words.splitlines()[-1]
     assert re.fullmatch(
         r"interrupted: \d of 4 logs are kept in results; the same command goes on", last
     )
     done = {path: path.stat().st_mtime_ns for path in records.glob("[!.]*.json")}
     assert len(rows_of((tmp_path / "results" / "summary.csv").read_text())) == len(done) < 4
-    subprocess.run(command, cwd=tmp_path, env=environment, check=True, stderr=subprocess.DEVNULL)
+    assert process(tmp_path, *command).returncode == 0
     assert len(list(records.glob("[!.]*.json"))) == 4
     assert {path: path.stat().st_mtime_ns for path in done} == done

@@ -272,7 +272,7 @@ def test_a_cluster_gives_the_same_bytes_although_a_worker_is_killed(
     for name in files:
         assert Path("local", name).read_bytes() == Path("dask", name).read_bytes()
     # and what the one has finished the other does not do again
-    assert not [*batch(Path("dask"), folder, task=task, engine=here)._done({}, None, print)]
+    assert not [*batch(Path("dask"), folder, task=task, engine=here)._work([], None, print)]
     assert records(batch(Path("dask"), folder, task=task, engine=_none)) == found
 
 

@@ -103,12 +103,9 @@ def test_patterns_are_expanded_and_what_is_not_there_stays(tmp_path: Path) -> No
     made(tmp_path, "x/a.mcap", "y/b.mcap", "[c].mcap")
     assert found(tmp_path, tmp_path / "**" / "?.mcap") == [["x/a.mcap"], ["y/b.mcap"]]
     assert found(tmp_path, tmp_path / "[c].mcap") == [["[c].mcap"]]  # a name, though it looks so
-    assert found(tmp_path, tmp_path / "*.db3", tmp_path / "gone") == [["*.db3"], ["gone"]]
-
-
-def test_an_empty_folder_stays_to_be_told(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    assert found(tmp_path, tmp_path / "empty") == [["empty"]]
+    names = ("*.db3", "gone", "empty")
+    assert found(tmp_path, *(tmp_path / name for name in names)) == [[name] for name in names]
 
 
 def test_one_log_by_many_names_is_one(tmp_path: Path) -> None:
@@ -121,17 +118,13 @@ def test_one_log_by_many_names_is_one(tmp_path: Path) -> None:
     assert [each.code for each in search.findings] == ["batch.log_twice"] * 4
 
 
-def test_links_that_lead_nowhere_or_round_stay(tmp_path: Path) -> None:
+def test_links_that_lead_nowhere_or_round_stay_and_pipes_are_not_opened(tmp_path: Path) -> None:
     (tmp_path / "gone.mcap").symlink_to("nowhere")
     (tmp_path / "round.mcap").symlink_to("round.mcap")
     (tmp_path / "inner").symlink_to(tmp_path)
-    assert found(tmp_path, tmp_path) == [["gone.mcap"], ["round.mcap"]]
-
-
-def test_pipes_are_not_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mcap")
     os.mkfifo(tmp_path / "pipe")
-    assert found(tmp_path, tmp_path) == [["pipe.mcap"]]
+    assert found(tmp_path, tmp_path) == [["gone.mcap"], ["pipe.mcap"], ["round.mcap"]]
 
 
 @pytest.mark.parametrize(

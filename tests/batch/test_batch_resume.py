@@ -131,6 +131,8 @@ def test_a_copy_is_a_log_of_its_own(scene: Scene) -> None:
     assert scene.run() == ["a", "b"]
     assert scene.run() == []
     assert len(scene.results_of()) == 4
+    scene.log("c", "1")
+    assert scene.run() == ["c"]
 
 
 def test_logs_of_one_name_do_not_collide(scene: Scene) -> None:

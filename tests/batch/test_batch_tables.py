@@ -79,14 +79,15 @@ def test_csv_has_a_row_for_each_imu_and_each_failure() -> None:
     ]
     assert list(rows[0]) == [name for names, *_ in COLUMNS for name in names.split()]
     result = two.results[0]
-    row = rows[0]
-    assert [float(row[name]) for name in ("tx_m", "ty_m", "tz_m")] == result.transform.translation
-    quaternion = [float(row[name]) for name in ("qx", "qy", "qz", "qw")]
-    assert quaternion == result.transform.rotation_xyzw
     assert result.std is not None
-    assert [float(row[f"std_t{axis}_mm"]) for axis in "xyz"] == result.std.translation_mm
-    assert [float(row[f"std_r{axis}_deg"]) for axis in "xyz"] == result.std.rotation_deg
-    assert float(row["time_offset_s"]) == result.time_offset.seconds
+    for names, values in {
+        "tx_m ty_m tz_m": result.transform.translation,
+        "qx qy qz qw": result.transform.rotation_xyzw,
+        "std_tx_mm std_ty_mm std_tz_mm": result.std.translation_mm,
+        "std_rx_deg std_ry_deg std_rz_deg": result.std.rotation_deg,
+        "time_offset_s": [result.time_offset.seconds],
+    }.items():
+        assert [float(rows[0][name]) for name in names.split()] == values
     assert rows[2]["reasons"] == "too short"
     assert rows[2]["key"] == rows[2]["tx_m"] == ""
     assert rows[2]["exit_code"] == "1"

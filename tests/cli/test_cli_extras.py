@@ -211,8 +211,9 @@ def test_the_robot_moves_as_the_estimate_has_it(arm: Outcome, of_arm: Messages) 
 
 def moved(outcome: Outcome, origin_ns: int) -> Outcome:
     """The same log by another clock."""
-    clock = replace(outcome.recording.clock, origin_ns=origin_ns)
-    return replace(outcome, recording=replace(outcome.recording, clock=clock))
+    sources = outcome.recording.sources
+    sources = replace(sources, clock=replace(sources.clock, origin_ns=origin_ns))
+    return replace(outcome, recording=replace(outcome.recording, sources=sources))
 
 
 def test_a_log_may_begin_at_zero(arm: Outcome, tmp_path: Path) -> None:

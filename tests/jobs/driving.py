@@ -45,15 +45,9 @@ def _derivative(t: NDArray[np.float64], order: int) -> NDArray[np.float64]:
 def drive(
     folder: Path, *, seconds: float = 60.0, pose_noise: float = 0.0, z: float = 0.08, seed: int = 0
 ) -> tuple[Path, Path]:
-    """A log of odometry and an IMU, and the URDF.
+    """A log of odometry and an IMU, and the URDF, whose height is z, m.
 
-    Args:
-        folder: Where to write.
-        seconds: Of the log.
-        pose_noise: Of odometry, m and rad along and about all axes, 1 sigma; the body does not
-            move so.
-        z: Of the drawing, m.
-        seed: Of all noise.
+    Odometry has noise of ``pose_noise``, m and rad, along and about all axes.
     """
     rng, said = np.random.default_rng(seed), []
     t = np.arange(round(seconds * 200)) / 200

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
+    from imucalib_cli.results.result import Result
+
 
 Floats = Any
 JointRow = tuple[str, str, str, str, str, str]
@@ -28,27 +30,18 @@ _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 
 GRAVITY = np.array([0.0, 0.0, -9.80665])
 
 
-def _leg(name: str, x: float, y: float) -> tuple[JointRow, ...]:
-    return (
-        (f"{name}_hip", "revolute", "trunk", f"{name}_hip_link", f"{x} {y} 0", "1 0 0"),
-        (
-            f"{name}_thigh",
-            "revolute",
-            f"{name}_hip_link",
-            f"{name}_thigh_link",
-            "0 0.08 0",
-            "0 1 0",
-        ),
-        (
-            f"{name}_calf",
-            "revolute",
-            f"{name}_thigh_link",
-            f"{name}_calf_link",
-            "0 0 -0.2",
-            "0 1 0",
-        ),
-        (f"{name}_foot", "fixed", f"{name}_calf_link", f"{name}_foot_link", "0 0 -0.2", ""),
-    )
+def _rows(text: str) -> tuple[JointRow, ...]:
+    """A joint a line: name, type, parent, child: xyz: axis."""
+    rows = [[part.strip() for part in line.split(":")] for line in text.strip().splitlines()]
+    return tuple((*names.split(), xyz, axis) for names, xyz, axis in rows)  # type: ignore[misc]
+
+
+def _leg(name: str, x: float, y: float) -> str:
+    return f"""
+        {name}_hip revolute trunk {name}_hip_link: {x} {y} 0: 1 0 0
+        {name}_thigh revolute {name}_hip_link {name}_thigh_link: 0 0.08 0: 0 1 0
+        {name}_calf revolute {name}_thigh_link {name}_calf_link: 0 0 -0.2: 0 1 0
+        {name}_foot fixed {name}_calf_link {name}_foot_link: 0 0 -0.2:"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,45 +76,38 @@ class Shape:
 
 SHAPES = {
     "arm with a gripper": Shape(
-        joints=(
-            ("j1", "revolute", "base", "l1", "0 0 0.3", "0 0 1"),
-            ("j2", "revolute", "l1", "l2", "0 0 0", "0 1 0"),
-            ("j3", "revolute", "l2", "l3", "0 0 0.4", "0 1 0"),
-            ("j4", "revolute", "l3", "l4", "0.1 0 0.3", "1 0 0"),
-            ("flange_joint", "fixed", "l4", "flange", "0 0 0.1", ""),
-            ("left_finger", "prismatic", "flange", "finger_l", "0 0.02 0.05", "0 1 0"),
-            ("right_finger", "prismatic", "flange", "finger_r", "0 -0.02 0.05", "0 1 0"),
-        ),
+        joints=_rows("""
+            j1 revolute base l1: 0 0 0.3: 0 0 1
+            j2 revolute l1 l2: 0 0 0: 0 1 0
+            j3 revolute l2 l3: 0 0 0.4: 0 1 0
+            j4 revolute l3 l4: 0.1 0 0.3: 1 0 0
+            flange_joint fixed l4 flange: 0 0 0.1:
+            left_finger prismatic flange finger_l: 0 0.02 0.05: 0 1 0
+            right_finger prismatic flange finger_r: 0 -0.02 0.05: 0 1 0"""),
         carrier="l4",
         alike=("flange",),
         fingers=("left_finger", "right_finger"),
     ),
     "pan and tilt on a lift": Shape(
-        joints=(
-            ("lift", "prismatic", "base", "column", "0 0 0.2", "0 0 1"),
-            ("pan", "continuous", "column", "pan_link", "0 0 0.1", "0 0 1"),
-            ("tilt", "revolute", "pan_link", "tilt_link", "0.05 0 0.1", "0 1 0"),
-            ("camera_joint", "fixed", "tilt_link", "camera", "0.03 0 0.02", ""),
-        ),
+        joints=_rows("""
+            lift prismatic base column: 0 0 0.2: 0 0 1
+            pan continuous column pan_link: 0 0 0.1: 0 0 1
+            tilt revolute pan_link tilt_link: 0.05 0 0.1: 0 1 0
+            camera_joint fixed tilt_link camera: 0.03 0 0.02:"""),
         carrier="tilt_link",
         alike=("camera",),
     ),
     "quadruped": Shape(
-        joints=tuple(
-            row
-            for name, x, y in (("FL", 0.2, 0.1), ("FR", 0.2, -0.1), ("RL", -0.2, 0.1))
-            for row in _leg(name, x, y)
-        ),
+        joints=_rows(_leg("FL", 0.2, 0.1) + _leg("FR", 0.2, -0.1) + _leg("RL", -0.2, 0.1)),
         carrier="trunk",
         base="trunk",
     ),
     "arm on a moving base": Shape(
-        joints=(
-            ("mast_joint", "fixed", "base_link", "mast", "0.1 0 0.5", ""),
-            ("pan", "revolute", "mast", "shoulder", "0 0 0.1", "0 0 1"),
-            ("lift", "revolute", "shoulder", "upper", "0 0 0.1", "0 1 0"),
-            ("roll", "revolute", "upper", "tool", "0 0 0.4", "0 0 1"),
-        ),
+        joints=_rows("""
+            mast_joint fixed base_link mast: 0.1 0 0.5:
+            pan revolute mast shoulder: 0 0 0.1: 0 0 1
+            lift revolute shoulder upper: 0 0 0.1: 0 1 0
+            roll revolute upper tool: 0 0 0.4: 0 0 1"""),
         carrier="upper",
         base="base_link",
     ),
@@ -129,14 +115,7 @@ SHAPES = {
 
 
 def record(shape: Shape, path: Path, *, storage: str = "mcap2", **options: Any) -> Path:
-    """A log in which all joints move, and the base if it does; noise of a good IMU.
-
-    Args:
-        shape: The robot.
-        path: Of the log.
-        storage: As tests.logs has them.
-        options: Of :func:`messages`.
-    """
+    """A log of :func:`messages`; the storage is one of tests.logs."""
     write_log(path, messages(shape, **options), storage)
     return path
 
@@ -153,25 +132,13 @@ def messages(
     seconds: float = 30.0,
     seed: int = 0,
 ) -> list[Said]:
-    """The messages of such a log.
+    """All joints move, and the base if it does, with the noise of a good IMU at T_carrier_imu.
 
-    Args:
-        shape: The robot.
-        mount: T_carrier_imu.
-        imu_frame: frame_id of the IMU's messages.
-        joint_prefix: Before the names of joints in messages.
-        namespace: Before the topics of IMU and joints.
-        base_topic: Of the base's pose; other than /tf a PoseStamped.
-        still: Joints that do not move.
-        seconds: Of the log.
-        seed: Of motion and noise.
+    A ``base_topic`` other than /tf has a PoseStamped; ``still`` joints do not move.
     """
     rng = np.random.default_rng(seed)
-    model = (
-        pin.buildModelFromXML(shape.urdf(), pin.JointModelFreeFlyer())
-        if shape.base
-        else (pin.buildModelFromXML(shape.urdf()))
-    )
+    root = (pin.JointModelFreeFlyer(),) if shape.base else ()
+    model = pin.buildModelFromXML(shape.urdf(), *root)
     data, frame = model.createData(), model.getFrameId(shape.carrier)
     neutral = pin.neutral(model)
     names = [row[0] for row in shape.joints if row[1] != "fixed"]
@@ -233,6 +200,17 @@ def messages(
         if shape.base:
             said.append(_pose_said(base_topic, shape.base, base(float(t)), ns))
     return said
+
+
+def see_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-3) -> None:
+    """The pose is within four sigmas of the truth, and sigmas of translation are small, m."""
+    assert result.status == "ok"
+    assert result.std is not None
+    turn = Rotation.from_matrix(result.pose.R @ mount.rotation.T).as_rotvec(degrees=True)
+    off = np.concatenate([1e3 * (result.pose.t - mount.translation), turn])
+    sigma = np.array([*result.std.translation_mm, *result.std.rotation_deg], dtype=np.float64)
+    assert (np.abs(off) < 4.0 * sigma).all()
+    assert sigma[:3].max() < 1e3 * largest
 
 
 def _pose_said(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:

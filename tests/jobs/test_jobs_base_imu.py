@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import PaperOptions
@@ -18,6 +17,7 @@ from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain
+from tests.jobs.robots import see_truth
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import Said, T
 
@@ -36,20 +36,28 @@ def request(folder: Path, *topics: str, **wishes: Any) -> CalibrationRequest:
     return CalibrationRequest(**{"logs": (log,), "urdf": urdf, **wishes})
 
 
-def is_true(result: Result, mount: pin.SE3) -> bool:
-    """Whether a result is within four sigmas of the truth, which are small."""
-    assert result.status == "ok"
-    assert result.std is not None
-    turn = Rotation.from_matrix(result.pose.R @ mount.rotation.T).as_rotvec(degrees=True)
-    off = np.concatenate([1e3 * (result.pose.t - mount.translation), turn])
-    sigma = np.array([*result.std.translation_mm, *result.std.rotation_deg], dtype=np.float64)
-    return bool((np.abs(off) < 4.0 * sigma).all() and sigma[:3].max() < 5.0)
+def only(outcome: Outcome) -> Result:
+    """The one result, or the error of the one IMU."""
+    for failure in outcome.failures:
+        raise failure
+    (result,) = outcome.results
+    return result
+
+
+def walk_with(folder: Path, asked: CalibrationRequest, change: Any, topic: str = TRUNK) -> Any:
+    """The request with a walk whose messages on a topic are changed."""
+    messages = tuple(
+        replace(each, message=change(each.message)) if each.topic == topic else each
+        for each in walk()
+    )
+    log = log_of(folder / "changed", TRUNK, LEG, "/joint_states", said=messages)
+    return replace(asked, logs=(log,))
 
 
 def test_the_imu_on_the_root_tells_how_a_walking_robot_moves(tmp_path: Path) -> None:
     (result,) = calibrate(request(tmp_path)).results
     assert (result.parent, result.child) == ("FL_calf_link", "leg_imu")
-    assert is_true(result, ON_LEG)
+    see_truth(result, ON_LEG)
     assert result.provenance.topics.motion == [TRUNK, "/joint_states"]
     (note,) = [each for each in result.diagnostics.findings if each.code == "base.imu"]
     assert note.values == {"topic": TRUNK, "link": "trunk"}
@@ -57,24 +65,14 @@ def test_the_imu_on_the_root_tells_how_a_walking_robot_moves(tmp_path: Path) -> 
 
 def test_any_imu_may_be_the_base_of_another(tmp_path: Path) -> None:
     """The trunk's against the leg's, whose frame in the URDF is then what it is about."""
-    robot = re.sub(
-        r'(<child link="leg_imu"/><origin) xyz="[^"]*" rpy="[^"]*"',
-        rf'\1 xyz="{_text(ON_LEG.translation)}" rpy="{_text(_rpy(ON_LEG))}"',
-        ROBOT.urdf(),
-    )
+    place = (ON_LEG.translation, pin.rpy.matrixToRpy(ON_LEG.rotation))
+    xyz, rpy = (" ".join(f"{value:.12g}" for value in each) for each in place)
+    origin = r'(<child link="leg_imu"/><origin) xyz="[^"]*" rpy="[^"]*"'
     urdf = tmp_path / "true.urdf"
-    urdf.write_text(robot)
+    urdf.write_text(re.sub(origin, rf'\1 xyz="{xyz}" rpy="{rpy}"', ROBOT.urdf()))
     asked = request(tmp_path, base_imu=LEG, imu_topics=(TRUNK,))
     (result,) = calibrate(replace(asked, urdf=urdf)).results
-    assert is_true(result, ON_TRUNK)
-
-
-def _text(values: Any) -> str:
-    return " ".join(f"{value:.12g}" for value in values)
-
-
-def _rpy(place: pin.SE3) -> Any:
-    return pin.rpy.matrixToRpy(place.rotation)
+    see_truth(result, ON_TRUNK)
 
 
 def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
@@ -88,39 +86,30 @@ def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
     log = log_of(tmp_path, TRUNK, LEG, said=(*_walk_of(TRUNK), *second))
     (result,) = calibrate(CalibrationRequest(logs=(log,), base_imu=TRUNK)).results
     assert result.parent == "trunk_imu"
-    assert is_true(result, ON_TRUNK.inverse() * other)
+    see_truth(result, ON_TRUNK.inverse() * other)
 
 
 def test_joints_between_two_imus_need_the_urdf(tmp_path: Path) -> None:
     """Taken for one body, a leg would be calibrated as if it were part of the trunk."""
     asked = replace(request(tmp_path, base_imu=TRUNK), urdf=None)
     with pytest.raises(ChoiceError, match=r"give --urdf, .* or --parent trunk_imu if both"):
-        alone(calibrate(asked))
+        only(calibrate(asked))
     (result,) = calibrate(replace(asked, parent="trunk_imu")).results
     assert result.parent == "trunk_imu"
 
 
 @pytest.mark.parametrize("urdf", [False, True])
 def test_joints_that_cannot_be_used_are_told(tmp_path: Path, *, urdf: bool) -> None:
-    said = tuple(
-        replace(each, message=replace(each.message, position=each.message.position[:-1]))
-        if each.topic == "/joint_states"
-        else each
-        for each in walk()
+    asked = request(tmp_path, base_imu=TRUNK)
+    asked = walk_with(
+        tmp_path,
+        asked if urdf else replace(asked, urdf=None),
+        lambda joints: replace(joints, position=joints.position[:-1]),
+        "/joint_states",
     )
-    (tmp_path / "spoilt").mkdir()
-    log = log_of(tmp_path / "spoilt", TRUNK, LEG, "/joint_states", said=said)
-    asked = replace(request(tmp_path, base_imu=TRUNK), logs=(log,))
     with pytest.raises(ImucalibError, match=r"2000 of 2000 .* have 8 positions for 9 joints"):
-        alone(calibrate(asked if urdf else replace(asked, urdf=None)))
-    assert inspect(CalibrationRequest(logs=(log,))).command is None
-
-
-def alone(outcome: Outcome) -> Result:
-    """The one result, or the error of the one IMU."""
-    for failure in outcome.failures:
-        raise failure
-    return outcome.results[0]
+        only(calibrate(asked))
+    assert inspect(CalibrationRequest(logs=asked.logs)).command is None
 
 
 def _walk_of(topic: str) -> list[Said]:
@@ -134,9 +123,9 @@ def test_a_sensor_of_the_base_imu_that_is_not_there(
 ) -> None:
     field = {"gyro": "angular_velocity", "accel": "linear_acceleration"}[sensor]
     nothing = {field: T["Vector3"](value, value, value)}
-    spoilt = _changed(TRUNK, lambda imu: replace(imu, **nothing))
-    log = log_of(tmp_path / "spoilt", TRUNK, LEG, "/joint_states", said=spoilt)
-    asked = replace(request(tmp_path, base_imu=TRUNK), logs=(log,))
+    asked = walk_with(
+        tmp_path, request(tmp_path, base_imu=TRUNK), lambda imu: replace(imu, **nothing)
+    )
     with pytest.raises(InputError, match=f"{TRUNK}: {sensor} is {said} in all .*--base-imu"):
         read_recording(asked)
 
@@ -181,14 +170,6 @@ def test_what_cannot_be_is_said(
         read_recording(request(tmp_path, **wishes))
 
 
-def _changed(topic: str, change: Any) -> tuple[Said, ...]:
-    """The walk with another message in place of each on a topic."""
-    return tuple(
-        replace(each, message=change(each.message)) if each.topic == topic else each
-        for each in walk()
-    )
-
-
 def test_an_imu_that_stands_still_tells_nothing(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
 
@@ -197,12 +178,10 @@ def test_an_imu_that_stands_still_tells_nothing(tmp_path: Path) -> None:
         vector = T["Vector3"]
         return replace(imu, angular_velocity=vector(*w), linear_acceleration=vector(*a))
 
-    asked = request(tmp_path)
-    still = _changed(TRUNK, at_rest)
-    log = log_of(tmp_path / "still", TRUNK, LEG, "/joint_states", said=still)
-    assert read_recording(replace(asked, logs=(log,))).sources.base is None
+    asked = walk_with(tmp_path, request(tmp_path), at_rest)
+    assert read_recording(asked).sources.base is None
     with pytest.raises(InputError, match="hardly turns, so it tells no motion"):
-        read_recording(replace(asked, logs=(log,), base_imu=TRUNK))
+        read_recording(replace(asked, base_imu=TRUNK))
 
 
 def test_one_sensor_on_two_topics_is_not_two(tmp_path: Path) -> None:
@@ -228,7 +207,4 @@ def test_in_g_and_degrees_the_base_is_the_same(tmp_path: Path) -> None:
         scaled = T["Vector3"](a.x / 9.80665, a.y / 9.80665, a.z / 9.80665)
         return replace(imu, linear_acceleration=scaled)
 
-    asked = request(tmp_path)
-    log = log_of(tmp_path / "g", TRUNK, LEG, "/joint_states", said=_changed(TRUNK, in_g))
-    (result,) = calibrate(replace(asked, logs=(log,))).results
-    assert is_true(result, ON_LEG)
+    see_truth(only(calibrate(walk_with(tmp_path, request(tmp_path), in_g))), ON_LEG)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.results.codec import result_from, to_document
@@ -23,6 +23,8 @@ from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.write_log import write_log
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from imucalib_cli.results.result import Result
     from imucalib_cli.simulate.recording import Recording
     from tests.conftest import Imucalib
@@ -36,7 +38,9 @@ def clean() -> Recording:
     return record(load_system("barbot"), options)
 
 
-def written(folder: Path, noise: NoiseOptions) -> Path:
+def written(folder: Path, noise: NoiseOptions | str) -> Path:
+    """A log with the noise of an IMU."""
+    noise = load_imu(noise) if isinstance(noise, str) else noise
     return as_log(folder, corrupt(clean(), noise, seed=5))
 
 
@@ -45,16 +49,12 @@ def as_log(folder: Path, recording: Recording) -> Path:
     return folder / "log.mcap"
 
 
-def request(log: Path, name: str | None, **changes: Any) -> CalibrationRequest:
-    from imucalib_cli.estimate.options import MatchedOptions
-
-    options = MatchedOptions(gravity="none", **changes)
+def result(log: Path, name: str | None, estimator: Any = None, **changes: Any) -> Result:
+    """Of a log, by the data sheet of an IMU."""
+    options = estimator or MatchedOptions(gravity="none", **changes)
     imu = None if name is None else ExpectedImu(model=load_imu_model(name))
-    return CalibrationRequest(logs=(log,), parent="bar_link", estimator=options, imu=imu)
-
-
-def result(log: Path, name: str | None, **changes: Any) -> Result:
-    (found,) = calibrate(request(log, name, **changes)).results
+    request = CalibrationRequest(logs=(log,), parent="bar_link", estimator=options, imu=imu)
+    (found,) = calibrate(request).results
     return found
 
 
@@ -64,7 +64,7 @@ def of_model(found: Result) -> list[str]:
 
 @pytest.mark.slow
 def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
-    found = result(written(tmp_path, load_imu("bmi088")), "bmi088")
+    found = result(written(tmp_path, "bmi088"), "bmi088")
     assert found.status == "ok"
     assert of_model(found) == []
     check = found.diagnostics.imu_model
@@ -125,7 +125,7 @@ def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
 def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(
     tmp_path: Path, imucalib: Imucalib
 ) -> None:
-    log = written(tmp_path, load_imu("adis16448"))
+    log = written(tmp_path, "adis16448")
     found = result(log, "adis16448")
     options, check = found.provenance.options, found.diagnostics.imu_model
     # 20 mg and 0.5 deg/s, 1 sigma, taken twice as wide.
@@ -141,18 +141,15 @@ def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(
     assert priors["accel_scale"] < 0.01
     assert priors["gyro_misalignment"] < np.radians(0.2) * np.sqrt(2.0)
 
-    (path,) = Path(log).parent.glob("*.mcap")
-    words = ["run", str(path), "--parent", "bar_link", "--gravity", "none", "-o"]
-    out = tmp_path / "told.json"
-    more = ["--format", "json", "--imu-model", "adis16448", "--gyro-bias", "free"]
-    imucalib(*words, out, *more)
-    written_options = json.loads(out.read_text())["provenance"]["options"]
-    assert written_options["gyro_bias_std"] == "free"
-    assert written_options["accel_bias_std"] == pytest.approx(0.392266)
+    command = ["run", log, "--parent", "bar_link", "--gravity", "none", "--format", "json"]
+    out = imucalib(*command, "--imu-model", "adis16448", "--gyro-bias", "free").out
+    options = json.loads(out)["provenance"]["options"]
+    assert options["gyro_bias_std"] == "free"
+    assert options["accel_bias_std"] == pytest.approx(0.392266)
 
 
 def test_a_prior_is_weak_where_the_log_knows_and_helps_where_it_does_not(tmp_path: Path) -> None:
-    log = written(tmp_path, load_imu("adis16448"))
+    log = written(tmp_path, "adis16448")
     told, untold = result(log, "adis16448"), result(log, None)
     covariance = untold.uncertain_pose.covariance
     assert covariance is not None
@@ -179,7 +176,7 @@ def test_a_bias_that_no_such_sensor_has_drops_the_prior_not_the_result(tmp_path:
 
 
 def test_a_large_bias_is_usual_for_an_imu_whose_sheet_says_so(tmp_path: Path) -> None:
-    log = written(tmp_path, load_imu("icm20948"))  # 50 mg, 1 sigma
+    log = written(tmp_path, "icm20948")  # 50 mg, 1 sigma
     told, untold = result(log, "icm20948").diagnostics, result(log, None).diagnostics
     assert any("accelerometer bias of 0.69 m/s² is unusual" in w for w in untold.warnings)
     assert told.warnings == []
@@ -194,11 +191,8 @@ def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_published_method_is_compared_too(tmp_path: Path) -> None:
-    from imucalib_cli.estimate.options import PaperOptions
-
-    log = written(tmp_path, load_imu("bmi088"))
-    wish = replace(request(log, "xsens_mti"), estimator=PaperOptions(gravity_norm=0.0))
-    (found,) = calibrate(wish).results
+    log = written(tmp_path, "bmi088")
+    found = result(log, "xsens_mti", PaperOptions(gravity_norm=0.0))
     assert any("3.2 times the 0.0059" in sentence for sentence in of_model(found))
     assert found.diagnostics.imu_model is not None
     assert found.diagnostics.imu_model.accel.in_windows is None

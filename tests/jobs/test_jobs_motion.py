@@ -2,40 +2,92 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
-    from typing import Any
 
     from imucalib_cli.jobs.input.motion import Motion
-    from imucalib_cli.jobs.input.reading import Recording
     from tests.conftest import LogWriter
+
+    Log = Callable[[LogWriter], LogWriter]
 
 
 def motion_of(log: Path, **wishes: Any) -> Motion:
-    _, motion = _read(log, **wishes)
-    return motion
-
-
-def _read(log: Path, **wishes: Any) -> tuple[Recording, Motion]:
     request = CalibrationRequest(logs=(log,), **wishes)
     recording = read_recording(request)
-    (imu,) = recording.imus
-    return recording, find_motion(recording.sources, recording.robot, imu.frame_id, request)
+    return find_motion(recording.sources, recording.imus[0].frame_id, request)
+
+
+def in_words(motion: Motion) -> str:
+    mount = motion.mount
+    return f"{mount.child} on {mount.parent} in {motion.path.world}: {' '.join(motion.topics)}"
+
+
+def arm(writer: LogWriter) -> LogWriter:
+    return writer.imu().joints()
+
+
+def lost(writer: LogWriter) -> LogWriter:
+    return writer.imu(frame="lost").joints()
+
+
+def two(writer: LogWriter) -> LogWriter:
+    return writer.imu().joints("/a", names=("pan",)).joints("/b", names=("lift", "x"))
+
+
+@pytest.mark.parametrize(
+    ("log", "wishes", "expected"),
+    [
+        (two, {}, "imu_link on hand in base: /a /b"),
+        (lambda w: arm(w).tf("odom", "base"), {}, "imu_link on hand in odom: /tf /joint_states"),
+        (lambda w: arm(w).odometry(), {}, "imu_link on hand in odom: /odom /joint_states"),
+        # the base stands still
+        (lambda w: arm(w).odometry(reach=0.002), {}, "imu_link on hand in base: /joint_states"),
+        (
+            lambda w: arm(w).tf("map", "base").odometry(),
+            {},
+            "imu_link on hand in map: /tf /joint_states",
+        ),
+        # motion capture is used only if it is named, then for the base
+        (lambda w: arm(w).poses("/mocap"), {}, "imu_link on hand in base: /joint_states"),
+        (
+            lambda w: arm(w).poses("/mocap"),
+            {"pose_topics": ("/mocap",)},
+            "imu_link on hand in room: /mocap /joint_states",
+        ),
+        (lambda w: arm(w).tf("room", "ball"), {}, "imu_link on hand in base: /joint_states"),
+        (
+            lambda w: w.imu().tf("base", "upper").tf("upper", "hand"),
+            {},
+            "imu_link on hand in base: /tf",
+        ),
+        (arm, {"world": "upper"}, "imu_link on hand in upper: /joint_states"),
+        (lost, {"imu_link": "imu_link"}, "imu_link on hand in base: /joint_states"),
+        (lost, {"parent": "upper"}, "lost on upper in base: /joint_states"),
+    ],
+)
+def test_motion_with_a_urdf(
+    log: Log, wishes: dict[str, Any], expected: str, log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    motion = motion_of(log(log_writer).write(), urdf=arm_urdf, **wishes)
+    assert in_words(motion) == expected
+    assert (motion.mount.nominal is None) == expected.startswith("lost on upper")
 
 
 def test_joints_move_the_link_that_holds_the_frame(log_writer: LogWriter, arm_urdf: Path) -> None:
-    motion = motion_of(log_writer.imu().joints().write(), urdf=arm_urdf)
+    motion = motion_of(arm(log_writer).write(), urdf=arm_urdf)
     assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
         "hand",
         "imu_link",
@@ -49,151 +101,104 @@ def test_joints_move_the_link_that_holds_the_frame(log_writer: LogWriter, arm_ur
     np.testing.assert_allclose(R[0], np.eye(3), atol=1e-15)
 
 
-def test_joints_of_two_publishers_are_joined(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints("/a", names=("pan",)).joints("/b", names=("lift", "x")).write()
-    assert motion_of(log, urdf=arm_urdf).topics == ("/a", "/b")
+def body(writer: LogWriter) -> LogWriter:
+    return writer.imu().tf("map", "body")
 
 
-def test_a_missing_joint_is_named(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints(names=("pan", "finger")).write()
-    with pytest.raises(InputError, match="'lift'"):
-        motion_of(log, urdf=arm_urdf)
-
-
-def test_parent_and_imu_link_may_be_told(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu(frame="unheard_of").joints().write()
-    with pytest.raises(ChoiceError, match="one of: base, upper, hand, imu_link; or, if the IMU"):
-        motion_of(log, urdf=arm_urdf)
-    told = motion_of(log, urdf=arm_urdf, parent="upper")
-    assert (told.mount.parent, told.mount.child, told.mount.nominal) == (
-        "upper",
-        "unheard_of",
-        None,
-    )
-    linked = motion_of(log, urdf=arm_urdf, imu_link="imu_link")
-    assert (linked.mount.parent, linked.mount.child) == ("hand", "imu_link")
-
-
-def test_a_moving_base_carries_the_arm(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().tf("odom", "base").write()
-    motion = motion_of(log, urdf=arm_urdf)
-    assert motion.path.world == "odom"
-    assert motion.topics == ("/tf", "/joint_states")
-
-
-def test_odometry_moves_the_base_unasked(log_writer: LogWriter, arm_urdf: Path) -> None:
-    motion = motion_of(log_writer.imu().joints().odometry().write(), urdf=arm_urdf)
-    assert motion.path.world == "odom"
-    assert motion.topics == ("/odom", "/joint_states")
-
-
-def test_odometry_of_a_base_that_stands_still_is_left_alone(
-    log_writer: LogWriter, arm_urdf: Path
+@pytest.mark.parametrize(
+    ("log", "wishes", "expected", "nominal"),
+    [
+        (
+            lambda w: body(w).tf("body", "imu_link", moving=False),
+            {},
+            "imu_link on body in map: /tf",
+            [1.0, 2.0, 3.0],
+        ),
+        (body, {}, "imu_link on body in map: /tf", None),
+        (
+            lambda w: body(w).tf("body", "arm"),
+            {"parent": "arm", "world": "body"},
+            "imu_link on arm in body: /tf",
+            None,
+        ),
+        # the IMU's own frame is tracked
+        (
+            lambda w: w.imu().tf("map", "imu_link"),
+            {},
+            "imu_link on imu_link in map: /tf",
+            [0.0, 0.0, 0.0],
+        ),
+        # a pose without a child frame
+        (lambda w: w.imu().poses("/p"), {}, "imu_link on /p in room: /p", None),
+        (lambda w: w.imu().poses("/p"), {"parent": "it"}, "imu_link on it in room: /p", None),
+    ],
+)
+def test_motion_without_a_urdf(
+    log: Log, wishes: dict[str, Any], expected: str, nominal: Any, log_writer: LogWriter
 ) -> None:
-    log = log_writer.imu().joints().odometry(reach=0.002).write()
-    assert motion_of(log, urdf=arm_urdf).topics == ("/joint_states",)
+    motion = motion_of(log(log_writer).write(), **wishes)
+    assert in_words(motion) == expected
+    found = motion.mount.nominal
+    assert (None if found is None else found.t_parent_imu.tolist()) == nominal
+    if found is not None and not any(nominal):
+        np.testing.assert_array_equal(found.R_parent_imu, np.eye(3))
 
 
-def test_tf_of_the_base_goes_before_odometry(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().tf("map", "base").odometry().write()
-    motion = motion_of(log, urdf=arm_urdf)
-    assert motion.topics == ("/tf", "/joint_states")
-    assert motion.path.world == "map"
-
-
-def test_motion_capture_of_the_base_needs_no_child_frame(
-    log_writer: LogWriter, arm_urdf: Path
+@pytest.mark.parametrize(
+    ("log", "wishes", "message"),
+    [
+        (lambda w: w.imu().joints(names=("pan", "finger")), {}, "InputError: .*'lift'"),
+        (lost, {}, "ChoiceError: .*one of: base, upper, hand, imu_link; or, if the IMU"),
+        (
+            lambda w: arm(w).tf("room", "ball"),
+            {"pose_topics": ("/tf",)},
+            "ChoiceError: --pose-topic /tf has the pose of 'ball' in 'room'",
+        ),
+        (arm, {"world": "uper"}, "ChoiceError: --world uper: no such link"),
+        (arm, {"parent": "base"}, "InputError: base never moves"),
+        (
+            lambda w: arm(w).tf("map", "base").tf("odom", "base"),
+            {},
+            "ChoiceError: several poses move links of .*--pose-topic",
+        ),
+        (
+            lambda w: body(w).tf("odom", "body"),
+            {"parent": "body", "urdf": None},
+            "ChoiceError: .*'body' is given 2 times.*--pose-topic",
+        ),
+        (
+            lambda w: body(w).tf("body", "arm"),
+            {"urdf": None},
+            "ChoiceError: .*--parent, one of: (body, arm|arm, body)$",
+        ),
+        # as where the latched /tf_static was not recorded whole
+        (
+            lambda w: body(w).tf("hand", "imu_link", moving=False),
+            {"urdf": None},
+            "ChoiceError: .*leads from 'hand' to .* one of: body$",
+        ),
+    ],
+)
+def test_motion_that_is_refused(
+    log: Log, wishes: dict[str, Any], message: str, log_writer: LogWriter, arm_urdf: Path
 ) -> None:
-    log = log_writer.imu().joints().poses("/mocap").write()
-    assert motion_of(log, urdf=arm_urdf).path.world == "base"  # not asked for, not used
-    asked = motion_of(log, urdf=arm_urdf, pose_topics=("/mocap",))
-    assert asked.path.world == "room"
-    assert asked.topics == ("/mocap", "/joint_states")
+    with pytest.raises(ImucalibError) as caught:
+        motion_of(log(log_writer).write(), **{"urdf": arm_urdf, **wishes})
+    assert re.match(message, f"{type(caught.value).__name__}: {caught.value}")
 
 
-def test_a_pose_topic_that_moves_nothing_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().tf("room", "ball").write()
-    assert motion_of(log, urdf=arm_urdf).topics == ("/joint_states",)
-    with pytest.raises(ChoiceError, match="--pose-topic /tf has the pose of 'ball' in 'room'"):
-        motion_of(log, urdf=arm_urdf, pose_topics=("/tf",))
-
-
-def test_a_world_that_is_no_link_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().write()
-    assert motion_of(log, urdf=arm_urdf, world="upper").path.world == "upper"
-    with pytest.raises(ChoiceError, match="--world uper: no such link"):
-        motion_of(log, urdf=arm_urdf, world="uper")
-
-
-def test_tf_replaces_joint_states(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().tf("base", "upper").tf("upper", "hand").write()
-    motion = motion_of(log, urdf=arm_urdf)
-    assert (motion.mount.parent, motion.path.world, motion.topics) == ("hand", "base", ("/tf",))
-    assert motion.mount.nominal is not None
-
-
-def test_without_urdf_a_static_edge_names_the_parent(log_writer: LogWriter) -> None:
-    log = log_writer.imu().tf("map", "body").tf("body", "imu_link", moving=False).write()
-    motion = motion_of(log)
-    assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
-        "body",
-        "imu_link",
-        "map",
-    )
-    assert motion.mount.nominal is not None
-    np.testing.assert_array_equal(motion.mount.nominal.t_parent_imu, [1.0, 2.0, 3.0])
-
-
-def test_without_urdf_the_only_moving_frame_is_the_parent(log_writer: LogWriter) -> None:
-    assert motion_of(log_writer.imu().tf("map", "body").write()).mount.parent == "body"
-
-
-def test_several_moving_frames_are_a_choice(log_writer: LogWriter) -> None:
-    log = log_writer.imu().tf("map", "body").tf("body", "arm").write()
-    with pytest.raises(ChoiceError, match=r"--parent, one of: (body, arm|arm, body)$"):
-        motion_of(log)
-    assert motion_of(log, parent="arm", world="body").path.world == "body"
-
-
-def test_frames_that_fall_apart_are_named(log_writer: LogWriter) -> None:
-    """As where the latched /tf_static was not recorded whole."""
-    log = log_writer.imu().tf("map", "body").tf("hand", "imu_link", moving=False).write()
-    with pytest.raises(ChoiceError, match=r"leads from 'hand' to .* one of: body$"):
-        motion_of(log)
-
-
-def test_a_tracked_imu_frame_is_its_own_parent(log_writer: LogWriter) -> None:
-    motion = motion_of(log_writer.imu().tf("map", "imu_link").write())
-    assert (motion.mount.parent, motion.mount.child) == ("imu_link", "imu_link")
-    assert motion.mount.nominal is not None
-    np.testing.assert_array_equal(motion.mount.nominal.R_parent_imu, np.eye(3))
-
-
-def test_a_pose_without_child_is_named_by_the_user_or_its_topic(log_writer: LogWriter) -> None:
-    log = log_writer.imu().poses("/mocap/pose").write()
-    assert motion_of(log).mount.parent == "/mocap/pose"
-    assert motion_of(log, parent="drone").mount.parent == "drone"
-    assert motion_of(log, parent="drone").path.world == "room"
-
-
-def test_a_path_that_stands_still_is_refused(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().write()
-    with pytest.raises(InputError, match="base never moves"):
-        motion_of(log, urdf=arm_urdf, parent="base")
-
-
-def test_a_pose_told_twice_is_taken_once_and_told(log_writer: LogWriter) -> None:
+def test_a_pose_that_is_given_twice_is_taken_once_and_noted(log_writer: LogWriter) -> None:
     log = log_writer.imu().tf("map", "body").tf("map", "body", moving=False).write()
-    recording, motion = _read(log)
-    assert motion.mount.parent == "body"
-    said = "/tf_static tells the pose of body in map too"
-    assert any(said in each.message for each in recording.findings)
+    request = CalibrationRequest(logs=(log,))
+    recording = read_recording(request)
+    assert find_motion(recording.sources, "imu_link", request).mount.parent == "body"
+    message = "/tf_static tells the pose of body in map too"
+    assert any(message in each.message for each in recording.findings)
 
 
 def test_a_leading_slash_is_no_part_of_a_link_name(log_writer: LogWriter, arm_urdf: Path) -> None:
-    arm_urdf.write_text(
-        arm_urdf.read_text().replace('link="', 'link="/').replace('link name="', 'link name="/')
-    )
+    text = arm_urdf.read_text().replace('link="', 'link="/')
+    arm_urdf.write_text(text.replace('link name="', 'link name="/'))
     motion = motion_of(log_writer.imu(frame="/imu_link").joints().write(), urdf=arm_urdf)
     assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
         "hand",
@@ -203,12 +208,10 @@ def test_a_leading_slash_is_no_part_of_a_link_name(log_writer: LogWriter, arm_ur
 
 
 def test_links_that_differ_by_a_slash_alone_are_refused(arm_urdf: Path) -> None:
-    text = arm_urdf.read_text()
+    joint = '<joint name="j" type="fixed"><parent link="base"/><child link="/hand"/></joint>'
+    text = arm_urdf.read_text().replace("<!-- keep me -->", joint)
     arm_urdf.write_text(
-        text.replace('<link name="upper"/>', '<link name="upper"/> <link name="/hand"/>').replace(
-            "<!-- keep me -->",
-            '<joint name="j" type="fixed"><parent link="base"/><child link="/hand"/></joint>',
-        )
+        text.replace('<link name="upper"/>', '<link name="upper"/> <link name="/hand"/>')
     )
     with pytest.raises(InputError, match="'hand' and '/hand' are one frame: rename one"):
         load_robot(arm_urdf)

@@ -32,7 +32,7 @@ def failure(log: Path, urdf: Path | None = None, **wishes: Any) -> str:
 
 def _find(request: CalibrationRequest) -> None:
     recording = read_recording(request)
-    find_motion(recording.sources, recording.robot, recording.imus[0].frame_id, request)
+    find_motion(recording.sources, recording.imus[0].frame_id, request)
 
 
 def _without_numbers(writer: LogWriter, topic: str) -> None:
@@ -96,23 +96,6 @@ def test_damage_that_left_nothing_of_a_topic_is_told(tmp_path: Path) -> None:
     assert said.startswith("/imu: no message could be used: ")
     assert said.count("checksum") == 3
     assert said.endswith("; and 2 more")
-
-
-def test_poses_that_compete_are_a_choice(log_writer: LogWriter) -> None:
-    """Exit code 2: the user can say which is meant."""
-    log = log_writer.imu().tf("map", "body").tf("odom", "body").write()
-    request = CalibrationRequest(logs=(log,), parent="body")
-    recording = read_recording(request)
-    with pytest.raises(ChoiceError, match=r"'body' is given 2 times.*--pose-topic"):
-        find_motion(recording.sources, None, "imu_link", request)
-
-
-def test_bases_that_compete_are_a_choice(log_writer: LogWriter, arm_urdf: Path) -> None:
-    log = log_writer.imu().joints().tf("map", "base").tf("odom", "base").write()
-    request = CalibrationRequest(logs=(log,), urdf=arm_urdf)
-    recording = read_recording(request)
-    with pytest.raises(ChoiceError, match=r"several poses move links of .*--pose-topic"):
-        find_motion(recording.sources, recording.robot, "imu_link", request)
 
 
 def test_a_log_without_any_time_gives_no_advice_to_change_the_clock(
@@ -200,6 +183,7 @@ def test_the_date_is_that_of_the_stamps_or_of_receipt_or_unknown(log_writer: Log
     assert recorded_at(recording, imu, 1.5) == start.replace(
         second=start.second + 1, microsecond=500_000
     )
-    booted = replace(recording, clock=replace(recording.clock, origin_ns=77_000_000_000))
+    clock = replace(recording.clock, origin_ns=77_000_000_000)
+    booted = replace(recording, sources=replace(recording.sources, clock=clock))
     assert recorded_at(booted, imu, 1.5) == start
     assert recorded_at(booted, replace(imu, log_ns=imu.log_ns - START_NS), 1.5) is None

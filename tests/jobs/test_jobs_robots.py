@@ -12,7 +12,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
-from tests.jobs.robots import SHAPES, messages, random_mount, record
+from tests.jobs.robots import SHAPES, messages, random_mount, record, see_truth
 from tests.logs.logs_samples import write_log
 from tests.slow import slow_after
 
@@ -42,11 +42,7 @@ def test_the_link_is_named_and_the_pose_found(name: str, storage: str, tmp_path:
 
     request = CalibrationRequest(logs=(log,), urdf=urdf, parent=shape.carrier)
     (result,) = calibrate(request).results
-    assert result.status == "ok"
-    assert result.std is not None
-    sigma = np.array(result.std.translation_mm, dtype=np.float64) / 1e3
-    assert np.all(np.abs(result.pose.t - mount.translation) < 4.0 * sigma)
-    assert sigma.max() < 5e-3
+    see_truth(result, mount)
 
 
 def run(log: Path, shape: Shape, folder: Path, **wishes: Any) -> Outcome:

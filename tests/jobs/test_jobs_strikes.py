@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -57,14 +57,9 @@ def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
     assert found.ok
     assert square_in_sigmas(found, walk) < chi2.ppf(0.999, 6)
     (told,) = (each for each in found.estimate.findings if each.code == "imu.strikes")
-    strikes, windows, total, left_out = (
-        told.values[name] for name in ("count", "windows", "total", "left_out")
-    )
-    assert isinstance(strikes, int)
-    assert isinstance(windows, int)
-    assert isinstance(total, int)
-    assert isinstance(left_out, int)
-    assert strikes > 12  # nine seconds of two strides each
+    values: Any = told.values
+    windows, total, left_out = (values[name] for name in ("windows", "total", "left_out"))
+    assert values["count"] > 12  # nine seconds of two strides each
     assert total >= windows > total / 4
     assert left_out < windows / 10
 

@@ -1,4 +1,4 @@
-"""Use the data sheet of the IMU that the user names: priors for the fit, and checks after it."""
+"""The data sheet of the IMU that the user names: priors for the fit, and checks after it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from imucalib_cli.estimate.checks.judge import DISTRUST_SIGMAS
 from imucalib_cli.estimate.estimate import ImuCheck, SensorCheck
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions
@@ -20,7 +19,8 @@ from imucalib_cli.signals.timing.stamps import tidy_rows
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.estimate.estimate import Estimate, Residuals
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
     from imucalib_cli.jobs.input.request import ExpectedImu
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import ImuSamples, Sensor
@@ -30,11 +30,9 @@ FIRST_ORDER = math.pi / 2.0
 _SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
-def with_priors(
-    options: MatchedOptions | PaperOptions, expected: ExpectedImu | None
-) -> MatchedOptions | PaperOptions:
+def with_priors(options: MatchedOptions, expected: ExpectedImu | None) -> MatchedOptions:
     """Options with the data sheet's figures as priors; for biases only where the user gave none."""
-    if expected is None or isinstance(options, PaperOptions):
+    if expected is None:
         return options
     given: dict[str, Any] = {f"{s}_bias_std": prior for s, prior in expected.bias_priors.items()}
     model = expected.model
@@ -45,8 +43,7 @@ def with_priors(
 def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sensor, ...]:
     """Sensors whose bias is far outside the data sheet's prior: the sheet does not apply.
 
-    A prior stated by the user is not treated so: if the data contradict it, the result is
-    untrusted.
+    This does not apply to priors that the user states: a contradiction makes the result untrusted.
     """
     if expected is None or estimate.method == "paper":
         return ()
@@ -72,17 +69,14 @@ def checked(
     expected: ExpectedImu | None,
     dropped: tuple[Sensor, ...],
 ) -> Estimate:
-    """A final estimate with what the data sheet says of it and of the samples it was made from.
+    """The final estimate with the findings of its comparison with the data sheet.
 
-    The priors of sensors that are ``dropped`` were left out.
+    The bias priors of ``dropped`` sensors were not used.
     """
     if expected is None:
         return estimate
     model = expected.model
-    priors = {s: prior for s, prior in expected.bias_priors.items() if s not in dropped}
-    check = _check(
-        samples, estimate.residuals, model, priors if estimate.method == "matched" else {}
-    )
+    check = _check(samples, estimate, expected, dropped)
     found = {"accel": estimate.accel_bias, "gyro": estimate.gyro_bias}
     beyond = [
         warning(
@@ -99,10 +93,7 @@ def checked(
 
 
 def _check(
-    imu: ImuSamples,
-    residuals: Residuals,
-    model: ImuModel,
-    priors: dict[Sensor, float],
+    imu: ImuSamples, estimate: Estimate, expected: ExpectedImu, dropped: tuple[Sensor, ...]
 ) -> ImuCheck:
     """Measure a log's noise and compare it with the data sheet's.
 
@@ -112,24 +103,23 @@ def _check(
     """
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     rate = 1.0 / float(np.median(np.diff(imu.t[rows])))
-    values = {"accel": imu.accel[rows], "gyro": imu.gyro[rows]}
-    left = residuals.white_equivalent
+    priors = expected.bias_priors if estimate.method == "matched" else {}
+    in_windows = estimate.residuals.white_equivalent or (None, None)
     accel, gyro = (
         SensorCheck(
-            expected=model.noise(sensor) * float(np.sqrt(rate / 2.0)),
-            measured=noise_level(values[sensor]),
-            in_windows=None if left is None else left[place],
-            bias_prior=priors.get(sensor),
+            expected=expected.model.noise(sensor) * float(np.sqrt(rate / 2.0)),
+            measured=noise_level(imu.of(sensor)[rows]),
+            in_windows=level,
+            bias_prior=None if sensor in dropped else priors.get(sensor),
         )
-        for place, sensor in enumerate(_SENSORS)
+        for sensor, level in zip(_SENSORS, in_windows, strict=True)
     )
-    return ImuCheck(name=model.name, rate=rate, accel=accel, gyro=gyro)
+    return ImuCheck(name=expected.model.name, rate=rate, accel=accel, gyro=gyro)
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
     factor = imu_assumptions().noise_factor
-    for sensor in _SENSORS:
-        found = check.accel if sensor == "accel" else check.gyro
+    for sensor, found in zip(_SENSORS, (check.accel, check.gyro), strict=True):
         values = {
             "sensor": sensor,
             "measured": found.measured,
@@ -137,7 +127,11 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
             "model": check.name,
             "rate": check.rate,
         }
-        least = _least(found.expected, check.rate, model.bandwidth(sensor)) / factor
+        least, bandwidth = found.expected, model.bandwidth(sensor)
+        if bandwidth is not None:
+            # share of the noise that remains if the bandwidth is below half the rate
+            least *= math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (check.rate / 2.0)))
+        least /= factor
         if found.measured > factor * found.expected:
             yield warning("imu.noise_above_sheet", **values)
         # A low-pass filter keeps the noise below its cut-off, where the windows measure.
@@ -145,10 +139,3 @@ def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
             yield warning("imu.noise_filtered", **values)
         elif found.measured < least:
             yield warning("imu.noise_below_sheet", **values)
-
-
-def _least(expected: float, rate: float, bandwidth: float | None) -> float:
-    """Share of a sample's noise that remains if the sensor's bandwidth is below half the rate."""
-    if bandwidth is None:
-        return expected
-    return expected * math.sqrt(min(1.0, FIRST_ORDER * bandwidth / (rate / 2.0)))

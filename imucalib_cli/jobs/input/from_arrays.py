@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _NS = 1_000_000_000
 _LONGEST = 1e9
-"""s between the first stamp and the last: more are no seconds."""
+"""s between the first stamp and the last: more cannot be seconds."""
 
 
 def streams_of(
@@ -52,15 +52,15 @@ def streams_of(
             "nothing tells how the robot moves: give pose_t, positions and quaternions_xyzw, or "
             "joint_t, joint_positions, joint_names and urdf"
         )
-    told = {"t": t, "pose_t": pose_t, "joint_t": joint_t}
-    times = {name: _numbers(name, values) for name, values in told.items() if values is not None}
+    given = {"t": t, "pose_t": pose_t, "joint_t": joint_t}
+    times = {name: _numbers(name, values) for name, values in given.items() if values is not None}
     first = min(float(each.min()) for each in times.values())
     last = max(float(each.max()) for each in times.values())
     if last - first > _LONGEST:
         raise InputError(
             f"{', '.join(times)}: {last - first:.3g} s from first to last: give seconds"
         )
-    # from 1 s on, exactly: a stamp of zero is what a broken clock says
+    # start at exactly 1 s: a stamp of zero counts as a broken clock
     start = np.floor(first) - 1.0
     stamps = {
         name: np.round((seconds - start) * _NS).astype(np.int64) for name, seconds in times.items()
@@ -99,7 +99,7 @@ def streams_of(
 
 
 def _given(**arguments: object) -> bool:
-    """Whether arguments that belong together are given; ChoiceError where only some are."""
+    """Whether arguments that belong together are given; ChoiceError if only some are."""
     missing = [name for name, value in arguments.items() if value is None]
     if missing and len(missing) < len(arguments):
         raise ChoiceError(

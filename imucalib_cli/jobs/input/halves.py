@@ -21,16 +21,15 @@ from imucalib_cli.signals.interpolate import lagrange
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import LogData
     from imucalib_cli.logs.streams import ImuStream
-    from imucalib_cli.signals.samples import Sensor
 
 _POINTS = 4
-"""Of the polynomial: what a line loses of a motion of 2 Hz, sampled at 60 Hz, is 0.3 %."""
+"""Of the polynomial: a line would lose 0.3 % of a motion of 2 Hz that is sampled at 60 Hz."""
 _GAP = 3.5
 """Intervals of the slower half over which nothing is interpolated."""
 
@@ -38,42 +37,38 @@ _GAP = 3.5
 def joined(
     data: LogData, clock: Clock, request: CalibrationRequest
 ) -> tuple[LogData, tuple[Finding, ...]]:
-    """A log in which the halves of an IMU are one, called by the gyroscope's topic.
+    """A log in which the halves of an IMU are one, with the name of the gyroscope's topic.
 
-    Two are halves of one IMU if the user says so; if their topics are called alike but for the name
-    of the sensor; or if no others are left, unless they are in two namespaces. Each pair is told.
+    Two are halves of one IMU if the user says so; if their topics differ only in the name of the
+    sensor; or if no others are left, unless they are in two namespaces. A note reports each pair.
 
     Raises:
         ChoiceError: A topic that the user names has no IMU.
     """
     imus = dict(data.imus)
-    pairs = _asked(imus, request) or _found(imus)
     findings = []
-    for gyro, accel in pairs:
-        fast, slow = gyro, accel
-        if _rate(accel, clock) > _rate(gyro, clock):
-            fast, slow = accel, gyro
-        values = gyro.gyro if slow is gyro else accel.accel
-        rows, values = _at_stamps_of(fast, (slow, values), clock)
+    for gyro, accel in _asked(imus, request) or _found(imus):
+        is_swapped = _rate(accel, clock) > _rate(gyro, clock)
+        fast, slow = (accel, gyro) if is_swapped else (gyro, accel)
+        slow_values = gyro.gyro if is_swapped else accel.accel
+        near, values = _interpolated(clock.seconds(fast), clock.seconds(slow), slow_values)
         del imus[accel.name]
         imus[gyro.name] = replace(
             gyro,
-            header_ns=rows.header_ns,
-            log_ns=rows.log_ns,
+            header_ns=fast.header_ns[near],
+            log_ns=fast.log_ns[near],
             accel_topic=accel.topic,
             frame_id=gyro.frame_id or accel.frame_id,
-            gyro=rows.gyro if fast is gyro else values,
-            accel=rows.accel if fast is accel else values,
-            absent=(*_own(gyro, "gyro"), *_own(accel, "accel")),
+            gyro=values if is_swapped else gyro.gyro[near],
+            accel=accel.accel[near] if is_swapped else values,
+            absent=(
+                *(each for each in gyro.absent if each == "gyro"),
+                *(each for each in accel.absent if each == "accel"),
+            ),
         )
         topics = {"gyro": gyro.name, "accel": accel.name, "fast": fast.name, "slow": slow.name}
         findings.append(note("imu.joined", **topics, rate=_rate(fast, clock)))
     return replace(data, imus=imus), tuple(findings)
-
-
-def _own(imu: ImuStream, sensor: Sensor) -> tuple[Sensor, ...]:
-    """The sensor that a half is taken for, if it is absent."""
-    return (sensor,) if sensor in imu.absent else ()
 
 
 def _asked(
@@ -93,10 +88,9 @@ def _asked(
 
 
 def _found(imus: dict[str, ImuStream]) -> list[tuple[ImuStream, ImuStream]]:
-    gyros, accels = (
-        [imu for imu in imus.values() if len(imu) and _is_alone(imu, sensor)]
-        for sensor in ("gyro", "accel")
-    )
+    filled = [imu for imu in imus.values() if len(imu)]
+    gyros = [imu for imu in filled if imu.gyro.any() and not imu.accel.any()]
+    accels = [imu for imu in filled if imu.accel.any() and not imu.gyro.any()]
     pairs = [
         (gyro, accel)
         for gyro, accel in product(gyros, accels)
@@ -119,32 +113,19 @@ def _namespace(topic: str) -> str:
     return first if slash else ""
 
 
-def _is_alone(imu: ImuStream, sensor: Sensor) -> bool:
-    other = imu.accel if sensor == "gyro" else imu.gyro
-    return bool((imu.gyro if sensor == "gyro" else imu.accel).any()) and not bool(other.any())
+def _interpolated(at: Floats, t: Floats, values: Floats) -> tuple[Bools, Floats]:
+    """Which of some instants (M,), s, have samples around them, and the values there.
 
-
-def _at_stamps_of(
-    fast: ImuStream, half: tuple[ImuStream, Floats], clock: Clock
-) -> tuple[ImuStream, Floats]:
-    """Rows of the faster half that have the slower around them, and its values there."""
-    slow, values = half
-    t, first = np.unique(clock.seconds(slow), return_index=True)
-    at, steps = clock.seconds(fast), np.diff(t)
+    t (N,), s, and values (N, 3) are those of the slower half.
+    """
+    t, first = np.unique(t, return_index=True)
+    steps = np.diff(t)
     longest = _GAP * float(np.median(steps)) if len(steps) else 0.0
     near = (at >= t[0]) & (at <= t[-1])
     if len(steps):
         near &= steps[np.clip(np.searchsorted(t, at), 1, len(steps)) - 1] <= longest
-    at = at[near]
     breaks = 1 + np.flatnonzero(steps > longest)
-    kept = replace(
-        fast,
-        header_ns=fast.header_ns[near],
-        log_ns=fast.log_ns[near],
-        gyro=fast.gyro[near],
-        accel=fast.accel[near],
-    )
-    return kept, lagrange(t, values[first], at, points=_POINTS, breaks=breaks)
+    return near, lagrange(t, values[first], at[near], points=_POINTS, breaks=breaks)
 
 
 def _rate(imu: ImuStream, clock: Clock) -> float:

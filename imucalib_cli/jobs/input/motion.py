@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.request import CalibrationRequest
+    from imucalib_cli.logs.clock import Clock
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
 
@@ -42,15 +44,18 @@ _NUMBERED = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sources:
-    """All sources of poses in the log, on the chosen clock."""
+    """Everything in a log that can describe the motion of a robot, on the chosen clock."""
 
+    clock: Clock
     joints: tuple[Track, ...]
     edges: tuple[Edge, ...]
     """One for each parent and child; the child is empty if the message names none."""
     topics: dict[str, str]
     """Topic of each track, by the track's name."""
+    robot: Robot | None = None
+    """From the URDF, or from the log's own description."""
     base: BaseImu | None = None
-    """The IMU that tells how the base moves, if one does."""
+    """The IMU that measures how the base moves, if there is one."""
     unused: tuple[str, ...] = ()
     """One sentence for each topic without usable messages: the reason."""
     unused_joints: tuple[str, ...] = ()
@@ -58,11 +63,20 @@ class Sources:
     unasked: frozenset[str] = frozenset()
     """Odometry topics that the user did not name."""
     unread: tuple[str, ...] = ()
-    """Topics of poses that are not taken for the base's unless the user says so."""
+    """Pose topics that are used for the base only if the user names them."""
     prefixes: tuple[str, ...] = ()
-    """Of the joints' names, where several fit those of the URDF."""
+    """Prefixes of the joint names, if several fit those of the URDF."""
     undescribed: tuple[str, ...] = ()
     """Why the log's own descriptions of the robot cannot be used."""
+
+    @cached_property
+    def whole_robot(self) -> Robot | None:
+        """The robot, with the static frames of the log."""
+        return None if self.robot is None else with_static_frames(self.robot, self.edges)
+
+    def topics_of(self, path: KinematicPath) -> tuple[str, ...]:
+        """Topics that move a path."""
+        return tuple(dict.fromkeys(self.topics[track.name] for track in path.tracks))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,15 +85,17 @@ class Motion:
 
     path: KinematicPath
     mount: Mount
-    topics: tuple[str, ...]
-    robot: Robot | None
-    """Of which the path is made, with the log's static frames; None if of frames alone."""
+    sources: Sources
+    """Where the path comes from; without a robot if it comes from frames alone."""
     findings: tuple[Finding, ...] = ()
 
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics that move the parent."""
+        return self.sources.topics_of(self.path)
 
-def find_motion(
-    sources: Sources, robot: Robot | None, frame_id: str, request: CalibrationRequest
-) -> Motion:
+
+def find_motion(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
     """Find the link that carries the IMU of a frame_id and the path that moves it.
 
     Raises:
@@ -88,71 +104,42 @@ def find_motion(
         InputError: The log has no motion of the parent.
         UntrustedError: Nothing in the log moves, so that no pose can be determined.
     """
-    if robot is None:
-        return _moving(_from_frames(sources, frame_id, request), sources, request)
+    frames_alone = replace(sources, robot=None)
+    if sources.robot is None:
+        return _from_frames(frames_alone, frame_id, request)
     try:
-        return _moving(_from_robot(sources, robot, frame_id, request), sources, request)
+        return _from_robot(sources, sources.robot, frame_id, request)
     except (InputError, ChoiceError) as error:
         if request.needs_nominal and request.urdf is not None:
             raise
         frame = request.parent or frame_id
-        told = any(frame in (edge.parent, edge.child) for edge in sources.edges)
-        if not told and (sources.joints or error.option != "--parent"):
+        is_in_log = any(frame in (edge.parent, edge.child) for edge in sources.edges)
+        if not is_in_log and (sources.joints or error.option != "--parent"):
             raise  # frames alone would take the base of an arm for what carries the IMU
         try:
-            motion = _moving(_from_frames(sources, frame_id, request), sources, request)
+            motion = _from_frames(frames_alone, frame_id, request)
         except ImucalibError:
             raise error from None
-        make = note if request.urdf is None else warning
-        unused = make("robot.unused", urdf=str(robot.source), reason=error.reason or str(error))
+        make, urdf = note if request.urdf is None else warning, str(sources.robot.source)
+        unused = make("robot.unused", urdf=urdf, reason=error.reason or str(error))
         return replace(motion, findings=(unused, *motion.findings))
 
 
-def _moving(motion: Motion, sources: Sources, request: CalibrationRequest) -> Motion:
-    """A motion that has what was asked for, and moves."""
-    if request.needs_nominal and motion.mount.nominal is None:
-        raise ChoiceError(no_nominal(motion.mount.parent, motion.mount.child))
-    if _nothing_moves(motion.path, sources):
+def _checked(motion: Motion, request: CalibrationRequest) -> Motion:
+    """The motion, if it has a nominal pose where one is needed, and moves."""
+    path, mount = motion.path, motion.mount
+    if request.needs_nominal and mount.nominal is None:
+        raise ChoiceError(no_nominal(mount.parent, mount.child))
+    if _nothing_moves(path, motion.sources):
         raise UntrustedError(untrusted("robot.static"))
-    if is_still(motion.path):
+    if is_still(path):
         raise InputError(
-            f"{motion.mount.parent} never moves in {motion.path.world} according to "
+            f"{mount.parent} never moves in {path.world} according to "
             f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
             "check --parent and --urdf, record a log in which the robot moves, or give what moves "
             "it by --pose-topic"
         )
     return motion
-
-
-def _from_robot(
-    sources: Sources, robot: Robot, frame_id: str, request: CalibrationRequest
-) -> Motion:
-    """Motion of the links of a URDF, and of the log's frames that hang on them."""
-    if request.needs_nominal:
-        require_nominal(robot, frame_id, request.parent, request.imu_link)
-    robot = with_static_frames(robot, sources.edges)
-    request = _named_as_in(robot, sources, frame_id, request)
-    mount = find_mount(robot, frame_id, request.parent, request.imu_link)
-    path = _robot_path(sources, robot, mount.parent, request)
-    _require_poses_used(path, sources, request)
-    return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=robot)
-
-
-def _named_as_in(
-    robot: Robot, sources: Sources, frame_id: str, request: CalibrationRequest
-) -> CalibrationRequest:
-    """A request whose frames are called as in a URDF, where they have a prefix of the log."""
-    hints = " ".join((frame_id, *sources.topics.values()))
-
-    def known(frame: str | None) -> str | None:
-        return None if frame is None else known_name(frame, robot.links, hints)
-
-    return replace(
-        request,
-        parent=known(request.parent),
-        imu_link=known(request.imu_link),
-        world=known(request.world),
-    )
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
@@ -162,34 +149,28 @@ def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
     """
     if all(isinstance(step, FixedStep) for step in path.steps):
         return False
-    moving = (edge.track for edge in sources.edges if not edge.is_static)
-    reckoned = () if sources.base is None else (sources.base.track,)
-    return not any(track_moves(track) for track in (*reckoned, *sources.joints, *moving))
+    tracks = [edge.track for edge in sources.edges if not edge.is_static]
+    tracks += [] if sources.base is None else [sources.base.track]
+    return not any(map(track_moves, (*sources.joints, *tracks)))
 
 
-def other_frames(
-    sources: Sources, robot: Robot | None, request: CalibrationRequest
-) -> tuple[tuple[str, ...], Callable[[str], KinematicPath]]:
-    """Frames that could carry an IMU, and a function from a frame to its motion.
+def _from_robot(
+    sources: Sources, urdf: Robot, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    """Motion of the links of a URDF, and of the log's frames that hang on them."""
+    if request.needs_nominal:
+        require_nominal(urdf, frame_id, request.parent, request.imu_link)
+    robot = sources.whole_robot or urdf
+    hints = " ".join((frame_id, *sources.topics.values()))
 
-    The function raises ImucalibError for frames whose motion is not in the log.
-    """
-    if robot is None:
-        edges, base = _labelled(sources.edges, request.parent), sources.base
-        frames = tuple(dict.fromkeys(edge.child for edge in edges))
-        if base is not None:
-            return frames, lambda frame: base_imu_path(base, frame, robot=None, edges=edges)
-        return frames, lambda frame: frame_path(edges, frame, world=request.world)
+    def in_urdf(frame: str | None) -> str | None:  # the user may name it as the log does
+        return None if frame is None else known_name(frame, robot.links, hints)
 
-    def path_to(link: str) -> KinematicPath:
-        return _robot_path(sources, robot, link, request)
-
-    return robot.links, path_to
-
-
-def _require_poses_used(path: KinematicPath, sources: Sources, request: CalibrationRequest) -> None:
-    """Refuse a pose topic that the user named and that does not move the robot: a mistake."""
-    unused = set(request.pose_topics) - set(_topics(path, sources))
+    parent, imu_link = in_urdf(request.parent), in_urdf(request.imu_link)
+    request = replace(request, parent=parent, imu_link=imu_link, world=in_urdf(request.world))
+    mount = find_mount(robot, frame_id, parent, imu_link)
+    path = _robot_path(sources, robot, mount.parent, request)
+    unused = set(request.pose_topics) - set(sources.topics_of(path))
     for edge in sources.edges:
         topic = sources.topics[edge.track.name]
         if topic in unused and not edge.is_static:
@@ -197,6 +178,24 @@ def _require_poses_used(path: KinematicPath, sources: Sources, request: Calibrat
                 f"--pose-topic {topic} has the pose of '{edge.child}' in '{edge.parent}', "
                 f"neither on the way from {path.world} to {path.parent}: choose another topic"
             )
+    return _checked(Motion(path=path, mount=mount, sources=sources), request)
+
+
+def other_frames(
+    sources: Sources, request: CalibrationRequest
+) -> tuple[tuple[str, ...], Callable[[str], KinematicPath]]:
+    """Frames that could carry an IMU, and a function from a frame to its motion.
+
+    The function raises ImucalibError for frames whose motion is not in the log.
+    """
+    robot, base = sources.whole_robot, sources.base
+    if robot is not None:
+        return robot.links, lambda link: _robot_path(sources, robot, link, request)
+    edges = _labelled(sources.edges, request.parent)
+    frames = tuple(dict.fromkeys(edge.child for edge in edges))
+    if base is not None:
+        return frames, lambda frame: base_imu_path(base, frame, robot=None, edges=edges)
+    return frames, lambda frame: frame_path(edges, frame, world=request.world)
 
 
 def _robot_path(
@@ -224,15 +223,15 @@ def _robot_path(
         return joint_path(robot, parent, sources.joints, world=request.world)
     except InputError as error:
         # joint states of other joints only, while /tf has all frames
-        if not any(parent in (edge.parent, edge.child) for edge in edges):
-            if sources.prefixes:
-                raise ChoiceError(
-                    f"the log's joints have the names of {robot.source} with several prefixes: "
-                    f"choose one --joint-prefix: {', '.join(sources.prefixes)}",
-                    option="--joint-prefix",
-                ) from error
-            raise _with_unused(error, sources) from error
-    return frame_path(edges, parent, world=request.world, robot=robot)
+        if any(parent in (edge.parent, edge.child) for edge in edges):
+            return frame_path(edges, parent, world=request.world, robot=robot)
+        if sources.prefixes:
+            raise ChoiceError(
+                f"the log's joints have the names of {robot.source} with several prefixes: "
+                f"choose one --joint-prefix: {', '.join(sources.prefixes)}",
+                option="--joint-prefix",
+            ) from error
+        raise _with_unused(error, sources) from error
 
 
 def _with_unused(error: InputError, sources: Sources) -> InputError:
@@ -242,14 +241,13 @@ def _with_unused(error: InputError, sources: Sources) -> InputError:
         error = error.followed_by([_NUMBERED])
     if not sources.unused:
         return error
-    said = [str(error)] if sources.joints else []
-    return InputError("; ".join((*sources.unused, *said)))
+    return InputError("; ".join((*sources.unused, *([str(error)] if sources.joints else []))))
 
 
 def _base(
     edges: tuple[Edge, ...], sources: Sources, robot: Robot
 ) -> tuple[tuple[Edge, ...], Edge | None]:
-    """The edge that moves the robot's base, and the other edges to use.
+    """The edges to use, and the one of them that moves the robot's base.
 
     Odometry that the user did not name is used only if nothing else moves the base and it does
     move: otherwise the noise of a standing robot would be taken for motion.
@@ -264,43 +262,50 @@ def _base(
 
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
-    if sources.base is not None:
-        return _from_base(sources, sources.base, frame_id, request)
-    if not sources.edges:
+    """Motion of a frame of the log, without a URDF."""
+    base = sources.base
+    if base is None and not sources.edges:
         if sources.joints:
             raise _without_chain(sources)
-        if sources.unused:
-            raise InputError("; ".join(sources.unused))
-        raise InputError("no poses of any frame could be read from the log: see `imucalib inspect`")
+        raise InputError(
+            "; ".join(sources.unused)
+            or "no poses of any frame could be read from the log: see `imucalib inspect`"
+        )
     edges = _labelled(sources.edges, request.parent)
     parent, nominal = request.parent, None
     findings: tuple[Finding, ...] = ()
-    if parent is None:
-        parent, nominal = _guess_parent(edges, frame_id)
-        if nominal is None and any(map(track_moves, sources.joints)):
-            # A joint may lie between that frame and the IMU.
-            topics = tuple(dict.fromkeys(sources.topics[each.name] for each in sources.joints))
-            values = {"parent": parent, "frame": frame_id, "topics": topics}
-            findings = (warning("robot.chain_missing", **values),)
-    path = frame_path(edges, parent, world=request.world)
-    if not path.tracks and not all(edge.is_static for edge in edges):
-        apart = f"no transform of the log leads from '{parent}' to a frame that moves"
-        moving = ", ".join(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
-        raise ChoiceError(
-            f"{apart}: was /tf_static recorded from the start? Give --urdf, or name with --parent "
-            f"what carries the IMU, one of: {moving}",
-            option="--parent",
-            reason=apart,
-        )
+    joints_move = any(map(track_moves, sources.joints))
+    if base is not None:  # without a parent both IMUs are on one body
+        if parent is None and any(edge.child == frame_id for edge in edges):
+            parent, nominal = _guess_parent(edges, frame_id)
+        elif parent is None and (sources.unused_joints or joints_move):
+            otherwise = f", or --parent {base.link} if both IMUs are on one body"
+            raise _without_chain(sources, otherwise)
+        path = base_imu_path(base, parent or base.link, robot=None, edges=edges)
+    else:
+        if parent is None:
+            parent, nominal = _guess_parent(edges, frame_id)
+            if nominal is None and joints_move:  # a joint may lie between that frame and the IMU
+                topics = tuple(dict.fromkeys(sources.topics[each.name] for each in sources.joints))
+                values = {"parent": parent, "frame": frame_id, "topics": topics}
+                findings = (warning("robot.chain_missing", **values),)
+        path = frame_path(edges, parent, world=request.world)
+        if not path.tracks and not all(edge.is_static for edge in edges):
+            apart = f"no transform of the log leads from '{parent}' to a frame that moves"
+            moving = ", ".join(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
+            raise ChoiceError(
+                f"{apart}: was /tf_static recorded from the start? Give --urdf, or name with "
+                f"--parent what carries the IMU, one of: {moving}",
+                option="--parent",
+                reason=apart,
+            )
     child = request.imu_link or frame_id or "imu"
-    mount = Mount(parent=parent, child=child, nominal=nominal)
-    return Motion(
-        path=path, mount=mount, topics=_topics(path, sources), robot=None, findings=findings
-    )
+    mount = Mount(parent=path.parent, child=child, nominal=nominal)
+    return _checked(Motion(path=path, mount=mount, sources=sources, findings=findings), request)
 
 
 def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
-    """The error of joints of which nothing tells where they are, and what else would do."""
+    """The error for joints without the robot's chain, with ``otherwise`` as another remedy."""
     topics = (sources.topics[track.name] for track in sources.joints)
     listed = ", ".join(dict.fromkeys((*topics, *sources.unused_joints)))
     remedy = f"give --urdf, or record /robot_description{otherwise}"
@@ -308,22 +313,6 @@ def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
         f"joint states ({listed}) say nothing without the robot's chain: "
         f"{'; '.join((remedy, *sources.undescribed, *sources.unused))}"
     )
-
-
-def _from_base(
-    sources: Sources, base: BaseImu, frame_id: str, request: CalibrationRequest
-) -> Motion:
-    """Motion of a frame behind an IMU that tells its own; by default both are on one body."""
-    edges = _labelled(sources.edges, request.parent)
-    parent, nominal = request.parent, None
-    if parent is None and any(edge.child == frame_id for edge in edges):
-        parent, nominal = _guess_parent(edges, frame_id)
-    elif parent is None and (sources.unused_joints or any(map(track_moves, sources.joints))):
-        raise _without_chain(sources, f", or --parent {base.link} if both IMUs are on one body")
-    path = base_imu_path(base, parent or base.link, robot=None, edges=edges)
-    child = request.imu_link or frame_id or "imu"
-    mount = Mount(parent=path.parent, child=child, nominal=nominal)
-    return Motion(path=path, mount=mount, topics=_topics(path, sources), robot=None)
 
 
 def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
@@ -354,10 +343,6 @@ def _labelled(edges: tuple[Edge, ...], label: str | None) -> tuple[Edge, ...]:
         else replace(edge, child=edge.track.name.split(" ", 1)[0] if label is None else label)
         for edge in edges
     )
-
-
-def _topics(path: KinematicPath, sources: Sources) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(sources.topics[track.name] for track in path.tracks))
 
 
 def no_nominal(parent: str, child: str) -> str:

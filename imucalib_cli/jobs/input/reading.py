@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import threading
+from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +15,8 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.input.halves import half_topics, joined
 from imucalib_cli.jobs.input.motion import Sources
-from imucalib_cli.jobs.known.base import with_base_imu
-from imucalib_cli.jobs.known.description import described_robot
-from imucalib_cli.jobs.known.naming import named_as_in
-from imucalib_cli.jobs.known.parents import check_parents
+from imucalib_cli.jobs.known.mounts import check_parents, with_base_imu
+from imucalib_cli.jobs.known.robot import asked_imus, named_log
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.part import part_of
@@ -26,15 +25,13 @@ from imucalib_cli.logs.select import select_topics
 from imucalib_cli.results.result import RemoteEntry, SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
-from imucalib_cli.robot.urdf import load_robot, parse_robot
-from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
-from imucalib_cli.shown import meant
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Collection
     from pathlib import Path
 
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
+    from imucalib_cli.jobs.known.robot import Named
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.reader import LogPath
@@ -56,20 +53,28 @@ class Recording:
     """Contents of the files that a calibration needs."""
 
     imus: tuple[ImuStream, ...]
+    """The IMUs to be calibrated."""
     joints: dict[str, tuple[JointStream, ...]]
     """By topic."""
     sources: Sources
-    clock: Clock
-    robot: Robot | None
-    """Of the URDF, or of the log's own description."""
     part: tuple[float, float] | None
     """From and to, seconds of the log, if only a part of it is used."""
-    paths: tuple[LogPath, ...]
-    files: Fingerprints
+    files: Future[tuple[SourceFile, ...]]
+    """The files with their hashes."""
     findings: tuple[Finding, ...]
     """Findings about the whole log."""
     epoch_ns: int = 0
     """What to add to the stamps to get those of the source, ns; not zero for arrays alone."""
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of all streams."""
+        return self.sources.clock
+
+    @property
+    def robot(self) -> Robot | None:
+        """The robot of the URDF, or of the log's own description."""
+        return self.sources.robot
 
 
 def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
@@ -91,23 +96,20 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
             half_topics=halves,
             base_imu=request.base_imu,
         )
-    except ImucalibError as error:  # damage may have hidden what is missed
+    except ImucalibError as error:  # damage may hide the missing topic
         damage = (*log.findings, *log.undefined)[:_SHOWN]
         raise error.followed_by(each.message for each in damage) from error
     if request.urdf is not None:
         chosen = replace(chosen, descriptions=())
-    files = Fingerprints(log.paths)
-    # An IMU that nobody asked for may be the one that tells how the base moves.
-    data = log.read(
-        (*chosen.all, *chosen.other_imus),
-        None if progress is None else lambda share: progress("reading", share),
-    )
+    files = fingerprints(log.paths)
+    # An IMU that nobody asked for may be the one that measures how the base moves.
+    data = log.read((*chosen.all, *chosen.other_imus), telling(progress, "reading"))
     data = chosen.of(data)
     used = {imu.topic for imu in data.imus.values() if len(imu)}
     unused = [topic for topic in chosen.imus if topic not in used]
     if unused and (request.imu_topics or not used):
         raise InputError("; ".join(_why_unused(topic, data) for topic in unused))
-    return recording_of(data, request, chosen, paths=log.paths, files=files)
+    return recording_of(data, request, chosen, files=files)
 
 
 def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:
@@ -121,19 +123,13 @@ def open_requested(request: CalibrationRequest, progress: Progress | None = None
         request.csv_columns,
         columns=request.joint_columns,
         scan_remote=request.allow_remote_scan,
-        progress=lambda share: None if progress is None else progress("downloading", share),
+        progress=telling(progress, "downloading"),
     )
 
 
-def robot_of(urdf: LogPath) -> Robot:
-    """The robot of a URDF, which may be behind a URL.
-
-    Raises:
-        InputError: As :func:`imucalib_cli.robot.urdf.load_robot`.
-    """
-    if isinstance(urdf, RemoteFile):
-        return parse_robot(urdf.read_bytes(SIZE_LIMIT + 1), str(urdf))
-    return load_robot(urdf)
+def telling(progress: Progress | None, step: str) -> Callable[[float], None]:
+    """A function that reports the share done of a step, 0 to 1, if anyone listens."""
+    return lambda share: None if progress is None else progress(step, share)
 
 
 def recording_of(
@@ -141,40 +137,42 @@ def recording_of(
     request: CalibrationRequest,
     chosen: Selection | None = None,
     *,
-    paths: tuple[LogPath, ...] = (),
-    files: Fingerprints | None = None,
+    files: Future[tuple[SourceFile, ...]] | None = None,
     epoch_ns: int = 0,
 ) -> Recording:
-    """Streams on one clock, what they tell of the motion, and the URDF.
+    """Put streams on one clock, and find the robot and the sources of its motion.
 
-    Data have one IMU at least; what was taken off their stamps, if they are arrays, is epoch_ns.
+    Args:
+        data: With at least one IMU.
+        request: Which IMUs, robot, clock and part.
+        chosen: The topics that were read; None for arrays.
+        files: Where the data come from.
+        epoch_ns: What was subtracted from the stamps of arrays.
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.
         ChoiceError: The part of the log has no IMU, or the robot's description, a prefix of its
-            joints, or the IMU that tells how its base moves, must be chosen.
+            joints, or the base IMU must be chosen.
     """
-    robot, data, findings, prefixes = robot_and_names(data, request)
-    clock = choose_clock(moving_streams(data), request.clock)
-    data, pairs = joined(data, clock, request)
-    asked, part = _asked_for(data, request), None
-    if request.part is not None:
-        whole, (data, part) = data, part_of(data, clock, request.part)
-        for name in sorted(asked) if request.imu_topics else ():
-            if len(whole.imus[name]) and not len(data.imus[name]):
-                raise ChoiceError(
-                    f"{name}: has no samples between --from and --to: choose another part, or "
-                    "leave this IMU out",
-                    topic=name,
-                )
-    filled = [(name in asked, imu) for name, imu in data.imus.items() if len(imu)]
-    imus, others = (tuple(imu for one, imu in filled if one == wanted) for wanted in (True, False))
-    _require_advancing_stamps(imus, clock)
-    sources, duplicates = gather_sources(data, clock, chosen, prefixes)
-    unusable = (each for each in findings if each.code == "robot.description_unusable")
+    named = named_log(data, request)
+    timed = on_one_clock(named, request, chosen)
+    data, sources = timed.data, timed.sources
+    asked = asked_imus(data, request)
+    for name in sorted(asked) if request.imu_topics and request.part is not None else ():
+        if name in timed.filled and not len(data.imus[name]):
+            raise ChoiceError(
+                f"{name}: has no samples between --from and --to: choose another part, or "
+                "leave this IMU out",
+                topic=name,
+            )
+    filled = {name: imu for name, imu in data.imus.items() if len(imu)}
+    imus = tuple(imu for name, imu in filled.items() if name in asked)
+    others = tuple(imu for name, imu in filled.items() if name not in asked)
+    _require_advancing_stamps(imus, sources.clock)
+    unusable = (each for each in named.findings if each.code == "robot.description_unusable")
     sources = replace(sources, undescribed=warnings(unusable))
     check_parents((*imus, *others), request)
-    imus, sources, reckoned = with_base_imu((imus, others), sources, clock, robot, request)
+    imus, sources, of_base = with_base_imu(imus, others, sources, request)
     used = {imu.topic for imu in imus} | set(sources.topics.values())
     of_others = {imu.topic for imu in others} - used
     of_data = [each for each in data.findings if each.values.get("topic") not in of_others]
@@ -182,60 +180,52 @@ def recording_of(
         imus=imus,
         joints=data.joints,
         sources=sources,
-        clock=clock,
-        robot=robot,
-        part=part,
-        paths=paths,
-        files=files or Fingerprints(()),
-        findings=(*of_data, *findings, *clock.findings, *pairs, *duplicates, *reckoned),
+        part=timed.part,
+        files=files or fingerprints(()),
+        findings=(*of_data, *named.findings, *timed.findings, *of_base),
         epoch_ns=epoch_ns,
     )
 
 
-def robot_and_names(
-    data: LogData, request: CalibrationRequest
-) -> tuple[Robot | None, LogData, tuple[Finding, ...], tuple[str, ...]]:
-    """The robot, and the log in the names of its URDF.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Timed:
+    """The requested part of a log on one clock."""
 
-    Returns:
-        The robot, of the request's URDF or else of the log's description; the log; findings; and
-        prefixes of which several fit the joints' names.
+    data: LogData
+    filled: frozenset[str]
+    """Names of the IMUs that have samples in the whole log."""
+    part: tuple[float, float] | None
+    """From and to, seconds of the log, if only a part of it is used."""
+    sources: Sources
+    """What describes the motion."""
+    findings: tuple[Finding, ...]
+
+
+def on_one_clock(named: Named, request: CalibrationRequest, chosen: Selection | None) -> Timed:
+    """Choose the clock, join the halves of IMUs, cut the part out, and collect tracks and frames.
 
     Raises:
-        InputError: The URDF cannot be used.
-        ChoiceError: The description must be chosen, or no joint has the prefix that is asked for.
+        ChoiceError: A half of an IMU is not there, or the part holds nothing.
     """
-    asked = _asked_for(data, request)
-    wanted = replace(data, imus={name: data.imus[name] for name in data.imus if name in asked})
-    robot, findings = (
-        described_robot(wanted, request) if request.urdf is None else (robot_of(request.urdf), ())
-    )
-    if robot is None:
-        return None, data, findings, ()
-    data, renamed, prefixes = named_as_in(robot, data, request.joint_prefix, wanted.imus)
-    return robot, data, (*findings, *renamed), prefixes
-
-
-def _asked_for(data: LogData, request: CalibrationRequest) -> set[str]:
-    """Names of the IMUs to calibrate; ChoiceError where a topic has none of a frame named."""
-    asked = request.imu_topics
-    if not asked:
-        return set(data.imus)
-    topics = {topic for imu in data.imus.values() for topic in imu.topics}
-    for name in asked:
-        if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
-            names = list(data.imus)
-            raise ChoiceError(
-                f"--imu-topic {name}: no such IMU, but {', '.join(names)}{meant(name, names)}"
-            )
-    return {name for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
+    data = named.data
+    streams: list[Stream] = list(data.imus.values())
+    streams += [stream for some in (*data.joints.values(), *data.poses.values()) for stream in some]
+    clock = choose_clock(streams, request.clock)
+    data, pairs = joined(data, clock, request)
+    filled = frozenset(name for name, imu in data.imus.items() if len(imu))
+    part = None
+    if request.part is not None:
+        data, part = part_of(data, clock, request.part)
+    sources, duplicates = _sources(data, clock, named, chosen)
+    findings = (*clock.findings, *pairs, *duplicates)
+    return Timed(data=data, filled=filled, part=part, sources=sources, findings=findings)
 
 
 def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:
-    """Date and time of an instant of the log, UTC; None where its stamps tell no date.
+    """Date and time of an instant of the log, UTC; None if its stamps are no dates.
 
-    The stamps that are used tell it; where they count from elsewhere, such as the start of the
-    computer, the others tell when the recording began.
+    If the stamps that are used count from elsewhere, such as the start of the computer, the others
+    give the date on which the recording began.
     """
     clock = recording.clock
     others = imu.log_ns if clock.kind == "header" else imu.header_ns
@@ -271,34 +261,24 @@ def _why_unused(topic: str, data: LogData) -> str:
     return f"{topic}: no message could be used: {'; '.join(reasons)}"
 
 
-def gather_sources(
-    data: LogData, clock: Clock, chosen: Selection | None, prefixes: tuple[str, ...]
+def _sources(
+    data: LogData, clock: Clock, named: Named, chosen: Selection | None
 ) -> tuple[Sources, tuple[Finding, ...]]:
-    """Tracks and edges of a log on its clock, and findings about duplicate poses.
-
-    Several ``prefixes`` may fit the joints' names.
-    """
+    """Tracks and edges of a log on its clock, and findings about duplicate poses."""
     unasked, unread = ((), ()) if chosen is None else (chosen.unasked, chosen.unread)
     topics: dict[str, str] = {}
-    joints = []
+    joints, edges = [], []
     for topic, streams in data.joints.items():
         for joint in streams:
             name = f"{topic} ({', '.join(joint.names)})"
-            topics[name] = topic
+            topics[name], t = topic, clock.seconds(joint)
             joints.append(
-                Track(
-                    name=name,
-                    kind="joints",
-                    t=clock.seconds(joint),
-                    values=joint.position,
-                    names=joint.names,
-                )
+                Track(name=name, kind="joints", t=t, values=joint.position, names=joint.names)
             )
     poses = [pose for streams in data.poses.values() for pose in streams]
     asked = {(pose.parent, pose.child) for pose in poses if pose.topic not in unasked}
     poses = [p for p in poses if p.topic not in unasked or (p.parent, p.child) not in asked]
     kept, duplicates = _one_for_each_edge(poses)
-    edges = []
     for pose in kept:
         name = f"{pose.topic} ({pose.parent} -> {pose.child or '?'})"
         topics[name] = pose.topic
@@ -309,20 +289,18 @@ def gather_sources(
         edges.append(
             Edge(parent=pose.parent, child=pose.child, track=track, is_static=pose.is_static)
         )
-    unused = tuple(
-        _why_unused(topic, data)
-        for topic, streams in (*data.joints.items(), *data.poses.items())
-        if not streams
-    )
+    empty = [topic for topic, streams in (*data.joints.items(), *data.poses.items()) if not streams]
     sources = Sources(
+        clock=clock,
         joints=tuple(joints),
         edges=tuple(edges),
         topics=topics,
-        unused=unused,
+        robot=named.robot,
+        unused=tuple(_why_unused(topic, data) for topic in empty),
         unused_joints=tuple(topic for topic, streams in data.joints.items() if not streams),
         unasked=frozenset(unasked),
         unread=unread,
-        prefixes=prefixes,
+        prefixes=named.prefixes,
     )
     return sources, duplicates
 
@@ -334,61 +312,41 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
     for pose in poses:
         # poses without a child frame are taken to be of different bodies
         key = (pose.parent, pose.child, "" if pose.child else pose.topic)
-        known = best.get(key)
-        if known is None:
-            best[key] = pose
-            continue
-        keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
-        best[key] = keep
-        edge = {"child": pose.child, "parent": pose.parent}
-        duplicates.append(note("pose.told_twice", topic=drop.topic, **edge, used=keep.topic))
+        known = best.setdefault(key, pose)
+        if known is not pose:
+            keep, drop = (pose, known) if len(pose) > len(known) else (known, pose)
+            best[key] = keep
+            edge = {"child": pose.child, "parent": pose.parent}
+            duplicates.append(note("pose.told_twice", topic=drop.topic, **edge, used=keep.topic))
     return list(best.values()), tuple(duplicates)
 
 
-def moving_streams(data: LogData) -> list[Stream]:
-    """Streams whose stamps are used: all but static transforms."""
-    streams: list[Stream] = list(data.imus.values())
-    streams += [joint for joints in data.joints.values() for joint in joints]
-    streams += [pose for poses in data.poses.values() for pose in poses if not pose.is_static]
-    return streams
+def fingerprints(paths: Collection[LogPath]) -> Future[tuple[SourceFile, ...]]:
+    """SHA-256 of files, in their order, computed in a thread: hashing releases the interpreter.
 
-
-class Fingerprints:
-    """SHA-256 of files, computed in a thread during the run: hashing releases the interpreter lock.
-
-    The thread is a daemon, so that an error or Ctrl-C does not wait for gigabytes.
+    The thread is a daemon, so that an error or Ctrl-C does not wait for gigabytes. The result
+    raises InputError if a file cannot be read any more.
     """
+    found: Future[tuple[SourceFile, ...]] = Future()
 
-    def __init__(self, paths: Iterable[LogPath]) -> None:
-        self._paths = tuple(paths)
-        self._files: tuple[SourceFile, ...] = ()
-        self._error: OSError | None = None
-        self._thread = threading.Thread(target=self._hash, name="fingerprints", daemon=True)
-        self._thread.start()
-
-    def result(self) -> tuple[SourceFile, ...]:
-        """Wait for the hashes, in the order of the files.
-
-        Raises:
-            InputError: A file cannot be read any more.
-        """
-        self._thread.join()
-        if self._error is not None:
-            named = self._error.filename
-            raise InputError(f"{named}: cannot be read: {self._error.strerror}") from self._error
-        return self._files
-
-    def _hash(self) -> None:
+    def work() -> None:
         try:
-            self._files = tuple(map(_source_file, self._paths))
+            found.set_result(tuple(map(_source_file, paths)))
         except OSError as error:
-            self._error = error
+            unread = InputError(f"{error.filename}: cannot be read: {error.strerror}")
+            unread.__cause__ = error
+            found.set_exception(unread)
+        except BaseException as error:  # noqa: BLE001 - whoever waits must learn of it
+            found.set_exception(error)
+
+    Thread(target=work, name="fingerprints", daemon=True).start()
+    return found
 
 
 def _source_file(path: LogPath) -> SourceFile:
     if not isinstance(path, RemoteFile):
         return SourceFile(path=printable(path), sha256=sha256_of(path))
-    # of a file that is read in parts nobody knows the hash
+    # the hash of a file that is read in parts is not known
     sha256 = None if path.copy is None else sha256_of(path.copy)
     remote = RemoteEntry(bytes=path.size, version=path.version or None)
     return SourceFile(path=printable(path), sha256=sha256, remote=remote)

@@ -1,21 +1,27 @@
-"""The request of a user, in the types of the other packages."""
+"""The request of a user, in the types of the other packages, and as results record it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Literal
 
-from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
+import numpy as np
+
+from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.signals.imu.repair import repair
 from imucalib_cli.signals.imu.units import Units
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import ArrayLike
+
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.result import Scalar
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.imu.repair import Repaired
@@ -34,7 +40,7 @@ class ExpectedImu:
 
     model: ImuModel
     priors: tuple[Sensor, ...] = ("accel", "gyro")
-    """Sensors whose bias prior may come from the data sheet: for others the user gave one."""
+    """Sensors whose bias prior may come from the data sheet; the user gave the others."""
 
     @property
     def bias_priors(self) -> dict[Sensor, float]:
@@ -59,23 +65,23 @@ class CalibrationRequest:
     imu_topics: tuple[str, ...] = ()
     """Empty: every IMU in the log."""
     gyro_topics: tuple[str, ...] = ()
-    """Of gyroscopes apart from their accelerometers; empty: found."""
+    """Topics of gyroscopes that are separate from their accelerometers; empty: found."""
     accel_topics: tuple[str, ...] = ()
-    """Of their accelerometers, in the same order."""
+    """Topics of their accelerometers, in the same order."""
     joint_topics: tuple[str, ...] = ()
     pose_topics: tuple[str, ...] = ()
     description_topics: tuple[str, ...] = ()
     """Topics of the URDF, if none is given as a file; empty: found."""
     joint_prefix: str | None = None
-    """What the log's joint names have before those of the URDF, or lack; None: found."""
+    """Prefix that the log's joint names have or lack against the URDF's; None: found."""
     part: Part | None = None
-    """Of the log; None: all."""
+    """Part of the log that is used; None: all."""
     parent: str | None = None
     """Link or frame that carries the IMU; None: found automatically."""
     parents: tuple[tuple[str, str], ...] = ()
-    """Of single IMUs, each by its topic or frame: these go before ``parent``."""
+    """Parents of single IMUs, by topic or frame; they have priority over ``parent``."""
     base_imu: str | None = None
-    """The IMU that tells how the base moves; None: found where nothing else tells it."""
+    """The IMU that measures how the base moves; None: found if nothing else measures it."""
     imu_link: str | None = None
     """The IMU's frame in the URDF, if it is not the messages' frame_id."""
     world: str | None = None
@@ -86,12 +92,12 @@ class CalibrationRequest:
     imu: ExpectedImu | None = None
     """The IMU's data sheet."""
     planar: bool = False
-    """Whether to hold the height of the pose, which driving on a plane does not tell."""
+    """Whether to hold the height of the pose, which driving on a plane does not determine."""
     require: Tolerance | None = None
     needs_nominal: bool = False
     """Whether the URDF or the log's frames must contain the pose of every IMU, to be verified."""
     unverified: frozenset[int] = frozenset()
-    """Of the six components of the pose those that are not, so that they may be held there."""
+    """Components 0 to 5 of the pose that are not verified, so that they may be held."""
 
     details: bool = False
     """Whether to keep the series and curves that a report draws."""
@@ -124,3 +130,74 @@ class CalibrationRequest:
         """Largest time offset looked for, s."""
         options = self.estimator
         return options.max_offset if isinstance(options, MatchedOptions) else _SEARCH
+
+
+_DEFAULTS: dict[str, str] = {
+    "time_offset": "auto",
+    "accel_bias_std": "free",
+    "gyro_bias_std": "free",
+    "tilt_std": "unknown",
+    "exclusion_threshold": "the method's",
+    "R_initial": "the URDF's joint, or the identity",
+    "t_initial": "the URDF's joint, or the identity",
+    "pose": "none",
+    "base_std": "learnt",
+    "sensor_scale_most": "any",
+    "sensor_axes_most": "any",
+}
+"""Names in docs/options.md of defaults that are None or infinite in code."""
+
+
+def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
+    """Every option that affects the result, by its name in code."""
+    options, units = request.estimator, request.units
+    return {
+        "method": "matched" if isinstance(options, MatchedOptions) else "paper",
+        **({"csv_columns": ",".join(request.csv_columns)} if request.csv_columns else {}),
+        **({"joints": " ".join(map(str, request.joint_columns))} if request.joint_columns else {}),
+        **recorded_estimator(options),
+        "accel_unit": units.accel,
+        "gyro_unit": units.gyro,
+        "accel_sign": units.sign,
+        "imu_model": "none" if request.imu is None else request.imu.model.name,
+        "require": "none" if request.require is None else _tolerance(request.require),
+    }
+
+
+def recorded_estimator(options: MatchedOptions | PaperOptions) -> dict[str, Scalar]:
+    """Every option of a method, by its name in code."""
+    written: dict[str, Scalar] = {}
+    for name in (each.name for each in fields(options)):
+        value = getattr(options, name)
+        match value:
+            case WindowChoice(samples=None):
+                written[name] = "auto" if value.seconds is None else f"{value.seconds:g}s"
+            case WindowChoice():
+                written[name] = str(value.samples)
+            case None:
+                written[name] = _DEFAULTS.get(name)
+            case float() if math.isinf(value):
+                written[name] = _DEFAULTS.get(name, "unknown")
+            case bool() | int() | float() | str():
+                written[name] = value
+            case tuple() | np.ndarray():
+                written[name] = _numbers(value)
+            case _:  # a group of values, such as a prior of the pose
+                for part in fields(value):
+                    written[f"{name}.{part.name}"] = _numbers(getattr(value, part.name))
+    written.pop("either_sign", None)  # recorded as accel_sign
+    return written
+
+
+def _tolerance(tolerance: Tolerance) -> str:
+    """As a user would write it, such as ``1mm,0.1deg``; infinite components are left out."""
+    parts = []
+    if math.isfinite(tolerance.translation):
+        parts.append(f"{tolerance.translation * 1e3:.12g}mm")
+    if math.isfinite(tolerance.rotation):
+        parts.append(f"{math.degrees(tolerance.rotation):.12g}deg")
+    return ",".join(parts)
+
+
+def _numbers(values: ArrayLike) -> str:
+    return " ".join(f"{number:.12g}" for number in np.ravel(np.asarray(values, dtype=np.float64)))

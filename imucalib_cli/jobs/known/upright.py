@@ -1,4 +1,4 @@
-"""The upright axis of a link on a base that drives on a plane: about which all of it turns."""
+"""The upright axis of a link on a base that drives on a plane, about which the link turns."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _INSTANTS: Final = 200
 _PLANAR: Final = 0.94
 """Mean cosine of the tilt against the common axis: ramps and suspensions tilt less than 20 deg."""
 _TURNS: Final = 0.999
-"""Mean cosine below which the heading changes, so that the turning itself tells the axis."""
+"""Mean cosine below which the heading changes enough to determine the axis."""
 _ALONG: Final = 0.97
-"""Cosine to an axis of the link: a drawing's error in the height then moves nothing else much."""
+"""Cosine to an axis of the link: an error of the height then changes nothing else much."""
 
 
 def upright_component(path: KinematicPath) -> int:
     """Which of tx ty tz of a pose in the link at a path's end is the height.
 
     Raises:
-        ChoiceError: The link tilts, or no axis of it is upright.
+        ChoiceError: The link tilts, or none of its axes is upright.
         InputError: A track has too few usable samples.
     """
     axis = _upright(path)
@@ -52,6 +52,6 @@ def _upright(path: KinematicPath) -> Floats:
             f"--planar: {path.parent} turns about more than one axis, so that its motion tells the "
             "height too: leave --planar out"
         )
-    # A base that drives straight on tells nothing: the world's z is taken to be up.
+    # A base that drives straight does not determine the axis: the world's z is taken as up.
     axis = axes[0] if sizes[1] < _TURNS else mean[2] / np.linalg.norm(mean[2])
     return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))]))

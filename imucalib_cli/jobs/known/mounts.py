@@ -1,0 +1,236 @@
+"""Which link carries an IMU, and which IMU measures the motion of a base that is not fixed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucalib_cli.diagnose.carrier import Carriers, find_carriers
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.findings import note
+from imucalib_cli.jobs.input.motion import other_frames
+from imucalib_cli.robot.build import BaseImu, find_base
+from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
+from imucalib_cli.shown import meant
+from imucalib_cli.signals.imu.base import base_track, is_same_sensor, turns
+from imucalib_cli.signals.imu.checks import refuse_dead
+from imucalib_cli.signals.moves import track_moves
+from imucalib_cli.signals.samples import samples_of
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.input.motion import Sources
+    from imucalib_cli.jobs.input.request import CalibrationRequest
+    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.signals.samples import ImuSamples
+
+    Imus = tuple[ImuStream, ...]
+
+_REMEDY = "add it to the URDF (`imucalib apply --add`), or record /tf_static"
+
+
+def named_parent(imu: ImuStream, request: CalibrationRequest) -> str | None:
+    """The parent that the user names for one IMU, if they do."""
+    named = dict(request.parents)
+    keys = (imu.name, imu.topic, imu.frame_id)
+    return next((named[key] for key in keys if key in named), None)
+
+
+def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> None:
+    """Check that every IMU for which the user names a parent is in the log.
+
+    Raises:
+        ChoiceError: One is not.
+    """
+    known = {key for imu in imus for key in (imu.name, imu.topic, imu.frame_id)}
+    for name, parent in request.parents:
+        if name not in known:
+            listed = ", ".join(f"{imu.name} (frame '{imu.frame_id}')" for imu in imus)
+            raise ChoiceError(
+                f"--parent {name}={parent}: no such IMU, but {listed}{meant(name, sorted(known))}"
+            )
+
+
+def with_carriers(
+    error: ImucalibError, imu: ImuStream, sources: Sources, request: CalibrationRequest
+) -> tuple[ImucalibError, Carriers]:
+    """An error that asks for the parent of an IMU, with the links that move as the IMU does."""
+    frames, path_to = other_frames(sources, request)
+    samples, options = samples_of(imu, sources.clock), request.estimator
+    if not isinstance(options, MatchedOptions):
+        options = MatchedOptions()
+
+    def repaired(path: KinematicPath) -> ImuSamples:
+        try:
+            return request.repaired(samples, path).samples
+        except ImucalibError:
+            return samples
+
+    carriers = find_carriers(repaired, options, frames, path_to)
+    reason, unread = error.reason, sources.unread
+    if reason is None:
+        return error, carriers
+    if carriers.links:
+        moves = " or ".join(map(str, carriers.links))
+        several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
+        parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
+        text = f"{reason}; it moves like {moves}{several}: {parents}"
+    elif carriers.still:
+        text = (
+            f"{reason}; it stands still while the robot moves, so that this log does not "
+            "tell where it is: choose another --imu-topic, or record while what carries it moves"
+        )
+    elif unread:
+        text = (
+            f"{reason}, and no link moves as it does: if {' or '.join(unread)} has the pose "
+            f"of the robot's base, read it too: --pose-topic {unread[0]}"
+        )
+    else:
+        return error, carriers
+    return ChoiceError(text, topic=error.topic, option=error.option), carriers
+
+
+def with_base_imu(
+    wanted: Imus, others: Imus, sources: Sources, request: CalibrationRequest
+) -> tuple[Imus, Sources, tuple[Finding, ...]]:
+    """Use one of a log's IMUs for the motion of the base, if the user names one or one is needed.
+
+    One is needed if the root of the URDF carries an IMU that turns, the log has joint states, and
+    nothing else in the log moves the base.
+
+    Args:
+        wanted: IMUs to be calibrated.
+        others: Other IMUs of the log.
+        sources: What else describes the motion.
+        request: With the name of the base IMU, if the user gives it.
+
+    Returns:
+        The IMUs left to be calibrated, the sources with the base IMU, and findings that say so.
+
+    Raises:
+        ChoiceError: The named IMU is not there, or its place on the robot is not known.
+        InputError: It stands still, or its data cannot be used.
+    """
+    known = (*wanted, *others)
+    if request.base_imu is not None:
+        base: ImuStream | None = _named(known, request.base_imu)
+    else:
+        base = _on_the_root(known, sources)
+    if base is None or (request.base_imu is None and wanted == (base,)):
+        return wanted, sources, ()
+    if not isinstance(request.estimator, MatchedOptions):
+        raise ChoiceError(
+            f"{base.name} would tell how the base moves, which only --method matched can use: "
+            "leave --method out, or give the base's pose by --pose-topic"
+        )
+    samples = samples_of(base, sources.clock)
+    refuse_dead(samples, "--base-imu")
+    if not turns(samples):
+        raise InputError(
+            f"{base.name} hardly turns, so it tells no motion: leave --base-imu out if the base "
+            "stands still, or record while it moves",
+            topic=base.name,
+        )
+    left = tuple(each for each in wanted if each is not base)
+    if not left:
+        raise ChoiceError(
+            f"--base-imu {base.name} is the only IMU that is asked for: it tells how others move"
+        )
+    for other in left:
+        if is_same_sensor(samples_of(other, sources.clock), samples):
+            raise ChoiceError(
+                f"{base.name} and {other.name} have the readings of one sensor: choose the others "
+                "with --imu-topic, or another --base-imu"
+            )
+    track, findings = base_track(samples, request.units, request.estimator.gravity_norm)
+    placed = _placed(base, track, sources, request, {imu.frame_id for imu in left})
+    used = note("base.imu", topic=base.name, link=placed.link)
+    topics = {**sources.topics, track.name: base.name}
+    return left, replace(sources, base=placed, topics=topics), (used, *findings)
+
+
+def possible_bases(imus: Imus, sources: Sources, request: CalibrationRequest) -> Iterator[BaseImu]:
+    """Each of some IMUs as the base IMU, if it can be one."""
+    for imu in imus:
+        samples = samples_of(imu, sources.clock)
+        try:
+            if turns(samples):
+                track, _ = base_track(samples, request.units, request.gravity)
+                yield _placed(imu, track, sources, request, ())
+        except ImucalibError:
+            continue
+
+
+def _named(imus: Imus, name: str) -> ImuStream:
+    found = [imu for imu in imus if name in (imu.name, imu.topic)]
+    if len(found) != 1:
+        names = [imu.name for imu in imus]
+        raise ChoiceError(
+            f"--base-imu {name}: no such IMU, but {', '.join(names)}{meant(name, names)}"
+        )
+    return found[0]
+
+
+def _on_the_root(imus: Imus, sources: Sources) -> ImuStream | None:
+    """The longest IMU stream on the URDF's root, if nothing else measures how the root moves."""
+    robot = sources.whole_robot
+    if robot is None or len(imus) == 1 or not sources.joints:
+        return None
+    moving = [edge for edge in sources.edges if not edge.is_static and track_moves(edge.track)]
+    if find_base(moving, robot) is not None:
+        return None
+    roots = (robot.root, *(each.child for each in robot.joints if each.kind == "floating"))
+    on_root = [
+        imu
+        for imu in imus
+        if imu.frame_id in robot.links
+        and any(rigid_transform(robot, root, imu.frame_id) for root in roots)
+        and turns(samples_of(imu, sources.clock))
+    ]
+    return max(on_root, key=len, default=None)
+
+
+def _placed(
+    imu: ImuStream,
+    track: Track,
+    sources: Sources,
+    request: CalibrationRequest,
+    taken: Collection[str],
+) -> BaseImu:
+    """Where an IMU is on the robot; without a robot only its own frame is known.
+
+    It is called by its topic if its messages name no frame, or one of the ``taken`` frames.
+    """
+    robot = sources.whole_robot
+    frame = imu.frame_id
+    if not frame or (robot is None and frame in taken):
+        frame = imu.topic.strip("/").replace("/", "_")
+    if robot is None:
+        nominal = Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
+        mount = Mount(parent=frame, child=frame, nominal=nominal)
+    else:
+        try:
+            mount = find_mount(robot, frame, named_parent(imu, request))
+        except ChoiceError as error:
+            raise ChoiceError(
+                f"where the base IMU {imu.name} is on the robot is not known: "
+                f"{error.reason or error}; {_REMEDY}"
+            ) from error
+    if mount.nominal is None:
+        raise ChoiceError(
+            f"where the base IMU {imu.name} is on {mount.parent} is not known: no frame '{frame}' "
+            f"is rigidly joined to it; {_REMEDY}"
+        )
+    return BaseImu(
+        track=track,
+        frame=frame,
+        link=mount.parent,
+        R_link_imu=mount.nominal.R_parent_imu,
+        t_link_imu=mount.nominal.t_parent_imu,
+    )
