@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.conditions import wrong_guess
+from imucalib_cli.study.contest import wrong_guess
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import (
     compared_by_matched,

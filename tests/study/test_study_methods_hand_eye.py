@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.contest import Pose
 from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import (
     Motions,

@@ -12,11 +12,10 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.alone import Cost
-from imucalib_cli.study.conditions import Condition
+from imucalib_cli.study.contest import Condition
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.entrants import ENTRANTS, enter
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.rows import best_setting, mean_error
 from imucalib_cli.study.studies.methods import (
     MethodsCriteria,
     MethodsStudy,
@@ -25,6 +24,7 @@ from imucalib_cli.study.studies.methods import (
     row_of,
 )
 from imucalib_cli.study.study import load_study
+from imucalib_cli.study.tables import in_best_setting, mean_error
 from tests.study.study_samples import study as quick
 
 if TYPE_CHECKING:
@@ -152,7 +152,7 @@ def rows_of(errors: dict[str, float]) -> list[Row]:
 def test_tables_show_the_best_setting_and_judge_claims(study: MethodsStudy) -> None:
     rows = rows_of({"paper": 0.5, "hand-eye + RANSAC (Liang)": 0.4})
     paper = [row for row in rows if row["method"] == "paper"]
-    assert {row["setting"] for row in best_setting(paper, mean_error())} == {"a"}
+    assert {row["setting"] for row in in_best_setting(paper, mean_error())} == {"a"}
     rows[-1] |= {"failure": "needs OpenCV", "translation": None}
     quote = Quoted(condition="c", method="Q (quoted)", translation="9", rotation="8", seconds="7")
     criteria = MethodsCriteria(conditions=("c",), liang_rotation_deg=5.0)

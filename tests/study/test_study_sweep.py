@@ -11,9 +11,8 @@ import pytest
 
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.rows import worst
 from imucalib_cli.study.studies.sweeps import best_points, summary_table, sweep_table
-from imucalib_cli.study.tables import digits
+from imucalib_cli.study.tables import digits, worst
 from tests.study.study_samples import study
 
 if TYPE_CHECKING:

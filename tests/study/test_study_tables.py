@@ -12,7 +12,7 @@ import pytest
 from tests.study.study_samples import study
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.studies.noise import NoiseStudy
+    from imucalib_cli.study.studies.folded import NoiseStudy
     from imucalib_cli.study.study import Row
     from imucalib_cli.study.tables import Table
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.conditions import Pose
+    from imucalib_cli.study.contest import Pose
     from imucalib_cli.study.methods.bspline import BSplineOptions
     from imucalib_cli.study.methods.camera import CameraObservations
 

@@ -14,7 +14,7 @@ from imucalib_cli.robot.rotations import (
     rotvec_from_matrix,
     skew,
 )
-from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.contest import Pose
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,7 +27,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
-from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.contest import Pose
 from imucalib_cli.study.methods.answer import Answer
 from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai

@@ -6,13 +6,12 @@ Every method runs alone in a fresh process, on the same recording and the same n
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from imucalib_cli.results.pose import pose_error
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
@@ -20,8 +19,13 @@ from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, Pose, paper_settings, setting_words
-from imucalib_cli.study.contest import NO_ERRORS
+from imucalib_cli.study.contest import (
+    Conditioned,
+    Pose,
+    errors_of,
+    paper_settings,
+    setting_words,
+)
 from imucalib_cli.study.methods.bspline import BSplineOptions
 from imucalib_cli.study.methods.camera import observations_of
 from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
@@ -31,24 +35,22 @@ from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fiel
 )
 from imucalib_cli.study.methods.liang import LiangOptions, StillOptions
 from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
-from imucalib_cli.study.rows import (
-    DEGREES,
-    ERRORS,
-    best_setting,
-    chosen,
-    mean,
-    mean_error,
-    over_bound,
-)
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
+    DEGREES,
     ERROR_COLUMNS,
+    ERRORS,
     Claim,
     Column,
+    chosen,
     claims_table,
     count,
     digits,
+    in_best_setting,
     lay_out,
+    mean,
+    mean_error,
+    over_bound,
     statistic,
 )
 
@@ -63,10 +65,10 @@ if TYPE_CHECKING:
     from imucalib_cli.study.tables import Table
 
 _LIBRARIES = ("scipy.optimize", "scipy.linalg", "scipy.signal", "cv2")
-"""Whose import is not a method's cost."""
+"""Libraries whose import is not a cost of a method."""
 _MEGABYTES = 1e-6
 _CONTENDERS = {"paper": "paper", "ours, pose only": "matched, pose only", "ours": "matched"}
-"""Who is held against others, and the name that other studies have for it."""
+"""The methods that claims compare with others, with their names in other studies."""
 _LIANG, _CORNERS = "hand-eye + RANSAC (Liang)", "B-spline batch, corners"
 _RIVALS = {
     _CORNERS: "a B-spline batch of Kalibr's kind on corners",
@@ -77,7 +79,7 @@ _RIVALS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Quoted:
-    """Figures of others, shown as such."""
+    """Figures that others report, shown as such."""
 
     condition: str
     method: str
@@ -88,10 +90,10 @@ class Quoted:
 
 @dataclass(frozen=True, kw_only=True)
 class MethodsCriteria:
-    """By which claims are judged, as configs/studies/methods.yaml states them."""
+    """Criteria of the claims."""
 
     conditions: tuple[str, ...]
-    """Those that the paper speaks of."""
+    """The conditions of which the paper speaks."""
     liang_rotation_deg: float
 
 
@@ -126,7 +128,7 @@ class MethodsStudy(Study, Conditioned):
 
     @property
     def paper_settings(self) -> tuple[PaperOptions, ...]:
-        """All that the published method is run with."""
+        """All settings of the published method."""
         return paper_settings(self.paper_windows, self.paper_exclusions, self.paper_residuals)
 
     def cells(self) -> list[Cell]:
@@ -152,8 +154,7 @@ class MethodsStudy(Study, Conditioned):
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One a condition, and the claims."""
-        criteria, conditions = self.claims, self.conditions
+        """One for each condition, and the claims."""
         note = (
             "Errors of T_camera_imu, mean ± standard deviation over seeds, as norm and geodesic "
             "angle; |mean Δxyz| and mean |rpy| are the averages that the paper's tool reports, "
@@ -166,13 +167,9 @@ class MethodsStudy(Study, Conditioned):
             "best of its settings by the truth: for translation in the table, for each error in "
             "the claims. The B-spline batch on corners is of Kalibr's kind, not Kalibr."
         )
-        first, *others = (self._table(rows, condition.name) for condition in conditions)
-        claims = [
-            claim
-            for condition in conditions
-            if condition.name in criteria.conditions
-            for claim in self._claims(rows, condition.name)
-        ]
+        first, *others = (self._table(rows, name) for name in self.names)
+        judged = [name for name in self.names if name in self.claims.conditions]
+        claims = [claim for name in judged for claim in self._claims(rows, name)]
         return [
             replace(first, note=f"{note} {first.note}".strip()),
             *others,
@@ -185,32 +182,22 @@ class MethodsStudy(Study, Conditioned):
         table = lay_out(
             f"camera-IMU transform, {condition}",
             _COLUMNS,
-            [best_setting(chosen(mine, method=method), mean_error()) for method in ENTRANTS],
+            [in_best_setting(chosen(mine, method=method), mean_error()) for method in ENTRANTS],
             " ".join(f"{method}: {why}." for method, why in whys),
         )
-        unknowns = ENTRANTS[_CORNERS].unknowns
-        quoted = tuple(
-            (
-                q.method,
-                "images",
-                unknowns,
-                q.translation,
-                "-",
-                q.rotation,
-                *"---",
-                q.seconds,
-                *"---",
-            )
+        images = "images", ENTRANTS[_CORNERS].unknowns
+        quoted = [
+            (q.method, *images, q.translation, "-", q.rotation, *"---", q.seconds, *"---")
             for q in self.quoted
             if q.condition == condition
-        )
+        ]
         return replace(table, rows=(*table.rows, *quoted))
 
     def _claims(self, rows: Sequence[Row], condition: str) -> Iterator[Claim]:
         def error(method: str, key: str, scale: float) -> float:
-            """Mean, the published method in the setting that is best for this error."""
+            """Mean error, of the published method in the best setting for this error."""
             mine = chosen(rows, condition=condition, method=method)
-            return scale * mean(best_setting(mine, mean_error(key)), key)
+            return scale * mean(in_best_setting(mine, mean_error(key)), key)
 
         rivals: dict[str, dict[str, float]] = {
             words: {key: error(rival, key, scale) for key, scale, _ in ERRORS}
@@ -249,7 +236,7 @@ def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
 
 
 def _over_bound(key: str) -> Column:
-    """There is one for methods on poses only."""
+    """Only methods on poses have a bound."""
 
     def cell(rows: Sequence[Row]) -> str:
         on_poses = ENTRANTS[rows[0]["method"]].data == "poses"
@@ -275,7 +262,7 @@ _COLUMNS: tuple[Column, ...] = (
 
 
 def _number(quoted: str) -> float:
-    """A figure that is quoted; NaN where it is a range or none."""
+    """A quoted figure; NaN if it is a range or a dash."""
     try:
         return float(quoted)
     except ValueError:
@@ -283,7 +270,7 @@ def _number(quoted: str) -> float:
 
 
 def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
-    """What methods are given of a recording with a camera; the seed is of RANSAC's draws.
+    """The inputs of the methods from a recording with a camera; the seed is of RANSAC's draws.
 
     Raises:
         ValueError: The recording has no camera.
@@ -328,18 +315,19 @@ def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
 
 
 def row_of(cost: Cost[Answer], recording: Recording) -> Row:
-    """Errors of T_camera_imu, and what they cost.
+    """Errors of T_camera_imu, and the cost of the answer.
 
     Raises:
-        InputError: The camera is not on the IMU's link.
+        InputError: The camera is not on the link of the IMU.
     """
-    row = {key: value for key, value in vars(cost).items() if key != "value"}
     answer = cost.value
-    if answer is None:
-        return row | NO_ERRORS | {"time_offset": None, "evaluations": None}
-    found = answer.R_frame_imu, answer.t_frame_imu
-    if answer.frame == "parent":
-        found = seen_from_camera(recording, *found)
     truth = seen_from_camera(recording, recording.R_parent_imu, recording.t_parent_imu)
-    effort: Row = {"time_offset": answer.time_offset, "evaluations": answer.evaluations}
-    return row | asdict(pose_error(*found, *truth)) | effort
+    found = answer and (answer.R_frame_imu, answer.t_frame_imu)
+    if answer and answer.frame == "parent":
+        found = seen_from_camera(recording, answer.R_frame_imu, answer.t_frame_imu)
+    return {
+        **{key: value for key, value in vars(cost).items() if key != "value"},
+        **errors_of(Pose(*found) if found else None, Pose(*truth)),
+        "time_offset": answer and answer.time_offset,
+        "evaluations": answer and answer.evaluations,
+    }
