@@ -16,7 +16,7 @@ from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.methods.answer import Answer
+    from imucalib_cli.study.contest import Answer
     from imucalib_cli.study.methods.camera import CameraObservations
 
 

@@ -17,8 +17,13 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import cramer_rao
-from imucalib_cli.study.methods.bspline import BSplineOptions, calibrate_bspline, prepare
-from imucalib_cli.study.methods.bspline_terms import imu_rows, pose_rows
+from imucalib_cli.study.methods.bspline import (
+    BSplineOptions,
+    calibrate_bspline,
+    imu_rows,
+    pose_rows,
+    prepare,
+)
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.recordings import streams_of
 from tests.study.study_samples import error

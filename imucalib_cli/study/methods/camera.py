@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +23,7 @@ FEWEST_CORNERS = 12
 _PIXEL_FLOOR = 0.01
 """Pixels: no corner detector is better."""
 _FEWEST_IMAGES = 10
+_NEEDED = "camera poses need", "study"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +62,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _opencv()
+    cv2 = optional("cv2", *_NEEDED)
     found = np.isfinite(corners).all(axis=1)
     if found.sum() < FEWEST_CORNERS:
         return None
@@ -78,7 +79,7 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
 def corner_information(
     camera: CameraObservations, corners: Floats, pose: Pose
 ) -> tuple[Floats, Floats]:
-    """What corners (K, 2) of unit noise tell of the camera, with the target at a pose in it.
+    """Information in corners (K, 2) of unit noise about the pose of the camera.
 
     Returns:
         Information (6, 6) of p_target_camera and the rotation of R_target_camera in the camera's
@@ -87,14 +88,14 @@ def corner_information(
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _opencv()
+    cv2 = optional("cv2", *_NEEDED)
     found = np.isfinite(corners).all(axis=1)
     R, p = pose.R, pose.t
     points = camera.target_points[found]
     pixels, jacobian = cv2.projectPoints(
         points, cv2.Rodrigues(R)[0], p, camera.matrix, camera.distortion
     )
-    # Columns 3 to 5 are in the translation, which moves a point in the camera's frame as it is.
+    # Columns 3 to 5 are by the translation: also by the point in the camera's frame.
     of_point = jacobian[:, 3:6].reshape(-1, 2, 3)
     in_camera = points @ R.T + p
     of_place = np.broadcast_to(-R, (len(points), 3, 3))
@@ -131,7 +132,3 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
         world="target", parent="camera", steps=(PoseStep(track=0),), tracks=(track,)
     )
     return path, whiten
-
-
-def _opencv() -> Any:
-    return optional("cv2", "camera poses need", "study")

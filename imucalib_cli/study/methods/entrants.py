@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.estimate.published.method import calibrate_paper
-from imucalib_cli.study.contest import exact_system, pose_only
-from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.contest import Answer, Pose, exact_system, pose_only
 from imucalib_cli.study.methods.bspline import calibrate_bspline, calibrate_bspline_camera
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.liang import LiangOptions, calibrate_liang
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.contest import Pose
     from imucalib_cli.study.methods.bspline import BSplineOptions
     from imucalib_cli.study.methods.camera import CameraObservations
 

@@ -20,7 +20,7 @@ from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.contest import Answer
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -60,7 +60,18 @@ def calibrate_gyro_first(
     options = options or GyroFirstOptions()
     smooth = _smoothed(imu, options.window_seconds, options.degree)
     trajectory = Trajectory.of(path)
-    offset, evaluations = _rate_offset(smooth, trajectory, options)
+    offset, evaluations = options.time_offset, 0
+    if offset is None:  # by correlation, then by the least cost of the fit of the rates
+        from scipy.optimize import minimize_scalar
+
+        coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
+        fine = minimize_scalar(
+            lambda offset: _fit_rates(_derived(smooth, trajectory, offset))[2],
+            bounds=(coarse - _REFINE, coarse + _REFINE),
+            method="bounded",
+            options={"xatol": 1e-7},
+        )
+        offset, evaluations = float(fine.x), int(fine.nfev)
     motion = _derived(smooth, trajectory, offset)
     R_parent_imu, gyro_bias, _ = _fit_rates(motion)
     t_parent_imu, accel_bias, gravity = _fit_lever_arm(motion, R_parent_imu, options)
@@ -82,7 +93,7 @@ class _Smoothed:
 
     grid: ImuGrid
     samples: int
-    """Window, odd."""
+    """Length of the window, odd."""
     degree: int
     first: Indices
     """(N,), first row of each window."""
@@ -110,7 +121,6 @@ class _Derived:
 
 
 def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
-    """Smooth the IMU with the window that also differentiates the kinematics."""
     rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
     if len(rows) < 10:
         raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
@@ -145,25 +155,6 @@ def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Der
     R, R_rate, R_acceleration = (x[:, :9].reshape(-1, 3, 3) for x in (value, rate, bent))
     rate = vee(np.swapaxes(R, 1, 2) @ R_rate)
     return _Derived(imu.gyro[rows], imu.accel[rows], R, rate, R_acceleration, bent[:, 9:])
-
-
-def _rate_offset(
-    smooth: _Smoothed, trajectory: Trajectory, options: GyroFirstOptions
-) -> tuple[float, int]:
-    """Time offset, s, by correlation and then by the least cost of the rates' fit; fits tried."""
-    if options.time_offset is not None:
-        return options.time_offset, 0
-    from scipy.optimize import minimize_scalar
-
-    coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
-
-    fine = minimize_scalar(
-        lambda offset: _fit_rates(_derived(smooth, trajectory, offset))[2],
-        bounds=(coarse - _REFINE, coarse + _REFINE),
-        method="bounded",
-        options={"xatol": 1e-7},
-    )
-    return float(fine.x), int(fine.nfev)
 
 
 def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:

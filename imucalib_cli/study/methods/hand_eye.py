@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 FEWEST_MOTIONS = 3
 _SINGULAR = 1e-4
 """Ratio of singular values below which motions do not determine X."""
+_ONE_AXIS = "the motions turn about one axis only: hand-eye calibration needs two"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,8 @@ def tsai(motions: Motions) -> Pose:
         Tsai and Lenz, IEEE Transactions on Robotics and Automation 5(3), 1989, eq. 10 to 15.
     """
     a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
-    angles = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
     # 2 sin(angle / 2) along the axis; sinc is smooth at rest.
-    p_a, p_b = (
-        v * np.sinc(angle / (2 * np.pi))[:, None] for v, angle in zip((a, b), angles, strict=True)
-    )
+    p_a, p_b = (v * np.sinc(np.linalg.norm(v, axis=1, keepdims=True) / (2 * np.pi)) for v in (a, b))
     # tan of half the angle, along the axis of X.
     half = _solve(skew(p_b + p_a).reshape(-1, 3), (p_b - p_a).ravel())
     angle = 2.0 * np.arctan(np.linalg.norm(half))
@@ -89,7 +87,7 @@ def park_martin(motions: Motions) -> Pose:
     a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
     s = np.linalg.svd(a.T @ b, compute_uv=False)
     if s[1] < _SINGULAR * s[0]:
-        raise InputError("the motions turn about one axis only: hand-eye calibration needs two")
+        raise InputError(_ONE_AXIS)
     return _with_translation(motions, nearest_rotation(a.T @ b))
 
 
@@ -101,7 +99,7 @@ def _with_translation(motions: Motions, R: Floats) -> Pose:
 def _solve(J: Floats, right: Floats) -> Floats:
     x, _, _, s = np.linalg.lstsq(J, right, rcond=None)
     if s[-1] < _SINGULAR * s[0]:
-        raise InputError("the motions turn about one axis only: hand-eye calibration needs two")
+        raise InputError(_ONE_AXIS)
     return np.asarray(x)
 
 

@@ -10,8 +10,7 @@ on their difference.
 Two variants, because the text leaves much open; their numbers are in configs/studies/methods.yaml.
 As published, it integrates with the gyroscope bias from the first standstill, gravity from the
 values before each move, and zero velocity at its start. ``tuned`` uses all that start-stop motion
-offers:
-biases and gravity from the standstills at both ends, velocity zero at both, all images of a
+offers: biases and gravity from the standstills at both ends, velocity zero at both, all images of a
 standstill, the optimal rotation.
 """
 
@@ -27,8 +26,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
-from imucalib_cli.study.contest import Pose
-from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.contest import Answer, Pose
 from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
 
@@ -68,19 +66,16 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     if options.tuned:
         accel_bias = static_accel_bias(stills, options.gravity_norm)
         gyro_bias = np.mean([still.gyro for still in stills], axis=0)
-    moved = [
-        (
-            _relative(first, last),
-            _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned),
-        )
-        for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True))
-        if first is not None and last is not None
-    ]
+    moved = []
+    for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True)):
+        if first is not None and last is not None:
+            R = first.R @ last.R.T  # of the camera's later frame in its earlier one
+            imu_moved = _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned)
+            moved.append((R, first.t - R @ last.t, imu_moved.R, imu_moved.p))
+    shapes = (-1, 3, 3), (-1, 3), (-1, 3, 3), (-1, 3)
+    columns = zip(*moved, strict=True) if moved else ((),) * 4
     motions = Motions(
-        np.array([a.R for a, _ in moved]).reshape(-1, 3, 3),
-        np.array([a.t for a, _ in moved]).reshape(-1, 3),
-        np.array([b.R for _, b in moved]).reshape(-1, 3, 3),
-        np.array([b.p for _, b in moved]).reshape(-1, 3),
+        *(np.array(each).reshape(shape) for each, shape in zip(columns, shapes, strict=True))
     )
     found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
     return Answer(
@@ -137,12 +132,6 @@ def _displaced(
     return replace(level, R=plain.R, p=level.p - 0.5 * length * level.velocity)
 
 
-def _relative(first: Pose, last: Pose) -> Pose:
-    """Motion of the camera: its later frame in its earlier one, from two poses of the target."""
-    R = first.R @ last.R.T
-    return Pose(R, first.t - R @ last.t)
-
-
 @dataclass(frozen=True, eq=False)
 class Still:
     """A stretch of standstill."""
@@ -179,7 +168,7 @@ class StillOptions:
 
 
 def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -> list[Still]:
-    """Find standstills from the IMU alone; t is even but for jitter."""
+    """Find standstills from the IMU alone; t is even except for jitter."""
     samples = max(round(options.window / float(np.median(np.diff(t)))), 4)
     if len(t) < 2 * samples:
         return []
@@ -205,15 +194,8 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
         if b - a < options.shortest or not inside.any():
             continue
         rows = slice(int(np.argmax(inside)), int(len(t) - np.argmax(inside[::-1])))
-        found.append(
-            Still(
-                rows,
-                float(t[rows][0]),
-                float(t[rows][-1]),
-                gyro[rows].mean(axis=0),
-                accel[rows].mean(axis=0),
-            )
-        )
+        span = float(t[rows][0]), float(t[rows][-1])
+        found.append(Still(rows, *span, gyro[rows].mean(axis=0), accel[rows].mean(axis=0)))
     return found
 
 

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.alone import Cost
-    from imucalib_cli.study.methods.answer import Answer
+    from imucalib_cli.study.contest import Answer
     from imucalib_cli.study.study import Cell, Row
     from imucalib_cli.study.tables import Table
 
