@@ -64,8 +64,8 @@ def joint_plan(legged: Legged, t: Floats) -> Floats:
     angles = np.zeros((len(t), len(legged.joints)))
     for foot in legged.feet:
         hip, thigh, knee = (legged.joints[number].xyz for number in legged.leg(foot))
-        stand = np.array([hip[0], hip[1] + thigh[1] + np.copysign(gait.wider, thigh[1]), 0.0])
-        stand[2] = -gait.height
+        beside = hip[1] + thigh[1] + np.copysign(gait.wider, thigh[1])
+        stand = np.array([hip[0], beside, -gait.height])
         in_level = stand + _step(gait, foot, stand, walk, t)
         in_trunk = ((in_level - shift)[:, None] @ turn)[:, 0]  # turn is R_level_trunk
         lengths = thigh[1], knee[2], foot.xyz[2]
@@ -81,12 +81,12 @@ def leg_angles(p: Floats, lengths: tuple[float, float, float], name: str) -> Flo
     """Angles of a leg's joints (N, 3), rad, that bring its foot to p (N, 3), m, knee backwards.
 
     Args:
-        p: The foot's place from the first joint, along the trunk's axes.
+        p: Place of the foot from the first joint, along the axes of the trunk.
         lengths: y from the first joint to the second, z from there to the third, z to the foot, m.
-        name: Of the leg, for its error.
+        name: Name of the leg, for the error message.
 
     Raises:
-        InputError: It does not reach there.
+        InputError: The leg does not reach there.
     """
     beside, upper, lower = lengths[0], abs(lengths[1]), abs(lengths[2])
     x, y, z = p.T
@@ -117,14 +117,14 @@ def _walk(gait: Gait, t: Floats) -> Floats:
 
 
 def _step(gait: Gait, foot: Foot, stand: Floats, walk: Floats, t: Floats) -> Floats:
-    """A foot's way from where it stands at rest, in the level frame, m; (N, 3)."""
+    """Displacement of a foot from its place at rest, in the level frame, m; (N, 3)."""
     share = ((t - gait.start_rest) / gait.period - foot.phase) % 1.0
     forward, left, turn, lift = walk.T
     velocity = np.stack([forward - turn * stand[1], left + turn * stand[0]], axis=1)
     swings = share >= gait.stance
     u = np.where(swings, (share - gait.stance) / (1 - gait.stance), 0.0)
-    # A foot that stands goes back as the trunk goes on. One that swings comes forward again by a
-    # cubic that meets it with its rate at both ends.
+    # A standing foot moves back at the speed of the trunk. A swinging foot returns on a cubic that
+    # has this speed at both ends.
     back = share / gait.stance - 0.5
     rate = (1 - gait.stance) / gait.stance
     along = 0.5 + rate * u - (3 + 3 * rate) * u**2 + (2 + 2 * rate) * u**3
@@ -134,7 +134,7 @@ def _step(gait: Gait, foot: Foot, stand: Floats, walk: Floats, t: Floats) -> Flo
 
 
 def _sway(gait: Gait, t: Floats, started: Floats) -> tuple[Floats, Floats]:
-    """The trunk's shift (N, 3), m, and turn (N, 3, 3) in the level frame."""
+    """Shift (N, 3), m, and rotation (N, 3, 3) of the trunk in the level frame."""
     value = np.zeros((len(t), 6))
     for sway in gait.sways:
         column = _SWAYS.index(sway.of)

@@ -1,7 +1,7 @@
-"""The low-pass of an IMU: it reads faster than it reports, and filters what lies between.
+"""The low-pass filter of an IMU, which reads faster than it reports.
 
-A MEMS IMU converts at some kHz and hands on every few readings what a digital filter of second
-order made of them. Without it what strikes a foot would appear at frequencies where nothing is.
+A MEMS IMU converts at some kHz, filters its readings by a digital filter of second order, and
+reports every few readings. Without the filter the strikes of a foot alias to low frequencies.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ class LowPass:
     """A Butterworth filter of second order, at the IMU's inner rate."""
 
     every: int
-    """Inner readings for each that is reported."""
+    """Number of inner readings for each reported one."""
     feed: Floats
-    """(3,), of the readings."""
+    """(3,), coefficients of the readings."""
     back: Floats
-    """(3,), of what was filtered."""
+    """(3,), coefficients of the filtered readings."""
     delay: float
-    """s, of slow motion."""
+    """s, at slow motion."""
 
     @classmethod
     def of(cls, bandwidth: float, rate: float, step: float) -> LowPass:
-        """Design it for a bandwidth, Hz, where half of the power passes.
+        """Design the filter for a bandwidth, Hz, at which half of the power passes.
 
-        A reading of the rate, Hz, is made of inner ones at most a step, s, apart.
+        The rate, Hz, is that of the reports. Inner readings are at most a step, s, apart.
 
         Raises:
             InputError: The bandwidth is beyond half of the inner rate.
@@ -55,7 +55,7 @@ class LowPass:
         return cls(every, feed, back, delay / inner)
 
     def __call__(self, readings: Floats) -> Floats:
-        """Filter inner readings (N, ...), which begin at rest; those that are reported."""
+        """Filter inner readings (N, ...), which begin at rest; return the reported ones."""
         from scipy.signal import lfilter, lfilter_zi
 
         rest = lfilter_zi(self.feed, self.back)[:, None] * readings[:1]

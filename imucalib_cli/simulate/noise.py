@@ -71,7 +71,7 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
 
 
 def _turned_biases(noise: NoiseOptions, number: int) -> NoiseOptions:
-    """The biases of an IMU by its number: of the first one's size, on other axes."""
+    """The biases of the IMU of a number: as large as those of the first, on other axes."""
 
     def turned(bias: Vector) -> Vector:
         x, y, z = np.roll(bias, number) * (-1) ** number
@@ -204,7 +204,7 @@ def _coloured(
 
 
 def _spikes(rng: np.random.Generator, size: float, spiked: Bools) -> Floats:
-    """Errors of ``size``, with either sign, on one axis of every spiked sample; (N, 3)."""
+    """Errors of ``size``, with random sign, on one axis of every spiked sample; (N, 3)."""
     thrown = np.zeros((len(spiked), 3))
     rows = np.flatnonzero(spiked)
     sign = rng.choice([-1.0, 1.0], len(rows))

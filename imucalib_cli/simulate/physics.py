@@ -29,6 +29,7 @@ from imucalib_cli.simulate.recording import (
     PoseRecord,
     Recording,
     State,
+    at_once,
 )
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ def record(
         system: The system and its motion.
         options: Rates, duration, gravity, mount.
         progress: Called now and then with the share done, 0 to 1.
-        camera: Record its view too; its optical frame is one of the system's, as in
-            :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.
+        camera: Record its view too. Its optical frame is a frame of the system, as from
+            :func:`imucalib_cli.simulate.camera.config.load_camera`.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
@@ -66,10 +67,10 @@ def record(
     if options.inertia is not None and system.free_body is not None:
         system = replace(system, free_body=replace(system.free_body, inertia=options.inertia))
     chosen = _chosen(system, options)
-    duration = _positive(chosen["duration"], "duration")
-    imu_rate = _positive(chosen["imu_rate"], "IMU rate")
-    robot_rate = _positive(chosen["robot_rate"], "robot rate")
-    step = _positive(chosen["step"], "step")
+    duration, imu_rate, robot_rate, step = (
+        _positive(chosen[key], key.replace("imu", "IMU").replace("_", " "))
+        for key in ("duration", "imu_rate", "robot_rate", "step")
+    )
     groups = _publishers(system, options.publishers)
     R_parent_imu, t_parent_imu = matrix_from_rpy(chosen["mount_rpy"]), np.array(chosen["mount_xyz"])
     R_level_world = matrix_from_rotvec([*options.base_tilt, 0.0])
@@ -83,7 +84,7 @@ def record(
             system,
             imus,
             gravity_world,
-            None if camera is None else camera_mount(system, camera.frame.link),
+            camera_mount(system, camera.frame.link) if camera else None,
         )
     )
     data = engine.MjData(model)
@@ -131,7 +132,7 @@ def record(
         robot=_robot(system, groups, robot_t, [q[at(t)] for t in robot_t]),
         state=State(t=imu_t, position=q[rows], velocity=qd[rows], acceleration=qdd[rows]),
         engine=f"MuJoCo {engine.__version__}",
-        camera=None if camera is None else see(camera, camera_t, seen[:, :3], seen[:, 3:]),
+        camera=see(camera, camera_t, seen[:, :3], seen[:, 3:]) if camera else None,
     )
 
 
@@ -157,9 +158,9 @@ def _positive(value: float, name: str) -> float:
 
 
 def _control(system: SystemConfig, options: PhysicsOptions, duration: float, data: Any) -> Any:
-    """Set where joints begin; callback of MuJoCo.
+    """Set the start of the joints; return the control callback for MuJoCo.
 
-    It is called at every stage of every step, so that inputs are smooth in time.
+    MuJoCo calls it at every stage of every step, so that inputs are smooth in time.
     """
     mover = system.mover
     if isinstance(mover, FreeBody):
@@ -232,9 +233,7 @@ def _robot(
     if not names:
         (t,), (q,) = times, positions
         pose = PoseRecord(
-            t=t,
-            stamp=t,
-            received=t,
+            **at_once(t),
             parent=system.world,
             child=system.parent,
             position=q[:, :3],
@@ -243,9 +242,7 @@ def _robot(
         return (pose,)
     return tuple(
         JointRecord(
-            t=t,
-            stamp=t,
-            received=t,
+            **at_once(t),
             names=tuple(names[c] for c in columns),
             position=q[:, q.shape[1] - len(names) :][:, columns],
         )

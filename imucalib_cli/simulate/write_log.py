@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
 
 Make: TypeAlias = Callable[[int], Any]
-"""A message of a row."""
+"""Makes the message of a row."""
 Write: TypeAlias = Callable[[int, Any], None]
 """Appends a message with its receive time, ns."""
 
@@ -55,7 +55,7 @@ def write_log(
 ) -> None:
     """Write a recording as a ROS log; an existing file is replaced when the new one is complete.
 
-    A path without suffix becomes a ROS 2 bag folder; progress is told the share done, 0 to 1.
+    A path without suffix becomes a ROS 2 bag folder; progress gets the share done, 0 to 1.
 
     Raises:
         InputError: The path cannot be written, or OpenCV is missing for images.
@@ -200,21 +200,14 @@ def _ros1_lz4(chunk: bytes) -> bytes:
     return made
 
 
-_WRITERS = {
-    ".mcap": _mcap,
-    ".bag": _bag1,
-    ".db3": _bag2,
-    "": _bag2,
-}
+_WRITERS = {".mcap": _mcap, ".bag": _bag1, ".db3": _bag2, "": _bag2}
 
 
 def named_imus(system: SystemConfig, options: LogOptions) -> tuple[PlacedImu, ...]:
     """The system's IMUs with their topics and frames in the log; options name the first."""
     first, *others = system.every_imu
-    first = replace(
-        first, topic=options.imu_topic or first.topic, link=options.imu_frame or first.link
-    )
-    return first, *others
+    topic, link = options.imu_topic or first.topic, options.imu_frame or first.link
+    return replace(first, topic=topic, link=link), *others
 
 
 class _Factory:
@@ -236,17 +229,15 @@ class _Factory:
             yield read.received, imu.topic, "sensor_msgs/msg/Imu", self._imu(read, imu.link)
         for number, record in enumerate(recording.robot):
             if isinstance(record, PoseRecord):
-                yield record.received, robot, "tf2_msgs/msg/TFMessage", self._pose(record)
+                frames, poses = (record.parent, record.child), record.quaternion_xyzw
+                make = self._transforms(record.stamp, frames, record.position, poses)
+                yield record.received, robot, "tf2_msgs/msg/TFMessage", make
             else:
                 topic = f"{robot}_{number + 1}" if options.topic_each else robot
                 yield record.received, topic, "sensor_msgs/msg/JointState", self._joints(record)
         if camera is not None:
-            yield (
-                camera.received,
-                camera.config.topic,
-                "sensor_msgs/msg/Image",
-                self._images(camera),
-            )
+            topic, make = camera.config.topic, self._images(camera)
+            yield camera.received, topic, "sensor_msgs/msg/Image", make
         at_once = np.zeros(1)  # topics with one message, sent as the log begins
         if options.robot_description:
             from imucalib_cli.simulate.urdf import urdf_text
@@ -308,10 +299,6 @@ class _Factory:
         if sorted(order) != all_names:
             raise ChoiceError(f"joint order must name each of {', '.join(all_names)} once")
         return [names.index(name) for name in order if name in names]
-
-    def _pose(self, record: PoseRecord) -> Make:
-        frames = (record.parent, record.child)
-        return self._transforms(record.stamp, frames, record.position, record.quaternion_xyzw)
 
     def _transforms(
         self,

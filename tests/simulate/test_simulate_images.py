@@ -70,7 +70,7 @@ def record() -> CameraRecord:
 @pytest.fixture(scope="module")
 def images(record: CameraRecord) -> list[NDArray[np.uint8]]:
     drawn = Images(record, NoiseOptions(), 0)
-    return [drawn[i] for i in range(len(drawn))]
+    return [drawn[i] for i in range(len(record.t))]
 
 
 def corners_of(corners: Floats, number: int) -> Floats:

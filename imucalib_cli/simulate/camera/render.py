@@ -44,9 +44,6 @@ class Images:
         self._picture = board_picture(camera.target, camera.shades)
         self._rays = _fine_rays(camera.intrinsics) if any(camera.intrinsics.distortion) else None
 
-    def __len__(self) -> int:
-        return len(self._record.t)
-
     def __getitem__(self, i: int) -> Bytes:
         """(height, width), grey levels."""
         record = self._record
