@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.methods.camera import CameraObservations
+    from imucalib_cli.simulate.recording import CameraRecord
 
 _NONE = np.zeros((0, 0, 0))
 _CHUNK = 1024
@@ -124,14 +124,9 @@ class PoseData:
 class ImuData:
     """Samples of the IMU."""
 
-    t: Floats
-    """(N,), as stamped, s."""
-    accel: Floats
-    gyro: Floats
-    accel_std: float
-    """m/s², of a sample."""
-    gyro_std: float
-    """rad/s."""
+    imu: ImuSamples
+    whiten: Floats
+    """(6,), weights of the residuals, per m/s² and rad/s."""
     nodes: Floats
     """(B,), instants at which biases are unknowns, on the IMU's clock; one is constant biases."""
 
@@ -175,10 +170,10 @@ def imu_rows(
     knots: Knots, R_middle: Floats, data: ImuData, state: State, *, derivatives: bool
 ) -> Iterator[Rows]:
     """Rows of the IMU, chunk by chunk: accelerometer, gyroscope."""
-    whiten = 1.0 / np.repeat([data.accel_std, data.gyro_std], 3)
-    for start in range(0, len(data.t), _CHUNK):
+    whiten, imu = data.whiten, data.imu
+    for start in range(0, len(imu.t), _CHUNK):
         part = slice(start, start + _CHUNK)
-        t = data.t[part]
+        t = imu.t[part]
         segment, u = knots.at(t - state.time_offset)
         weights = knots.weights(u, 4 if derivatives else 3)
         x = evaluate(state.controls, segment, weights)
@@ -194,7 +189,7 @@ def imu_rows(
         bias = state.biases[first] * (1.0 - share)[:, None]
         if len(data.nodes) > 1:
             bias += state.biases[first + 1] * share[:, None]
-        r = np.hstack([data.accel[part] - force, data.gyro[part] - omega]) - bias
+        r = np.hstack([imu.accel[part] - force, imu.gyro[part] - omega]) - bias
         r *= whiten
         if not derivatives:
             yield Rows(segment, r, _NONE, _NONE, columns)
@@ -357,7 +352,7 @@ def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOpti
 
 
 def calibrate_bspline_camera(
-    imu: ImuSamples, camera: CameraObservations, options: BSplineOptions
+    imu: ImuSamples, camera: CameraRecord, options: BSplineOptions
 ) -> Answer:
     """Find the IMU's pose in the camera's optical frame, from the data that Kalibr gets.
 
@@ -420,23 +415,19 @@ def prepare(
         stds = [max(residual_std(knots, t, values), _STD_FLOOR) for values in (p, phi)]
         whiten = 1.0 / np.repeat(stds, 3)
     offset = first.time_offset or 0.0
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
+    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     # The offset may still change by a millisecond; samples must stay on the spline then.
     margin = 0.01
-    inside = (imu.t[rows] - offset > t[0] + margin) & (imu.t[rows] - offset < t[-1] - margin)
-    rows = rows[inside]
-    if len(rows) == 0:
+    imu = imu.at((imu.t - offset > t[0] + margin) & (imu.t - offset < t[-1] - margin))
+    if len(imu.t) == 0:
         raise InputError("the IMU's samples and the robot's do not overlap in time")
     walks = options.biases and max(options.accel_bias_walk, options.gyro_bias_walk) > 0.0
-    span = float(imu.t[rows[-1]] - imu.t[rows[0]])
+    span = float(imu.t[-1] - imu.t[0])
     count = max(round(span / options.bias_interval), 1) + 1 if walks else 1
     readings = ImuData(
-        t=imu.t[rows],
-        accel=imu.accel[rows],
-        gyro=imu.gyro[rows],
-        accel_std=options.accel_std,
-        gyro_std=options.gyro_std,
-        nodes=np.linspace(imu.t[rows[0]], imu.t[rows[-1]], count),
+        imu=imu,
+        whiten=1.0 / np.repeat([options.accel_std, options.gyro_std], 3),
+        nodes=np.linspace(imu.t[0], imu.t[-1], count),
     )
     down = np.array([0.0, 0.0, -options.gravity_norm])
     gravity = {"none": np.zeros(3), "fixed": down, "tilt": first.gravity_world}[options.gravity]

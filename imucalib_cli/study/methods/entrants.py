@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.simulate.recording import CameraRecord
     from imucalib_cli.study.methods.bspline import BSplineOptions
-    from imucalib_cli.study.methods.camera import CameraObservations
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -30,7 +30,7 @@ class Given:
 
     imu: ImuSamples
     path: KinematicPath
-    camera: CameraObservations
+    camera: CameraRecord
     gravity_norm: float
     """m/s²."""
     nominal: Pose

@@ -121,10 +121,10 @@ class _Derived:
 
 
 def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    if len(rows) < 10:
-        raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
-    grid = imu_grid(imu.t[rows], imu.gyro[rows], imu.accel[rows])
+    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
+    if len(imu.t) < 10:
+        raise InputError(f"{len(imu.t)} usable IMU samples: record a longer log")
+    grid = imu_grid(imu.t, imu.gyro, imu.accel)
     samples = 2 * max(round(seconds / grid.dt / 2), (degree + 1) // 2 + 1) + 1
     starts = np.arange(len(grid.usable) - samples + 1)
     first = starts[all_hold(grid.usable, starts, samples)]

@@ -33,7 +33,7 @@ from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ra
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.methods.camera import CameraObservations
+    from imucalib_cli.simulate.recording import CameraRecord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,15 +48,14 @@ class LiangOptions:
     """m/s²."""
 
 
-def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangOptions) -> Answer:
+def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions) -> Answer:
     """Find the IMU's pose in the camera's optical frame; the target does not move.
 
     Raises:
         InputError: OpenCV is missing; too few moves between standstills at which the target is
             seen; or turns about one axis only.
     """
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    imu = replace(imu, t=imu.t[rows], gyro=imu.gyro[rows], accel=imu.accel[rows])
+    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
     if not stills:
         raise InputError("the IMU never stands still: this method needs start-stop motion")
@@ -89,13 +88,13 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     )
 
 
-def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Pose | None:
+def _camera_pose(camera: CameraRecord, still: Still, *, tuned: bool) -> Pose | None:
     """Pose of the target in the camera during a standstill; None where it is not seen.
 
     As published, one image, the middle one; tuned, the mean of each corner over all images.
     """
     # Stamps of either clock: images only have to be in the right standstill.
-    inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
+    inside = np.flatnonzero((camera.stamp >= still.start) & (camera.stamp <= still.end))
     if len(inside) == 0:
         return None
     seen = camera.corners[inside]

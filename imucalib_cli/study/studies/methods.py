@@ -27,7 +27,6 @@ from imucalib_cli.study.contest import (
     setting_words,
 )
 from imucalib_cli.study.methods.bspline import BSplineOptions
-from imucalib_cli.study.methods.camera import observations_of
 from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
 from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
@@ -291,7 +290,7 @@ def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
     return Given(
         imu=imu,
         path=path,
-        camera=observations_of(recording.camera),
+        camera=recording.camera,
         gravity_norm=norm,
         nominal=Pose(matrix_from_rpy(nominal.rpy), np.array(nominal.xyz)),
         spline=BSplineOptions(
