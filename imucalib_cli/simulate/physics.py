@@ -8,7 +8,7 @@ is independent of this project's filters.
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,10 +18,8 @@ from imucalib_cli.optional import optional
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
 from imucalib_cli.simulate.config import Arm, FreeBody
-from imucalib_cli.simulate.gait import GaitReference
-from imucalib_cli.simulate.low_pass import LowPass
 from imucalib_cli.simulate.mjcf import model_xml
-from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
+from imucalib_cli.simulate.motion import ArmReference, GaitReference, PushPlan, instants
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import (
     ImuRecord,
@@ -41,6 +39,56 @@ if TYPE_CHECKING:
 
 # MuJoCo has one control callback per process.
 _callback = threading.Lock()
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """The low-pass filter of an IMU, which reads faster than it reports: Butterworth, second order.
+
+    A MEMS IMU converts at some kHz, filters its readings and reports every few of them. Without the
+    filter the strikes of a foot alias to low frequencies.
+    """
+
+    every: int
+    """Number of inner readings for each reported one."""
+    feed: Floats
+    """(3,), coefficients of the readings."""
+    back: Floats
+    """(3,), coefficients of the filtered readings."""
+    delay: float
+    """s, at slow motion."""
+
+    @classmethod
+    def of(cls, bandwidth: float, rate: float, step: float) -> LowPass:
+        """Design the filter for a bandwidth, Hz, at which half of the power passes.
+
+        The rate, Hz, is that of the reports. Inner readings are at most a step, s, apart.
+
+        Raises:
+            InputError: The bandwidth is beyond half of the inner rate.
+        """
+        from scipy.signal import butter
+
+        every = int(np.ceil(1 / (rate * step) - 1e-9))
+        inner = rate * every
+        if not 0 < bandwidth < inner / 2:
+            raise InputError(
+                f"bandwidth {bandwidth:g} Hz: must be between 0 and {inner / 2:g} Hz, half the "
+                "rate of the steps; 0 measures without a filter"
+            )
+        feed, back = butter(2, bandwidth, fs=inner)
+        order = np.arange(3)
+        # The group delay at zero frequency, in inner readings.
+        delay = float(order @ feed / feed.sum() - order @ back / back.sum())
+        return cls(every, feed, back, delay / inner)
+
+    def __call__(self, readings: Floats) -> Floats:
+        """Filter inner readings (N, ...), which begin at rest; return the reported ones."""
+        from scipy.signal import lfilter, lfilter_zi
+
+        rest = lfilter_zi(self.feed, self.back)[:, None] * readings[:1]
+        filtered, _ = lfilter(self.feed, self.back, readings, axis=0, zi=rest)
+        return np.asarray(filtered[:: self.every], dtype=np.float64)
 
 
 def record(

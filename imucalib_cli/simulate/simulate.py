@@ -13,8 +13,8 @@ from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import PlainDumper
 from imucalib_cli.results.places import see_places
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
-from imucalib_cli.simulate.camera.aprilgrid import opencv
 from imucalib_cli.simulate.camera.kalibr import camera_truth, kalibr_paths, write_kalibr
+from imucalib_cli.simulate.camera.render import opencv
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.physics import record

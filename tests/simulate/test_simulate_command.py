@@ -153,12 +153,11 @@ def test_wrong_usage_is_one_line_and_a_code(
 def test_a_folder_that_is_not_there_is_not_made(tmp_path: Path, imucalib: Imucalib) -> None:
     missing = tmp_path / "missing"
     for places in (["-o", missing / "x.mcap"], ["-o", tmp_path / "x.bag", "--urdf", missing / "u"]):
-        assert imucalib("simulate", "barbot", *SHORT, *places, code=1) == (
-            "",
-            (
-                f"error: {places[-1]}: cannot be written: there is no folder {missing}; make it, or "
-                "name another file\n"
-            ),
+        out, err = imucalib("simulate", "barbot", *SHORT, *places, code=1)
+        assert out == ""
+        assert err == (
+            f"error: {places[-1]}: cannot be written: there is no folder {missing}; make it, or "
+            "name another file\n"
         )
         assert list(tmp_path.iterdir()) == []
 

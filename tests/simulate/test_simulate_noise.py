@@ -18,7 +18,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import ImuRecord, Recording, rows_kept
-from tests.simulate.simulate_samples import joints, pose
+from tests.simulate.simulate_samples import joints, pose, recorded
 
 Floats = NDArray[np.float64]
 RATE = 200.0
@@ -59,12 +59,12 @@ def long() -> Recording:
 
 @pytest.fixture(scope="module")
 def arm() -> Recording:
-    return record(load_system("rihibot"), PhysicsOptions(duration=6.0, robot_rate=125.0))
+    return recorded("rihibot", duration=6.0, robot_rate=125.0)
 
 
 @pytest.fixture(scope="module")
 def bar() -> Recording:
-    return record(load_system("barbot"), PhysicsOptions(duration=20.0))
+    return recorded("barbot", duration=20.0)
 
 
 @pytest.mark.parametrize(
@@ -216,8 +216,7 @@ _FEW = still(6)
 
 
 def test_publishers_have_noise_of_their_own() -> None:
-    options = PhysicsOptions(duration=1.0, robot_rate=100.0, publishers=2)
-    clean = record(load_system("rihibot"), options)
+    clean = recorded("rihibot", duration=1.0, robot_rate=100.0, publishers=2)
     run = corrupt(clean, NoiseOptions(robot_stamp_jitter=1e-3), 1)
     first, second = (joints(run, k).stamp - joints(run, k).t for k in (0, 1))
     assert abs(np.corrcoef(first[: len(second)], second)[0, 1]) < 0.4

@@ -15,15 +15,14 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.gait import joint_plan
 from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.low_pass import LowPass
+from imucalib_cli.simulate.motion import joint_plan
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.physics import LowPass, record
 from imucalib_cli.simulate.simulate import truth_of
 from imucalib_cli.simulate.urdf import urdf_text
-from tests.simulate.simulate_samples import Floats, configured, imus_by_pinocchio, joints
+from tests.simulate.simulate_samples import Floats, configured, imus_by_pinocchio, joints, recorded
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -113,7 +112,7 @@ def test_it_stays_upright_in_its_first_strides(soon: Recording) -> None:
 
 @pytest.mark.slow
 def test_it_walks_and_stays_upright() -> None:
-    walked = record(load_system("walker"), PhysicsOptions(duration=14.0))
+    walked = recorded("walker", duration=14.0)
     assert_upright(walked)
     assert np.linalg.norm(walked.state.position[-1, :2]) > 1.0
 
@@ -123,7 +122,7 @@ def test_it_stays_upright_through_all_walks_and_again() -> None:
     system = load_system("walker")
     assert system.legged is not None
     plan = sum(walk.seconds for walk in system.legged.gait.walks)
-    recording = record(system, PhysicsOptions(duration=3 * plan))
+    recording = recorded("walker", duration=3 * plan)
     assert_upright(recording)
     gyro = np.stack([r.gyro for r in recording.imus])
     # Each IMU turns about two axes at least, so that each component of each mount is told.
@@ -270,7 +269,7 @@ def test_the_log_the_truth_and_the_urdf_name_every_imu(tmp_path: Path, imucalib:
 
 
 def test_a_system_of_one_imu_has_the_truth_it_always_had() -> None:
-    truth = truth_of(record(load_system("barbot"), PhysicsOptions(duration=0.1)), LogOptions())
+    truth = truth_of(recorded("barbot", duration=0.1), LogOptions())
     assert "imus" not in truth
     settings = truth["settings"]
     assert not {"legged", "imus", "bandwidth"} & {*settings["system"], *settings["physics"]}

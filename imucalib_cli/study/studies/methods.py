@@ -29,10 +29,7 @@ from imucalib_cli.study.contest import (
 from imucalib_cli.study.methods.bspline import BSplineOptions
 from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
-from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
-    Ransac,
-)
-from imucalib_cli.study.methods.liang import LiangOptions, StillOptions
+from imucalib_cli.study.methods.liang import LiangOptions, Ransac, StillOptions
 from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
