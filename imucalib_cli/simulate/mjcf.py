@@ -78,7 +78,7 @@ def _mounted(bodies: dict[str, ET.Element], name: str, mount: Mount) -> None:
 def _jointed(
     world: ET.Element, bodies: dict[str, ET.Element], arm: Jointed
 ) -> dict[str, ET.Element]:
-    """Bodies by their link's name: those given and one a joint."""
+    """Bodies by the names of their links: the given ones and one for each joint."""
     bodies = dict(bodies)
     links = {link.name: link for link in arm.links}
     for joint, rotor in zip(arm.joints, arm.drives.rotor_inertia, strict=True):

@@ -283,22 +283,18 @@ class _Factory:
 
     def _joints(self, record: JointRecord) -> Make:
         joint_state = self._types["sensor_msgs/msg/JointState"]
-        columns = self._columns(record.names)
+        order, columns = self._options.joint_order, list(range(len(record.names)))
+        if order:
+            known = sorted(n for r in self._recording.robot for n in getattr(r, "names", ()))
+            if sorted(order) != known:
+                raise ChoiceError(f"joint order must name each of {', '.join(known)} once")
+            columns = [record.names.index(name) for name in order if name in record.names]
         names = [f"{self._options.joint_prefix}{record.names[column]}" for column in columns]
         position = np.ascontiguousarray(record.position[:, columns])
         header, nothing = self._headers(record.stamp, ""), np.zeros(0)
         return lambda i: joint_state(
             header=header(i), name=names, position=position[i], velocity=nothing, effort=nothing
         )
-
-    def _columns(self, names: tuple[str, ...]) -> list[int]:
-        order = self._options.joint_order
-        if not order:
-            return list(range(len(names)))
-        all_names = sorted(n for r in self._recording.robot for n in getattr(r, "names", ()))
-        if sorted(order) != all_names:
-            raise ChoiceError(f"joint order must name each of {', '.join(all_names)} once")
-        return [names.index(name) for name in order if name in names]
 
     def _transforms(
         self,

@@ -53,7 +53,7 @@ def clean(study: MethodsStudy) -> Recording:
 
 
 def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:
-    return Cost(value=value, failure=failure, seconds=1.0, cpu_seconds=0.5, memory=2e6, held=1e8)
+    return Cost(value, 1.0, 0.5, 2e6, 1e8, failure)
 
 
 def test_every_method_runs_under_every_condition(study: MethodsStudy) -> None:

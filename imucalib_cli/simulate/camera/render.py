@@ -139,7 +139,7 @@ class Images:
     """
 
     def __init__(self, record: CameraRecord, noise: NoiseOptions, seed: int) -> None:
-        """Draw the board's picture; every image has a stream of noise of its own.
+        """Draw the picture of the board; the noise of every image has its own random stream.
 
         Raises:
             InputError: OpenCV is not installed, or the board cannot be drawn.

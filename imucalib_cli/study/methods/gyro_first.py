@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.published.filters import Instants
 from imucalib_cli.robot.rotations import nearest_rotation, vee
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
@@ -103,23 +104,6 @@ class _Smoothed:
     """(N, 3), m/s²."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Derived:
-    """Motion of the parent link, by Savitzky-Golay derivatives of its poses, and the IMU's."""
-
-    gyro: Floats
-    """(M, 3), rad/s, smoothed."""
-    accel: Floats
-    """(M, 3), m/s², smoothed."""
-    R: Floats
-    """(M, 3, 3), R_world_parent."""
-    rate: Floats
-    """(M, 3), angular rate in the parent frame, rad/s."""
-    R_acceleration: Floats
-    p_acceleration: Floats
-    """(M, 3), m/s²."""
-
-
 def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
     imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     if len(imu.t) < 10:
@@ -135,7 +119,11 @@ def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
     return _Smoothed(grid, samples, degree, first, gyro, accel)
 
 
-def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Derived:
+def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> Instants:
+    """Motion of the parent link by Savitzky-Golay derivatives of its poses, and the smoothed IMU.
+
+    Instants are stamped by the first sample of their window.
+    """
     t = imu.grid.t - time_offset
     covered = trajectory.covered(t)
     rows = np.flatnonzero(all_hold(covered, imu.first, imu.samples))
@@ -153,11 +141,19 @@ def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Der
         for order in range(3)
     )
     R, R_rate, R_acceleration = (x[:, :9].reshape(-1, 3, 3) for x in (value, rate, bent))
-    rate = vee(np.swapaxes(R, 1, 2) @ R_rate)
-    return _Derived(imu.gyro[rows], imu.accel[rows], R, rate, R_acceleration, bent[:, 9:])
+    return Instants(
+        t=t[imu.first[rows]],
+        kept=np.ones(len(rows), dtype=bool),
+        R=R,
+        R_rate=R_rate,
+        R_acceleration=R_acceleration,
+        p_acceleration=bent[:, 9:],
+        accel=imu.accel[rows],
+        gyro=imu.gyro[rows],
+    )
 
 
-def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
+def _fit_rates(motion: Instants) -> tuple[Floats, Floats, float]:
     """Least squares of derived - R (measured - bias) over R and bias; those and their mean.
 
     After subtraction of the means the bias drops out; what remains is Wahba's problem.
@@ -165,7 +161,7 @@ def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
     Source:
         Wahba, SIAM Review 7(3), 1965; solved by singular values (Markley, 1988).
     """
-    target, source = motion.rate, motion.gyro
+    target, source = vee(np.swapaxes(motion.R, 1, 2) @ motion.R_rate), motion.gyro
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
     R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
@@ -174,7 +170,7 @@ def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
 
 
 def _fit_lever_arm(
-    motion: _Derived, R_parent_imu: Floats, options: GyroFirstOptions
+    motion: Instants, R_parent_imu: Floats, options: GyroFirstOptions
 ) -> tuple[Floats, Floats, Floats]:
     """Lever arm, m, accelerometer bias and gravity in the world, m/s², rotation held.
 

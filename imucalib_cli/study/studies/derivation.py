@@ -306,31 +306,26 @@ def draw_comparison(
         near = (one.t >= zoom[0]) & (one.t <= zoom[1])
         _line(panel[0], one.t, one.position, COLOURS[2], "position")
         panel[0].set_ylabel("x, m")
-        _pair(panel[1], one, np.ones(len(one.t), dtype=bool))
-        _pair(panel[2], one, near)
+        for axes, shown in ((panel[1], np.ones_like(near)), (panel[2], near)):
+            _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
+            _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", linestyle="--")
+            t, y = one.t[shown & ~one.kept], one.derived[shown & ~one.kept]
+            if len(t):
+                every = max(len(t) // _MARKS, 1)
+                look: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 3.0}
+                axes.plot(t[::every], y[::every], color=COLOURS[6], label="excluded", **look)
+            axes.set_ylabel("acceleration, m/s²")
         _line(panel[3], one.t[near], one.mismatch[near], COLOURS[6], "derived less measured")
         panel[3].set_ylabel("m/s²")
         panel[3].set_xlabel("s")
         for axes in panel:
             axes.legend(loc="upper right", fontsize=7)
     bottom = panels[3 * len(found) :]
-    lowest, highest = zip(*(axes.get_ylim() for axes in bottom), strict=True)
+    limits = [limit for axes in bottom for limit in axes.get_ylim()]
     for axes in bottom:
-        axes.set_ylim(min(lowest), max(highest))
+        axes.set_ylim(min(limits), max(limits))
     figure.suptitle(title)
     save_svg(figure, path)
-
-
-def _pair(axes: Axes, one: Comparison, shown: Bools) -> None:
-    _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
-    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", linestyle="--")
-    dropped = shown & ~one.kept
-    if dropped.any():
-        every = max(int(dropped.sum()) // _MARKS, 1)
-        t, y = one.t[dropped][::every], one.derived[dropped][::every]
-        look: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 3.0}
-        axes.plot(t, y, color=COLOURS[6], label="excluded", **look)
-    axes.set_ylabel("acceleration, m/s²")
 
 
 def _line(

@@ -1,8 +1,8 @@
 """Which optimiser: the paper names one class of them and leaves the choice open.
 
-On the published method's residuals, those of scipy, the least sum of absolute values that its
-words ask for, and robust losses; on the matched filters', those of scipy and our reduced solve.
-From guesses of several sizes, each optimiser on the same residuals.
+On the residuals of the published method: scipy's optimisers, the least sum of absolute values, for
+which its text asks, and robust losses. On those of the matched filters: scipy's optimisers and our
+reduced solve. Each optimiser starts from guesses of several sizes, on the same residuals.
 """
 
 from __future__ import annotations
