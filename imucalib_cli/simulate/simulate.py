@@ -67,9 +67,8 @@ def simulate(
     """
     log = log or LogOptions()
     see_log_place(output, log.compression)  # before minutes of physics
-    written = [output, truth_path(output)]
-    written += [] if camera is None else kalibr_paths(output).values()
-    written += [] if urdf is None else [urdf]
+    written = [output, truth_path(output), *(kalibr_paths(output).values() if camera else ())]
+    written += [urdf] if urdf else []
     see_places(read=read, written=written, force=force, made_here=_made_here)
     if camera is not None:
         opencv()

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -34,6 +34,9 @@ Make: TypeAlias = Callable[[int], Any]
 """Makes the message of a row."""
 Write: TypeAlias = Callable[[int, Any], None]
 """Appends a message with its receive time, ns."""
+_Log: TypeAlias = tuple[dict[str, Any], Callable[[str, str], Write]]
+"""A log being written: message classes by type name, and a function that declares a publisher on a
+topic with its message type."""
 
 COMPRESSIONS = {
     ".mcap": ("zstd", "lz4", "none"),
@@ -62,10 +65,10 @@ def write_log(
         ChoiceError: The suffix, the compression or the joint order does not exist.
     """
     options = options or LogOptions()
-    with _open_log(path, options.compression) as log:
+    with _open_log(path, options.compression) as (types, connect):
         parts = [
-            (_ns(received, options), log.connect(topic, message_type), make)
-            for received, topic, message_type, make in _Factory(log.types, recording, options)
+            (_ns(received, options), connect(topic, message_type), make)
+            for received, topic, message_type, make in _Factory(types, recording, options)
         ]
         received = np.concatenate([ns for ns, _, _ in parts])
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
@@ -98,15 +101,6 @@ def see_log_place(path: Path, compression: str | None) -> str:
             raise InputError(f"{path}: is a pipe or a device; name a file")
     see_writable(path)
     return compression or known[0]
-
-
-class _Log(NamedTuple):
-    """A log being written."""
-
-    types: dict[str, Any]
-    """Message classes by type name."""
-    connect: Callable[[str, str], Write]
-    """Declares a publisher on a topic with its message type."""
 
 
 @contextmanager
@@ -142,7 +136,7 @@ def _mcap(path: Path, compression: str) -> Iterator[_Log]:
 
     with path.open("wb") as file:
         writer = McapWriter(file, compression=compression, library="imucalib simulate")
-        yield _Log(writer.types, writer.connect)
+        yield writer.types, writer.connect
         writer.close()
 
 
@@ -162,7 +156,7 @@ def _bag2(path: Path, _compression: str) -> Iterator[_Log]:
         return lambda ns, message: writer.write(to, ns, store.serialize_cdr(message, to.msgtype))
 
     with Writer(path, version=8) as writer:
-        yield _Log(store.types, connect)
+        yield store.types, connect
 
 
 @contextmanager
@@ -185,7 +179,7 @@ def _bag1(path: Path, compression: str) -> Iterator[_Log]:
         return lambda ns, message: writer.write(to, ns, store.serialize_ros1(message, to.msgtype))
 
     with writer:
-        yield _Log(store.types, connect)
+        yield store.types, connect
 
 
 def _ros1_lz4(chunk: bytes) -> bytes:
