@@ -13,12 +13,13 @@ from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.alone import Cost
 from imucalib_cli.study.contest import Answer, Condition
-from imucalib_cli.study.methods.entrants import ENTRANTS, enter
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.methods import (
+    ENTRANTS,
     MethodsCriteria,
     MethodsStudy,
     Quoted,
+    enter,
     given,
     row_of,
 )

@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import PaperOptions
+from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
@@ -20,16 +23,27 @@ from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
 from imucalib_cli.study.contest import (
+    Answer,
     Conditioned,
     Pose,
     errors_of,
+    exact_system,
     paper_settings,
+    pose_only,
     setting_words,
 )
-from imucalib_cli.study.methods.bspline import BSplineOptions
-from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
-from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
-from imucalib_cli.study.methods.liang import LiangOptions, Ransac, StillOptions
+from imucalib_cli.study.methods.bspline import (
+    BSplineOptions,
+    calibrate_bspline,
+    calibrate_bspline_camera,
+)
+from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
+from imucalib_cli.study.methods.liang import (
+    LiangOptions,
+    Ransac,
+    StillOptions,
+    calibrate_liang,
+)
 from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
@@ -51,12 +65,14 @@ from imucalib_cli.study.tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from imucalib_cli.estimate.options import PaperOptions
-    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.simulate.recording import CameraRecord, Recording
     from imucalib_cli.study.alone import Cost
-    from imucalib_cli.study.contest import Answer
     from imucalib_cli.study.study import Cell, Row
     from imucalib_cli.study.tables import Table
 
@@ -71,6 +87,102 @@ _RIVALS = {
     _LIANG: "Liang et al. as published",
     "hand-eye + RANSAC, tuned": "Liang et al. tuned for start-stop motion",
 }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Given:
+    """Data of one recording for all methods, and their options; each method uses part of it."""
+
+    imu: ImuSamples
+    path: KinematicPath
+    camera: CameraRecord
+    gravity_norm: float
+    """m/s²."""
+    nominal: Pose
+    """Of the IMU in its parent link as the URDF states it: the published method's guess."""
+    spline: BSplineOptions
+    """With the IMU's noise from its data sheet."""
+    few_knots_per_second: float
+    """Options of the spline for a user who knows that this motion needs no more knots."""
+    gyro_first: GyroFirstOptions
+    liang: LiangOptions
+    liang_tuned: LiangOptions
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A method of the comparison."""
+
+    data: str
+    """Its data besides the IMU."""
+    unknowns: str
+    call: Callable[[Given, PaperOptions | None], Answer]
+    """Takes a setting too, which only the published method has."""
+
+
+def _spline(given: Given, **changes: object) -> Answer:
+    options = replace(given.spline, **changes)  # type: ignore[arg-type]
+    return calibrate_bspline(given.imu, given.path, options)
+
+
+def _matched(given: Given, options: MatchedOptions) -> Answer:
+    return _answer(calibrate_matched(given.imu, given.path, options))
+
+
+def _published(given: Given, setting: PaperOptions | None) -> Answer:
+    options = replace(
+        setting or PaperOptions(),
+        gravity_norm=given.gravity_norm,
+        R_initial=given.nominal.R,
+        t_initial=given.nominal.t,
+    )
+    return _answer(calibrate_paper(given.imu, given.path, options))
+
+
+def _answer(estimate: Estimate) -> Answer:
+    evaluations = estimate.notes.get("evaluations")
+    return Answer(
+        frame="parent",
+        R_frame_imu=estimate.R_parent_imu,
+        t_frame_imu=estimate.t_parent_imu,
+        time_offset=None if estimate.time_offset_std is None else estimate.time_offset,
+        evaluations=int(evaluations) if isinstance(evaluations, int | float) else 1,
+    )
+
+
+_ALL = "pose, biases, tilt, offset"
+ENTRANTS: dict[str, Entrant] = {
+    "paper": Entrant("poses", "pose", _published),
+    "ours, pose only": Entrant(
+        "poses", "pose", lambda g, _: _matched(g, pose_only(g.gravity_norm))
+    ),
+    "B-spline batch, pose only": Entrant(
+        "poses", "pose", lambda g, _: _spline(g, gravity="fixed", time_offset=0.0, biases=False)
+    ),
+    "ours": Entrant("poses", _ALL, lambda g, _: _matched(g, exact_system(g.gravity_norm))),
+    "B-spline batch": Entrant("poses", _ALL, lambda g, _: _spline(g)),
+    "B-spline batch, few knots": Entrant(
+        "poses", _ALL, lambda g, _: _spline(g, knots_per_second=g.few_knots_per_second)
+    ),
+    "gyro-first hand-eye": Entrant(
+        "poses", _ALL, lambda g, _: calibrate_gyro_first(g.imu, g.path, g.gyro_first)
+    ),
+    "B-spline batch, corners": Entrant(
+        "corners", _ALL, lambda g, _: calibrate_bspline_camera(g.imu, g.camera, g.spline)
+    ),
+    "hand-eye + RANSAC (Liang)": Entrant(
+        "corners", "pose, gyro bias", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang)
+    ),
+    "hand-eye + RANSAC, tuned": Entrant(
+        "corners", "pose, biases", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang_tuned)
+    ),
+}
+"""The methods by their names in tables."""
+
+
+def enter(name: str, setting: PaperOptions | None, given: Given) -> Answer:
+    """Run a method, the published one in a setting; a function that other processes can import."""
+    return ENTRANTS[name].call(given, setting)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,28 +339,20 @@ def _name(rows: Sequence[Row]) -> str:
     return str(method) if setting is None else f"{method} ({setting})"
 
 
-def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
-    return header, lambda rows: str(getattr(ENTRANTS[rows[0]["method"]], key))
-
-
-def _over_bound(key: str) -> Column:
+def _over_bound(rows: Sequence[Row], key: str) -> float:
     """Only methods on poses have a bound."""
-
-    def cell(rows: Sequence[Row]) -> str:
-        on_poses = ENTRANTS[rows[0]["method"]].data == "poses"
-        return digits(over_bound(rows, key)) if on_poses else "-"
-
-    return "over bound", cell
+    on_poses = ENTRANTS[rows[0]["method"]].data == "poses"
+    return over_bound(rows, key) if on_poses else math.nan
 
 
 _COLUMNS: tuple[Column, ...] = (
     ("method", _name),
-    _entrant("data beside the IMU", "data"),
-    _entrant("unknowns", "unknowns"),
+    ("data beside the IMU", lambda rows: ENTRANTS[rows[0]["method"]].data),
+    ("unknowns", lambda rows: ENTRANTS[rows[0]["method"]].unknowns),
     ERROR_COLUMNS[0],
-    _over_bound("translation"),
+    statistic("over bound", _over_bound, "translation"),
     ERROR_COLUMNS[1],
-    _over_bound("rotation"),
+    statistic("over bound", _over_bound, "rotation"),
     *ERROR_COLUMNS[2:],
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
