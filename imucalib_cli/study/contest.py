@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Row
 
@@ -218,6 +221,18 @@ def errors_of(found: Pose | None, truth: Pose) -> Row:
     return asdict(pose_error(found.R, found.t, truth.R, truth.t))
 
 
+def calibrate_published(
+    imu: ImuSamples, path: KinematicPath, setting: PaperOptions, guess: Pose, gravity_norm: float
+) -> Estimate:
+    """The published method in a setting, from a guess; gravity in m/s².
+
+    Raises:
+        InputError: As :func:`calibrate_paper`.
+    """
+    start = {"R_initial": guess.R, "t_initial": guess.t, "gravity_norm": gravity_norm}
+    return calibrate_paper(imu, path, replace(setting, **start))  # type: ignore[arg-type]
+
+
 def contest(
     methods: Sequence[str],
     recording: Recording,
@@ -235,7 +250,6 @@ def contest(
     imu, path = streams_of(recording)
     norm = float(np.linalg.norm(recording.gravity_world))
     truth = Pose(recording.R_parent_imu, recording.t_parent_imu)
-    start = {"gravity_norm": norm, "R_initial": guess.R, "t_initial": guess.t}
     for method in methods:
         for setting in settings if method in PUBLISHED else (None,):
             begun = time.perf_counter()
@@ -244,8 +258,8 @@ def contest(
                     ours = replace(OURS[method](norm), window=window or WindowChoice())
                     estimate = calibrate_matched(imu, path, ours)
                 else:
-                    theirs = replace(setting, residual=PUBLISHED[method], **start)  # type: ignore[arg-type]
-                    estimate = calibrate_paper(imu, path, theirs)
+                    theirs = replace(setting, residual=PUBLISHED[method])
+                    estimate = calibrate_published(imu, path, theirs, guess, norm)
             except InputError as error:
                 nothing: Row = dict.fromkeys(("time_offset", "seconds", "evaluations"))
                 nothing |= {"method": method, "trusted": False, "failure": str(error)}

@@ -221,14 +221,6 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
     assert sum(line[3] == "-" for line in lines) == 2
 
 
-def test_cells_are_every_guess_under_every_condition() -> None:
-    for quick in (True, False):
-        loaded = study("optimiser", quick=quick)
-        runs = sum(c.seeds or loaded.seeds for c in loaded.conditions)
-        assert len(loaded.cells()) == len(loaded.systems) * len(loaded.guesses) * runs
-        assert quick or loaded.seeds >= 5
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("cost", ["published", "matched"])
 def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions
-from imucalib_cli.estimate.published.method import calibrate_paper
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
@@ -26,6 +25,7 @@ from imucalib_cli.study.contest import (
     Answer,
     Conditioned,
     Pose,
+    calibrate_published,
     errors_of,
     exact_system,
     paper_settings,
@@ -130,13 +130,8 @@ def _matched(given: Given, options: MatchedOptions) -> Answer:
 
 
 def _published(given: Given, setting: PaperOptions | None) -> Answer:
-    options = replace(
-        setting or PaperOptions(),
-        gravity_norm=given.gravity_norm,
-        R_initial=given.nominal.R,
-        t_initial=given.nominal.t,
-    )
-    return _answer(calibrate_paper(given.imu, given.path, options))
+    start = setting or PaperOptions(), given.nominal, given.gravity_norm
+    return _answer(calibrate_published(given.imu, given.path, *start))
 
 
 def _answer(estimate: Estimate) -> Answer:
