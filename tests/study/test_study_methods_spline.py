@@ -222,6 +222,9 @@ def test_derivatives_of_the_residuals_are_those_of_differences(arm: Recording) -
     rng = np.random.default_rng(0)
     controls = rng.normal(size=state.controls.shape)
     border = rng.normal(size=9 + state.biases.size) * 1e-2
+    J, _ = problem._walk(state)
+    ahead, behind = (problem._walk(state.moved(0 * controls, x))[1] for x in (border, -border))
+    np.testing.assert_allclose(J @ border, (behind - ahead) / 2, rtol=1e-9)
     step = 1e-5
     for rows, data in ((pose_rows, problem.poses), (imu_rows, problem.imu)):
         args = problem.knots, problem.R_middle, data
