@@ -253,28 +253,24 @@ def contest(
     for method in methods:
         for setting in settings if method in PUBLISHED else (None,):
             begun = time.perf_counter()
+            found, failure = None, None
             try:
                 if setting is None:
                     ours = replace(OURS[method](norm), window=window or WindowChoice())
-                    estimate = calibrate_matched(imu, path, ours)
+                    found = calibrate_matched(imu, path, ours)
                 else:
                     theirs = replace(setting, residual=PUBLISHED[method])
-                    estimate = calibrate_published(imu, path, theirs, guess, norm)
+                    found = calibrate_published(imu, path, theirs, guess, norm)
             except InputError as error:
-                nothing: Row = dict.fromkeys(("time_offset", "seconds", "evaluations"))
-                nothing |= {"method": method, "trusted": False, "failure": str(error)}
-                yield setting, errors_of(None, truth) | nothing
-                continue
+                failure = str(error)
             seconds = time.perf_counter() - begun
-            yield (
-                setting,
-                {
-                    "method": method,
-                    **errors_of(Pose(estimate.R_parent_imu, estimate.t_parent_imu), truth),
-                    "time_offset": estimate.time_offset - recording.noise.time_offset,
-                    "trusted": estimate.trusted,
-                    "seconds": seconds,
-                    "evaluations": estimate.notes.get("evaluations"),
-                    "failure": None,
-                },
-            )
+            row: Row = {
+                "method": method,
+                **errors_of(Pose(found.R_parent_imu, found.t_parent_imu) if found else None, truth),
+                "time_offset": found and found.time_offset - recording.noise.time_offset,
+                "trusted": found is not None and found.trusted,
+                "seconds": found and seconds,
+                "evaluations": found and found.notes.get("evaluations"),
+                "failure": failure,
+            }
+            yield setting, row

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -193,6 +194,7 @@ def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     small = study("optimiser", **SMALL, conditions=study("optimiser").conditions[1:2])
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert len(rows) == 2 * len(OPTIMISERS)
+    json.dumps(rows, allow_nan=False)  # as they are kept
     for row in rows:
         assert np.isfinite(
             [float(row[key] or 0) for key in ("translation", "rotation", "value")]

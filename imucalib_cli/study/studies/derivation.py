@@ -201,22 +201,18 @@ class DerivationStudy(Study, Recorded):
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
         criteria = self.claims
+
+        def share(row: Row, key: str) -> float:
+            return float(row[key] / row["signal"])
+
         for name in FILTERS:
             for window in self.windows:
                 mine = chosen(rows, filter=name, window=window)
                 # The exclusion changes neither the filters nor these figures.
                 bar, wrong, arm = (chosen(mine, figure=number)[0] for number in PLATES)
-                calm, near, off, true, heavy, light = (
-                    float(row[key] / row["signal"])
-                    for row, key in (
-                        (bar, "elsewhere"),
-                        (bar, "starts_stops"),
-                        (wrong, "all"),
-                        (bar, "all"),
-                        (arm, "elsewhere"),
-                        (arm, "weightless"),
-                    )
-                )
+                calm, near = share(bar, "elsewhere"), share(bar, "starts_stops")
+                off, true = share(wrong, "all"), share(bar, "all")
+                heavy, light = share(arm, "elsewhere"), share(arm, "weightless")
                 yield Claim(
                     words=f"{name}: figure 5, window {window}: matches almost perfectly "
                     f"({criteria.match:.0%} of the signal) but for starts and stops",

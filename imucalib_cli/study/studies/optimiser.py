@@ -7,6 +7,7 @@ reduced solve. Each optimiser starts from guesses of several sizes, on the same 
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from functools import partial
@@ -128,22 +129,26 @@ class OptimiserStudy(Study, Conditioned):
         rows: list[Row] = []
         for optimiser in OPTIMISERS:
             cost, preparation = prepared[optimiser.cost.removesuffix(", scaled")]
+            pose, failure = None, None
+            effort: Row = dict.fromkeys(("value", "evaluations", "seconds"))
+            try:
+                pose, effort = solve_by(optimiser, cost, guess)
+            except InputError as error:  # a linear program that is not solved
+                failure = str(error)
             row: Row = {
                 "residuals": optimiser.cost,
                 "least": optimiser.kind,
                 "optimiser": optimiser.name,
                 "preparation": preparation,
+                **errors_of(pose, truth),
+                **effort,
+                "failure": failure,
             }
-            try:
-                pose, effort = solve_by(optimiser, cost, guess)
-            except InputError as error:  # a linear program that is not solved
-                row |= errors_of(None, truth) | {"found": False, "failure": str(error)}
-                row |= dict.fromkeys(("value", "evaluations", "seconds"))
-            else:
-                row |= errors_of(pose, truth) | effort | {"failure": None}
-                row["found"] = row["translation"] <= self.found_translation and row[
-                    "rotation"
-                ] <= np.radians(self.found_rotation_deg)
+            row["found"] = (
+                pose is not None
+                and row["translation"] <= self.found_translation
+                and row["rotation"] <= math.radians(self.found_rotation_deg)
+            )
             rows.append(cell | row | bound)
         return rows
 
