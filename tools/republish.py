@@ -1,7 +1,7 @@
-"""The begin of sample_data/rihibot.mcap as robots publish such data, for tests and documents.
+"""The start of sample_data/rihibot.mcap as robots publish such data, for tests and documents.
 
 ``python -m tools.republish FORM FILE`` writes it in one of :data:`FORMS`, by rosbags, mcap and
-protobuf; where the joints have other names, with a URDF beside that has them.
+protobuf. If the joints have other names, a URDF with these names is written beside it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SAMPLE = Path(__file__).parents[1] / "sample_data/rihibot.mcap"
 URDF = SAMPLE.with_suffix(".urdf")
 START_NS = 1_700_000_000_000_000_000
 SECONDS = 24
-"""Of the sample that are used."""
+"""Length of the part of the sample that is used."""
 
 _POINT = """float64[] positions
 float64[] velocities
@@ -110,24 +110,23 @@ STORE, STORE_1 = _store(), _store(ros1=True)
 
 def make(kind: str, store: Any = STORE, /, **values: Any) -> Any:
     """A message of a type; fields that are not given are zero or empty."""
-    given = dict(values)
-    for field, (node, told) in store.fielddefs[kind][1]:
-        if field not in given:
-            given[field] = _zero(store, node, told)
-    return store.types[kind](**given)
+    zeros = {
+        field: _zero(store, *of) for field, of in store.fielddefs[kind][1] if field not in values
+    }
+    return store.types[kind](**values, **zeros)
 
 
 _NUMPY = {"float64": "f8", "float32": "f4", "bool": "?"}
 
 
-def _zero(store: Any, node: Any, told: Any) -> Any:
+def _zero(store: Any, node: Any, of: Any) -> Any:
     match int(node):
         case 1:  # a primitive
-            return "" if told[0] == "string" else 0
+            return "" if of[0] == "string" else 0
         case 2:
-            return make(told, store)
+            return make(of, store)
         case _:
-            (inner, kind), count = told
+            (inner, kind), count = of
             if int(inner) == 2:
                 return [make(kind, store) for _ in range(count)]
             if kind[0] == "string":
@@ -135,9 +134,9 @@ def _zero(store: Any, node: Any, told: Any) -> Any:
             return np.zeros(count, dtype=_NUMPY.get(kind[0], kind[0]))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Motion:
-    """What the sample holds, as arrays."""
+    """The content of the sample, as arrays."""
 
     imu_ns: NDArray[np.int64]
     imu_log_ns: NDArray[np.int64]
@@ -145,14 +144,14 @@ class Motion:
     accel: NDArray[np.float64]
     joint_ns: NDArray[np.int64]
     joint_log_ns: NDArray[np.int64]
-    names: tuple[str, ...]
     position: NDArray[np.float64]
+    names: tuple[str, ...]
     frame: str
 
 
 @cache
 def motion() -> Motion:
-    """The begin of the sample, as rosbags reads it."""
+    """The start of the sample, as rosbags reads it."""
     imus, joints = [], []
     end_ns = START_NS + SECONDS * 10**9
     with AnyReader([SAMPLE]) as reader:
@@ -167,21 +166,13 @@ def motion() -> Motion:
             else:
                 joints.append((ns, log_ns, message.position))
                 names = tuple(message.name)
-    return Motion(
-        imu_ns=np.array([each[0] for each in imus]),
-        imu_log_ns=np.array([each[1] for each in imus]),
-        gyro=np.array([each[2] for each in imus]),
-        accel=np.array([each[3] for each in imus]),
-        joint_ns=np.array([each[0] for each in joints]),
-        joint_log_ns=np.array([each[1] for each in joints]),
-        names=names,
-        position=np.array([each[2] for each in joints]),
-        frame=frame,
-    )
+    imu_ns, imu_log_ns, gyro, accel = map(np.array, zip(*imus, strict=True))
+    joint_ns, joint_log_ns, position = map(np.array, zip(*joints, strict=True))
+    return Motion(imu_ns, imu_log_ns, gyro, accel, joint_ns, joint_log_ns, position, names, frame)
 
 
 Message = tuple[str, str, Any, int]
-"""Topic, type, message and when it is received."""
+"""Topic, type, message, and time of receipt, ns."""
 
 
 def header(ns: int, frame: str = "", store: Any = STORE) -> Any:
@@ -208,7 +199,7 @@ def plain_messages() -> tuple[Message, ...]:
 
 
 def plain_imu() -> list[Message]:
-    """Those of the IMU."""
+    """The sample's own messages of the IMU."""
     return [each for each in plain_messages() if each[0] == "/imu/data"]
 
 
@@ -216,36 +207,51 @@ def imu_messages(
     topic: str = "/imu/data", store: Any = STORE, *, stamped: bool = True, **changes: Any
 ) -> list[Message]:
     """The IMU of the sample as sensor_msgs/Imu."""
-    it = motion()
-    told = zip(it.imu_ns, it.imu_log_ns, it.gyro, it.accel, strict=True)
-    return [
-        (
-            topic,
-            "sensor_msgs/msg/Imu",
-            make(
-                "sensor_msgs/msg/Imu",
-                store,
-                **{
-                    "header": header(int(ns) if stamped else 0, it.frame, store),
-                    "angular_velocity": vector(gyro, store),
-                    "linear_acceleration": vector(accel, store),
-                    **changes,
-                },
-            ),
-            int(log_ns),
-        )
-        for ns, log_ns, gyro, accel in told
-    ]
+    it, kind = motion(), "sensor_msgs/msg/Imu"
+    messages: list[Message] = []
+    for ns, log_ns, gyro, accel in zip(it.imu_ns, it.imu_log_ns, it.gyro, it.accel, strict=True):
+        values = {
+            "header": header(int(ns) if stamped else 0, it.frame, store),
+            "angular_velocity": vector(gyro, store),
+            "linear_acceleration": vector(accel, store),
+        }
+        messages.append((topic, kind, make(kind, store, **(values | changes)), int(log_ns)))
+    return messages
 
 
 def joint_messages(
     topic: str, kind: str, says: Callable[[int, NDArray[np.float64]], dict[str, Any]]
 ) -> list[Message]:
-    """The joints of the sample as another message, whose fields are made of stamp and positions."""
+    """The joints of the sample in another message; says gives its fields by stamp and positions."""
     it = motion()
-    told = zip(it.joint_ns, it.joint_log_ns, it.position, strict=True)
+    rows = zip(it.joint_ns, it.joint_log_ns, it.position, strict=True)
     store = STORE_1 if kind == "franka_msgs/msg/FrankaState" else STORE
-    return [(topic, kind, make(kind, store, **says(int(ns), q)), int(log)) for ns, log, q in told]
+    return [(topic, kind, make(kind, store, **says(int(ns), q)), int(log)) for ns, log, q in rows]
+
+
+def _in_order(messages: Iterable[Message]) -> list[Message]:
+    return sorted(messages, key=lambda message: message[3])
+
+
+def _write(
+    path: Path,
+    encoding: str,
+    messages: Iterable[Message],
+    schema: Callable[[str], tuple[str, bytes]],
+    raw: Callable[[str, Any], bytes],
+) -> Path:
+    """By mcap; schema gives the encoding and the text of a type, raw the bytes of a message."""
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile="ros2" if encoding == "cdr" else "")
+        channels: dict[tuple[str, str], int] = {}
+        for topic, kind, message, log_ns in _in_order(messages):
+            if (topic, kind) not in channels:
+                number = writer.register_schema(kind, *schema(kind))
+                channels[topic, kind] = writer.register_channel(topic, encoding, number)
+            writer.add_message(channels[topic, kind], log_ns, raw(kind, message), log_ns)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
 
 
 def write_mcap(
@@ -256,26 +262,22 @@ def write_mcap(
     definitions: bool = True,
 ) -> Path:
     """In CDR, by mcap and rosbags."""
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="ros2")
-        channels: dict[tuple[str, str], int] = {}
-        for topic, kind, message, log_ns in sorted(messages, key=lambda each: each[3]):
-            if (topic, kind) not in channels:
-                text = STORE.generate_msgdef(kind, ros_version=2)[0] if definitions else ""
-                schema = writer.register_schema(kind, "ros2msg", text.encode())
-                channels[topic, kind] = writer.register_channel(topic, "cdr", schema)
-            raw = bytes(STORE.serialize_cdr(message, kind, little_endian=little_endian))
-            writer.add_message(channels[topic, kind], log_ns, raw, log_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
+
+    def schema(kind: str) -> tuple[str, bytes]:
+        text = STORE.generate_msgdef(kind, ros_version=2)[0] if definitions else ""
+        return "ros2msg", text.encode()
+
+    def raw(kind: str, message: Any) -> bytes:
+        return bytes(STORE.serialize_cdr(message, kind, little_endian=little_endian))
+
+    return _write(path, "cdr", messages, schema, raw)
 
 
 def write_bag(path: Path, messages: Iterable[Message]) -> Path:
     """As a ROS 1 bag, by rosbags."""
     connections: dict[tuple[str, str], Any] = {}
     with Writer1(path) as writer:
-        for topic, kind, message, log_ns in sorted(messages, key=lambda each: each[3]):
+        for topic, kind, message, log_ns in _in_order(messages):
             if (topic, kind) not in connections:
                 connections[topic, kind] = writer.add_connection(topic, kind, typestore=STORE_1)
             raw = STORE_1.serialize_ros1(message, kind)
@@ -351,8 +353,8 @@ def protobuf_files() -> tuple[bytes, dict[str, Any]]:
     kinds = descriptor_pb2.FieldDescriptorProto
     for name, fields in PROTO_FIELDS.items():
         message = file.message_type.add(name=name.rpartition(".")[2])
-        for number, told in enumerate(fields, start=1):
-            *repeated, kind, field = told.split()
+        for number, words in enumerate(fields, start=1):
+            *repeated, kind, field = words.split()
             one = message.field.add(name=field, number=number)
             one.label = kinds.LABEL_REPEATED if repeated else kinds.LABEL_OPTIONAL
             if kind in {"double", "string"}:
@@ -375,23 +377,19 @@ def protobuf_files() -> tuple[bytes, dict[str, Any]]:
 
 def write_plain(path: Path, messages: Iterable[Message], encoding: str) -> Path:
     """Dictionaries as JSON, or as protobuf, by mcap."""
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="")
-        channels: dict[str, int] = {}
-        for topic, kind, message, log_ns in sorted(messages, key=lambda each: each[3]):
-            if encoding == "json":
-                schema, data = json.dumps(JSON_SCHEMAS[kind]).encode(), json.dumps(message)
-                raw, name = data.encode(), "jsonschema"
-            else:
-                schema, classes = protobuf_files()
-                raw, name = classes[kind](**message).SerializeToString(), "protobuf"
-            if topic not in channels:
-                number = writer.register_schema(kind, name, schema)
-                channels[topic] = writer.register_channel(topic, encoding, number)
-            writer.add_message(channels[topic], log_ns, raw, log_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
+
+    def schema(kind: str) -> tuple[str, bytes]:
+        if encoding == "json":
+            return "jsonschema", json.dumps(JSON_SCHEMAS[kind]).encode()
+        return "protobuf", protobuf_files()[0]
+
+    def raw(kind: str, message: Any) -> bytes:
+        if encoding == "json":
+            return json.dumps(message).encode()
+        made: bytes = protobuf_files()[1][kind](**message).SerializeToString()
+        return made
+
+    return _write(path, encoding, messages, schema, raw)
 
 
 def plain_header(ns: int, parts: tuple[str, str], frame: str = "") -> dict[str, Any]:
@@ -406,7 +404,7 @@ def plain_xyz(values: Iterable[float]) -> dict[str, float]:
 
 
 def dynamic() -> list[Message]:
-    """control_msgs/DynamicJointState, with a joint that has an effort alone."""
+    """control_msgs/DynamicJointState, with a joint that has only an effort."""
     names = motion().names
 
     def says(ns: int, q: Any) -> dict[str, Any]:
@@ -418,9 +416,8 @@ def dynamic() -> list[Message]:
             )
             for k, each in enumerate(q)
         ]
-        # one that has an effort alone
-        values.insert(2, make("control_msgs/msg/InterfaceValue", interface_names=["effort"]))
-        values[2].values = np.array([3.0])
+        effort = {"interface_names": ["effort"], "values": np.array([3.0])}
+        values.insert(2, make("control_msgs/msg/InterfaceValue", **effort))
         joints = [*names[:2], "gripper", *names[2:]]
         return {"header": header(ns), "joint_names": joints, "interface_values": values}
 
@@ -469,14 +466,11 @@ def franka_1() -> list[Message]:
 
 
 def stampless() -> list[Message]:
-    """A type of one's own without a header, beside an IMU whose driver does not stamp."""
+    """A user's own type without a header, beside an IMU whose driver does not stamp."""
 
     def says(_: int, q: Any) -> dict[str, Any]:
-        return {
-            "joint_names": list(motion().names),
-            "positions": q.astype("f4"),
-            "label": "abc",
-        }
+        names = list(motion().names)
+        return {"joint_names": names, "positions": q.astype("f4"), "label": "abc"}
 
     return [*imu_messages(stamped=False), *joint_messages("/arm", "acme_msgs/msg/Arm", says)]
 
@@ -491,7 +485,7 @@ def array() -> list[Message]:
 
 
 def halves(every: int, *, nan: bool = False) -> list[Message]:
-    """The accelerometer at one of so many samples of the gyroscope, each on a topic of its own."""
+    """Accelerometer and gyroscope on separate topics, the first only at one sample of so many."""
     none = vector([np.nan] * 3 if nan else [0.0] * 3)
     gyro = imu_messages("/camera/gyro/sample", linear_acceleration=none)
     accel = imu_messages("/camera/accel/sample", angular_velocity=none)
@@ -503,16 +497,13 @@ GO2 = [f"{leg}_{part}_joint" for leg in ("FR", "FL") for part in ("hip", "thigh"
 
 
 def low_state(package: str) -> tuple[list[Message], list[Message]]:
-    """LowState with both, and the same rounded numbers as messages with stamps."""
-    it = motion()
-    at = it.joint_ns
-    rows = np.searchsorted(it.imu_ns, at)
-    keep = rows < len(it.imu_ns)
-    kind = f"{package}/msg/LowState"
+    """LowState with IMU and joints, and the same rounded numbers as messages with stamps."""
+    it, kind = motion(), f"{package}/msg/LowState"
+    rows = np.searchsorted(it.imu_ns, it.joint_ns)
     one, two = [], []
     motors = 20 if package == "unitree_go" else 35
-    for k in np.flatnonzero(keep):
-        row, ns = rows[k], int(at[k])
+    for k in np.flatnonzero(rows < len(it.imu_ns)):
+        row, ns = rows[k], int(it.joint_ns[k])
         gyro, accel = it.gyro[row].astype("f4"), it.accel[row].astype("f4")
         q = it.position[k].astype("f4")
         imu = make(f"{package}/msg/IMUState", gyroscope=gyro, accelerometer=accel)
@@ -540,7 +531,7 @@ def low_state(package: str) -> tuple[list[Message], list[Message]]:
 
 
 def dictionaries(encoding: str) -> list[Message]:
-    """The plain messages as JSON or protobuf has them."""
+    """The plain messages as dictionaries for JSON or protobuf."""
     it = motion()
     parts = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
     imu, joints = "sensor_msgs/Imu", "sensor_msgs/JointState"
@@ -576,11 +567,11 @@ def renamed(urdf: Path, names: Sequence[str]) -> Path:
 
 @dataclass(frozen=True)
 class Form:
-    """One way to publish it."""
+    """One way to publish the sample."""
 
     write: Callable[[Path], Path]
     names: tuple[str, ...] = ()
-    """Of the joints, if they are others than in the sample."""
+    """Names of the joints, if they differ from those of the sample."""
 
 
 FORMS = {
@@ -600,7 +591,7 @@ FORMS = {
 
 
 def main() -> None:
-    """Write one form, and a URDF beside where it needs one."""
+    """Write one form, and beside it a URDF if it needs one."""
     parser = argparse.ArgumentParser(prog="python -m tools.republish", description=__doc__)
     parser.add_argument("form", choices=FORMS)
     parser.add_argument("file", type=Path)

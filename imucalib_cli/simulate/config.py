@@ -165,7 +165,7 @@ class Jointed:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmMotion:
-    """Where an arm begins, and its moves."""
+    """Start of an arm, and its moves."""
 
     start_deg: tuple[float, ...]
     start_rest: float
@@ -228,23 +228,23 @@ class Foot:
     """m, the ball's centre in that link."""
     radius: float
     phase: float
-    """Share of the gait's period by which its stance begins after that of phase zero."""
+    """Share of the gait's period by which its stance begins later than at phase zero."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """What feet strike: a level plane."""
+    """The level plane under the feet."""
 
     friction: float
     time_constant: float
-    """s, of the contact as a critically damped spring; shorter is harder."""
+    """s, of the contact, a critically damped spring; shorter is harder."""
     depth: float
-    """m, in which the contact becomes so hard: forces begin at zero, and nothing jumps."""
+    """m, over which the contact becomes so hard: forces begin at zero, and nothing jumps."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
-    """What the gait does for a while."""
+    """One part of the gait."""
 
     seconds: float
     forward: float
@@ -284,11 +284,11 @@ class Gait:
     height: float
     """m, of the trunk's origin over the balls' centres."""
     wider: float
-    """m by which a foot stands further out than its hip."""
+    """m, distance of a foot outside its hip."""
     period: float
     """s, of a stride."""
     stance: float
-    """Share of it in which a foot stands."""
+    """Share of the period in which a foot stands."""
     start_rest: float
     """s."""
     blend: float
@@ -312,7 +312,7 @@ class Legged(Jointed):
         """Numbers of the joints that carry a foot, from the trunk on.
 
         Raises:
-            ValueError: They are not as a :class:`Foot` is carried.
+            ValueError: The leg is not one that :class:`Foot` describes.
         """
         carried = {joint.child: number for number, joint in enumerate(self.joints)}
         numbers: list[int] = []
@@ -320,10 +320,11 @@ class Legged(Jointed):
         while link in carried:
             numbers.insert(0, carried[link])
             link = self.joints[numbers[0]].parent
-        axes = "".join(self.joints[number].axis for number in numbers)
-        origins = [self.joints[number].xyz for number in numbers[1:]] + [foot.xyz]
+        joints = [self.joints[number] for number in numbers]
+        axes = "".join(joint.axis for joint in joints)
+        origins = [*(joint.xyz for joint in joints[1:]), foot.xyz]
         along = [tuple(value != 0 for value in origin) for origin in origins]
-        turned = any(any(self.joints[number].rpy) for number in numbers)
+        turned = any(any(joint.rpy) for joint in joints)
         straight = [(False, True, False), (False, False, True), (False, False, True)]
         if axes != "xyy" or along != straight or turned:
             raise ValueError(
@@ -344,11 +345,11 @@ class Legged(Jointed):
                 )
         if not self.feet or not self.gait.walks:
             raise ValueError("legged: state at least one foot and one walk")
-        times = [self.gait.period, self.gait.blend, self.ground.time_constant, self.ground.depth]
-        times += [walk.seconds for walk in self.gait.walks]
-        times += [sway.period for sway in self.gait.sways]
-        times += [swing.period for swing in self.gait.swings]
-        if min(times) <= 0 or not 0 < self.gait.stance < 1:
+        gait, ground = self.gait, self.ground
+        times = [gait.period, gait.blend, ground.time_constant, ground.depth]
+        times += [walk.seconds for walk in gait.walks]
+        times += [sway.period for sway in gait.sways] + [swing.period for swing in gait.swings]
+        if min(times) <= 0 or not 0 < gait.stance < 1:
             raise ValueError(
                 "legged: times and depth must be positive, stance a share between 0 and 1"
             )
@@ -379,11 +380,11 @@ class SystemConfig:
     imus: tuple[PlacedImu, ...] = ()
     """Further IMUs, beside ``imu`` on ``parent``."""
     bandwidth: float | None = None
-    """Hz, of the low-pass in every IMU; None: it measures the instant."""
+    """Hz, of the low-pass in every IMU; None: none, each reading is of one instant."""
 
     @property
     def mover(self) -> Arm | FreeBody | Legged:
-        """What moves, whichever is given."""
+        """The part that moves."""
         mover = self.arm or self.free_body or self.legged
         if mover is None:
             raise ValueError(_ONE_MOVER)
@@ -391,13 +392,13 @@ class SystemConfig:
 
     @property
     def every_imu(self) -> tuple[PlacedImu, ...]:
-        """The IMUs, that on ``parent`` first."""
+        """All IMUs; the one on ``parent`` is the first."""
         first = PlacedImu(**vars(self.imu), parent=self.parent, topic=self.topics.imu)
         return first, *self.imus
 
     @property
     def joints(self) -> tuple[ArmJoint, ...]:
-        """The joints that are published; none of a free body."""
+        """The published joints; a free body has none."""
         return self.mover.joints if isinstance(self.mover, Jointed) else ()
 
     def __post_init__(self) -> None:

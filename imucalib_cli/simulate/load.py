@@ -55,7 +55,7 @@ def load_grade(name: str) -> NoiseOptions:
 def load_imu(name_or_file: str | Path) -> NoiseOptions:
     """Noise, bias, bias walk and range of an IMU as its data sheet states them.
 
-    What the sheet leaves out is not simulated; of several ranges the largest is.
+    Figures that the sheet leaves out are not simulated. Of several ranges the largest is taken.
 
     Raises:
         ChoiceError: There is no such IMU.

@@ -32,7 +32,7 @@ def model_xml(
     """Write the model with a gyroscope and an accelerometer at the mount of each IMU.
 
     With a camera, sensors of its pose in the world (position, quaternion wxyz) follow. A mount is a
-    link and R (3, 3) and p (3,), m, in it.
+    link, and R (3, 3) and p (3,), m, in that link.
 
     Raises:
         InputError: A link of an IMU is not in the configuration.
@@ -78,7 +78,7 @@ def _mounted(bodies: dict[str, ET.Element], name: str, mount: Mount) -> None:
 def _jointed(
     world: ET.Element, bodies: dict[str, ET.Element], arm: Jointed
 ) -> dict[str, ET.Element]:
-    """Bodies by their link's name: those given and one a joint."""
+    """Bodies by the names of their links: the given ones and one for each joint."""
     bodies = dict(bodies)
     links = {link.name: link for link in arm.links}
     for joint, rotor in zip(arm.joints, arm.drives.rotor_inertia, strict=True):
@@ -122,13 +122,13 @@ def _inertial(
 
 
 def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) -> None:
-    """Feet touch the ground, and nothing else touches anything."""
+    """Only feet and the ground touch each other."""
     ground = legged.ground
     contact = {
         "friction": _numbers((ground.friction, 0.005, 0.0001)),  # MuJoCo's own but sliding
         "solref": _numbers((ground.time_constant, 1.0)),
-        # From MuJoCo's least to its own hardness: a reading jumps nowhere, so that the readings at
-        # the instants of the log have the sum that the velocity has.
+        # From MuJoCo's least hardness to its default: readings do not jump, so that their sum over
+        # the instants of the log is the change of velocity.
         "solimp": _numbers((0.0001, 0.95, ground.depth, 0.5, 2.0)),
     }
     plane = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "0"}

@@ -30,7 +30,7 @@ from imucalib_cli.simulate.recording import (
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
-    from imucalib_cli.simulate.options import NoiseOptions, Vector
+    from imucalib_cli.simulate.options import NoiseOptions
 
 Robot = JointRecord | PoseRecord
 
@@ -53,8 +53,8 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
         3 + len(recording.others)
     )
     imu, *others = (
-        _corrupt_imu(record, _turned_biases(noise, number), imu_seed)
-        for number, (record, imu_seed) in enumerate(
+        _corrupt_imu(record, noise, number, seed)
+        for number, (record, seed) in enumerate(
             zip(recording.imus, (imu_seed, *other_seeds), strict=True)
         )
     )
@@ -70,16 +70,6 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
     )
 
 
-def _turned_biases(noise: NoiseOptions, number: int) -> NoiseOptions:
-    """The biases of an IMU by its number: of the first one's size, on other axes."""
-
-    def turned(bias: Vector) -> Vector:
-        x, y, z = np.roll(bias, number) * (-1) ** number
-        return float(x), float(y), float(z)
-
-    return replace(noise, accel_bias=turned(noise.accel_bias), gyro_bias=turned(noise.gyro_bias))
-
-
 def _corrupt_camera(
     record: CameraRecord, noise: NoiseOptions, seed: np.random.SeedSequence
 ) -> CameraRecord:
@@ -91,24 +81,37 @@ def _corrupt_camera(
 
 def _corrupt_robot(record: Robot, noise: NoiseOptions, seed: np.random.SeedSequence) -> Robot:
     s = _streams(seed, 4)
+    std = noise.encoder_noise if isinstance(record, JointRecord) else noise.pose_noise
+    position = record.position + std * s[0].standard_normal(record.position.shape)
     if isinstance(record, JointRecord):
-        record = replace(record, position=_encoders(record.position, noise, s[0]))
-    else:
-        record = _tracker(record, noise, s[0])
+        if noise.encoder_step:
+            position = np.round(position / noise.encoder_step) * noise.encoder_step
+    elif noise.pose_noise_rotation:
+        turn = noise.pose_noise_rotation * s[0].standard_normal(position.shape)
+        R = matrix_from_rotvec(turn) @ matrix_from_quaternion(record.quaternion_xyzw)
+        record = replace(record, quaternion_xyzw=quaternion_from_matrix(R))
+    record = replace(record, position=position)
     record = _publish(record, noise, 0.0, noise.robot_stamp_jitter, s[1:3])
     return _lose(record, noise.robot_dropouts, s[3])
 
 
-def _corrupt_imu(imu: ImuRecord, noise: NoiseOptions, seed: np.random.SeedSequence) -> ImuRecord:
+def _corrupt_imu(
+    imu: ImuRecord, noise: NoiseOptions, number: int, seed: np.random.SeedSequence
+) -> ImuRecord:
+    """Biases are as large in every IMU, and on other axes by its number."""
     s = _streams(seed, 11)
-    interval = _interval(imu)
     shape = imu.accel.shape
-    accel_bias = noise.accel_bias + _walk(s[0], noise.accel_bias_walk, imu.t)
-    gyro_bias = noise.gyro_bias + _walk(s[1], noise.gyro_bias_walk, imu.t)
+    accel_bias, gyro_bias = (
+        np.roll(bias, number) * (-1) ** number + _walk(stream, walk, imu.t)
+        for bias, stream, walk in (
+            (noise.accel_bias, s[0], noise.accel_bias_walk),
+            (noise.gyro_bias, s[1], noise.gyro_bias_walk),
+        )
+    )
     accel_std, gyro_std = white_std(noise, imu)
     accel = imu.accel + accel_bias + accel_std * s[2].standard_normal(shape)
     gyro = imu.gyro + gyro_bias + gyro_std * s[3].standard_normal(shape)
-    memory = float(np.exp(-interval / noise.coloured_time))
+    memory = float(np.exp(-_interval(imu) / noise.coloured_time))
     accel += _coloured(s[4], noise.accel_coloured, memory, shape)
     gyro += _coloured(s[5], noise.gyro_coloured, memory, shape)
     spiked = s[6].random(len(imu.t)) < noise.spikes
@@ -135,22 +138,6 @@ def white_std(noise: NoiseOptions, imu: ImuRecord) -> tuple[float, float]:
         float(np.hypot(noise.accel_noise * to_sample, noise.accel_white)),
         float(np.hypot(noise.gyro_noise * to_sample, noise.gyro_white)),
     )
-
-
-def _encoders(position: Floats, noise: NoiseOptions, rng: np.random.Generator) -> Floats:
-    read = position + noise.encoder_noise * rng.standard_normal(position.shape)
-    if noise.encoder_step == 0:
-        return read
-    return np.asarray(np.round(read / noise.encoder_step) * noise.encoder_step)
-
-
-def _tracker(record: PoseRecord, noise: NoiseOptions, rng: np.random.Generator) -> PoseRecord:
-    position = record.position + noise.pose_noise * rng.standard_normal(record.position.shape)
-    if noise.pose_noise_rotation == 0:
-        return replace(record, position=position)
-    turn = noise.pose_noise_rotation * rng.standard_normal(record.position.shape)
-    R = matrix_from_rotvec(turn) @ matrix_from_quaternion(record.quaternion_xyzw)
-    return replace(record, position=position, quaternion_xyzw=quaternion_from_matrix(R))
 
 
 def _publish(
@@ -204,7 +191,7 @@ def _coloured(
 
 
 def _spikes(rng: np.random.Generator, size: float, spiked: Bools) -> Floats:
-    """Errors of ``size``, with either sign, on one axis of every spiked sample; (N, 3)."""
+    """Errors of ``size``, with random sign, on one axis of every spiked sample; (N, 3)."""
     thrown = np.zeros((len(spiked), 3))
     rows = np.flatnonzero(spiked)
     sign = rng.choice([-1.0, 1.0], len(rows))

@@ -8,7 +8,7 @@ is independent of this project's filters.
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,10 +18,8 @@ from imucalib_cli.optional import optional
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
 from imucalib_cli.simulate.config import Arm, FreeBody
-from imucalib_cli.simulate.gait import GaitReference
-from imucalib_cli.simulate.low_pass import LowPass
 from imucalib_cli.simulate.mjcf import model_xml
-from imucalib_cli.simulate.motion import ArmReference, PushPlan, instants
+from imucalib_cli.simulate.motion import ArmReference, GaitReference, PushPlan, instants
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import (
     ImuRecord,
@@ -29,6 +27,7 @@ from imucalib_cli.simulate.recording import (
     PoseRecord,
     Recording,
     State,
+    at_once,
 )
 
 if TYPE_CHECKING:
@@ -40,6 +39,56 @@ if TYPE_CHECKING:
 
 # MuJoCo has one control callback per process.
 _callback = threading.Lock()
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """The low-pass filter of an IMU, which reads faster than it reports: Butterworth, second order.
+
+    A MEMS IMU converts at some kHz, filters its readings and reports every few of them. Without the
+    filter the strikes of a foot alias to low frequencies.
+    """
+
+    every: int
+    """Number of inner readings for each reported one."""
+    feed: Floats
+    """(3,), coefficients of the readings."""
+    back: Floats
+    """(3,), coefficients of the filtered readings."""
+    delay: float
+    """s, at slow motion."""
+
+    @classmethod
+    def of(cls, bandwidth: float, rate: float, step: float) -> LowPass:
+        """Design the filter for a bandwidth, Hz, at which half of the power passes.
+
+        The rate, Hz, is that of the reports. Inner readings are at most a step, s, apart.
+
+        Raises:
+            InputError: The bandwidth is beyond half of the inner rate.
+        """
+        from scipy.signal import butter
+
+        every = int(np.ceil(1 / (rate * step) - 1e-9))
+        inner = rate * every
+        if not 0 < bandwidth < inner / 2:
+            raise InputError(
+                f"bandwidth {bandwidth:g} Hz: must be between 0 and {inner / 2:g} Hz, half the "
+                "rate of the steps; 0 measures without a filter"
+            )
+        feed, back = butter(2, bandwidth, fs=inner)
+        order = np.arange(3)
+        # The group delay at zero frequency, in inner readings.
+        delay = float(order @ feed / feed.sum() - order @ back / back.sum())
+        return cls(every, feed, back, delay / inner)
+
+    def __call__(self, readings: Floats) -> Floats:
+        """Filter inner readings (N, ...), which begin at rest; return the reported ones."""
+        from scipy.signal import lfilter, lfilter_zi
+
+        rest = lfilter_zi(self.feed, self.back)[:, None] * readings[:1]
+        filtered, _ = lfilter(self.feed, self.back, readings, axis=0, zi=rest)
+        return np.asarray(filtered[:: self.every], dtype=np.float64)
 
 
 def record(
@@ -55,8 +104,8 @@ def record(
         system: The system and its motion.
         options: Rates, duration, gravity, mount.
         progress: Called now and then with the share done, 0 to 1.
-        camera: Record its view too; its optical frame is one of the system's, as in
-            :func:`imucalib_cli.simulate.camera.config.load_camera` gives them.
+        camera: Record its view too. Its optical frame is a frame of the system, as from
+            :func:`imucalib_cli.simulate.camera.config.load_camera`.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
@@ -66,10 +115,10 @@ def record(
     if options.inertia is not None and system.free_body is not None:
         system = replace(system, free_body=replace(system.free_body, inertia=options.inertia))
     chosen = _chosen(system, options)
-    duration = _positive(chosen["duration"], "duration")
-    imu_rate = _positive(chosen["imu_rate"], "IMU rate")
-    robot_rate = _positive(chosen["robot_rate"], "robot rate")
-    step = _positive(chosen["step"], "step")
+    duration, imu_rate, robot_rate, step = (
+        _positive(chosen[key], key.replace("imu", "IMU").replace("_", " "))
+        for key in ("duration", "imu_rate", "robot_rate", "step")
+    )
     groups = _publishers(system, options.publishers)
     R_parent_imu, t_parent_imu = matrix_from_rpy(chosen["mount_rpy"]), np.array(chosen["mount_xyz"])
     R_level_world = matrix_from_rotvec([*options.base_tilt, 0.0])
@@ -83,7 +132,7 @@ def record(
             system,
             imus,
             gravity_world,
-            None if camera is None else camera_mount(system, camera.frame.link),
+            camera_mount(system, camera.frame.link) if camera else None,
         )
     )
     data = engine.MjData(model)
@@ -131,7 +180,7 @@ def record(
         robot=_robot(system, groups, robot_t, [q[at(t)] for t in robot_t]),
         state=State(t=imu_t, position=q[rows], velocity=qd[rows], acceleration=qdd[rows]),
         engine=f"MuJoCo {engine.__version__}",
-        camera=None if camera is None else see(camera, camera_t, seen[:, :3], seen[:, 3:]),
+        camera=see(camera, camera_t, seen[:, :3], seen[:, 3:]) if camera else None,
     )
 
 
@@ -157,9 +206,9 @@ def _positive(value: float, name: str) -> float:
 
 
 def _control(system: SystemConfig, options: PhysicsOptions, duration: float, data: Any) -> Any:
-    """Set where joints begin; callback of MuJoCo.
+    """Set the start of the joints; return the control callback for MuJoCo.
 
-    It is called at every stage of every step, so that inputs are smooth in time.
+    MuJoCo calls it at every stage of every step, so that inputs are smooth in time.
     """
     mover = system.mover
     if isinstance(mover, FreeBody):
@@ -232,9 +281,7 @@ def _robot(
     if not names:
         (t,), (q,) = times, positions
         pose = PoseRecord(
-            t=t,
-            stamp=t,
-            received=t,
+            **at_once(t),
             parent=system.world,
             child=system.parent,
             position=q[:, :3],
@@ -243,9 +290,7 @@ def _robot(
         return (pose,)
     return tuple(
         JointRecord(
-            t=t,
-            stamp=t,
-            received=t,
+            **at_once(t),
             names=tuple(names[c] for c in columns),
             position=q[:, q.shape[1] - len(names) :][:, columns],
         )

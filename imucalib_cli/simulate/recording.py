@@ -30,6 +30,11 @@ class Messages:
     """Messages that were lost."""
 
 
+def at_once(t: Floats) -> dict[str, Any]:
+    """Times of messages that are stamped and received at their instants t (N,), s."""
+    return {"t": t, "stamp": t, "received": t}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuRecord(Messages):
     """Messages of an IMU, and the errors in each of them."""
@@ -52,9 +57,7 @@ class ImuRecord(Messages):
         """Readings without errors, received at once."""
         nothing, never = np.zeros((len(t), 3)), np.zeros(len(t), dtype=bool)
         return cls(
-            t=t,
-            stamp=t,
-            received=t,
+            **at_once(t),
             gyro=gyro,
             accel=accel,
             gyro_bias=nothing,
@@ -89,7 +92,7 @@ Record = TypeVar("Record", bound=Messages)
 
 
 def rows_kept(record: Record, kept: Bools) -> Record:
-    """A publisher's record with only those messages, (N,), of its N."""
+    """A record with only some of its N messages; kept is (N,)."""
     arrays: dict[str, Any] = {
         name: v[kept] for name, v in vars(record).items() if isinstance(v, np.ndarray)
     }

@@ -13,8 +13,8 @@ from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import PlainDumper
 from imucalib_cli.results.places import see_places
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
-from imucalib_cli.simulate.camera.aprilgrid import opencv
 from imucalib_cli.simulate.camera.kalibr import camera_truth, kalibr_paths, write_kalibr
+from imucalib_cli.simulate.camera.render import opencv
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.physics import record
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 _HEAD = 512
 _LATER = {"legged", "imus", "bandwidth"}
+"""Settings that older truths do not have; they are left out if empty."""
 
 
 def simulate(
@@ -51,10 +52,10 @@ def simulate(
 ) -> dict[str, Any]:
     """Simulate, corrupt and write a log, with its truth beside it in ``<log>.truth.yaml``.
 
-    With a camera, which goes with a system of its own (:func:`load_camera` gives both), the log
-    contains its images, and the files for Kalibr are written beside it. The URDF has the IMU's
-    nominal pose. What was read is not overwritten; logs and URDFs that are not from a simulation
-    only by force. ``progress`` and ``writing`` are called with the share done of physics and log.
+    With a camera, the log contains its images, and the files for Kalibr are written beside it;
+    :func:`load_camera` gives the camera and its system. The URDF has the nominal pose of the IMU.
+    Files in ``read`` are not overwritten; logs and URDFs that are not from a simulation only by
+    force. ``progress`` and ``writing`` are called with the share done of physics and log.
 
     Returns:
         The content of the truth file, see :func:`truth_of`.
@@ -66,9 +67,8 @@ def simulate(
     """
     log = log or LogOptions()
     see_log_place(output, log.compression)  # before minutes of physics
-    written = [output, truth_path(output)]
-    written += [] if camera is None else kalibr_paths(output).values()
-    written += [] if urdf is None else [urdf]
+    written = [output, truth_path(output), *(kalibr_paths(output).values() if camera else ())]
+    written += [urdf] if urdf else []
     see_places(read=read, written=written, force=force, made_here=_made_here)
     if camera is not None:
         opencv()
@@ -147,7 +147,7 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
 
 
 def _imus_truth(recording: Recording, log: LogOptions) -> list[dict[str, Any]]:
-    """What is true about each IMU, the first one first."""
+    """The truth about each IMU, in the order of the system's."""
     system = recording.system
     mounts = [(recording.R_parent_imu, recording.t_parent_imu)]
     mounts += [(matrix_from_rpy(imu.rpy), np.array(imu.xyz)) for imu in system.imus]
@@ -176,7 +176,7 @@ def _imus_truth(recording: Recording, log: LogOptions) -> list[dict[str, Any]]:
 
 
 def stated(settings: SystemConfig | PhysicsOptions) -> dict[str, Any]:
-    """Keys and values; what came later is left out where it says nothing, as in older truths."""
+    """Settings as keys and values."""
     return {key: v for key, v in asdict(settings).items() if v or key not in _LATER}
 
 

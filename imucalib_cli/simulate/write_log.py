@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -31,9 +31,12 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
 
 Make: TypeAlias = Callable[[int], Any]
-"""A message of a row."""
+"""Makes the message of a row."""
 Write: TypeAlias = Callable[[int, Any], None]
 """Appends a message with its receive time, ns."""
+_Log: TypeAlias = tuple[dict[str, Any], Callable[[str, str], Write]]
+"""A log being written: message classes by type name, and a function that declares a publisher on a
+topic with its message type."""
 
 COMPRESSIONS = {
     ".mcap": ("zstd", "lz4", "none"),
@@ -55,17 +58,17 @@ def write_log(
 ) -> None:
     """Write a recording as a ROS log; an existing file is replaced when the new one is complete.
 
-    A path without suffix becomes a ROS 2 bag folder; progress is told the share done, 0 to 1.
+    A path without suffix becomes a ROS 2 bag folder; progress gets the share done, 0 to 1.
 
     Raises:
         InputError: The path cannot be written, or OpenCV is missing for images.
         ChoiceError: The suffix, the compression or the joint order does not exist.
     """
     options = options or LogOptions()
-    with _open_log(path, options.compression) as log:
+    with _open_log(path, options.compression) as (types, connect):
         parts = [
-            (_ns(received, options), log.connect(topic, message_type), make)
-            for received, topic, message_type, make in _Factory(log.types, recording, options)
+            (_ns(received, options), connect(topic, message_type), make)
+            for received, topic, message_type, make in _Factory(types, recording, options)
         ]
         received = np.concatenate([ns for ns, _, _ in parts])
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
@@ -98,15 +101,6 @@ def see_log_place(path: Path, compression: str | None) -> str:
             raise InputError(f"{path}: is a pipe or a device; name a file")
     see_writable(path)
     return compression or known[0]
-
-
-class _Log(NamedTuple):
-    """A log being written."""
-
-    types: dict[str, Any]
-    """Message classes by type name."""
-    connect: Callable[[str, str], Write]
-    """Declares a publisher on a topic with its message type."""
 
 
 @contextmanager
@@ -142,7 +136,7 @@ def _mcap(path: Path, compression: str) -> Iterator[_Log]:
 
     with path.open("wb") as file:
         writer = McapWriter(file, compression=compression, library="imucalib simulate")
-        yield _Log(writer.types, writer.connect)
+        yield writer.types, writer.connect
         writer.close()
 
 
@@ -162,7 +156,7 @@ def _bag2(path: Path, _compression: str) -> Iterator[_Log]:
         return lambda ns, message: writer.write(to, ns, store.serialize_cdr(message, to.msgtype))
 
     with Writer(path, version=8) as writer:
-        yield _Log(store.types, connect)
+        yield store.types, connect
 
 
 @contextmanager
@@ -185,7 +179,7 @@ def _bag1(path: Path, compression: str) -> Iterator[_Log]:
         return lambda ns, message: writer.write(to, ns, store.serialize_ros1(message, to.msgtype))
 
     with writer:
-        yield _Log(store.types, connect)
+        yield store.types, connect
 
 
 def _ros1_lz4(chunk: bytes) -> bytes:
@@ -200,21 +194,14 @@ def _ros1_lz4(chunk: bytes) -> bytes:
     return made
 
 
-_WRITERS = {
-    ".mcap": _mcap,
-    ".bag": _bag1,
-    ".db3": _bag2,
-    "": _bag2,
-}
+_WRITERS = {".mcap": _mcap, ".bag": _bag1, ".db3": _bag2, "": _bag2}
 
 
 def named_imus(system: SystemConfig, options: LogOptions) -> tuple[PlacedImu, ...]:
     """The system's IMUs with their topics and frames in the log; options name the first."""
     first, *others = system.every_imu
-    first = replace(
-        first, topic=options.imu_topic or first.topic, link=options.imu_frame or first.link
-    )
-    return first, *others
+    topic, link = options.imu_topic or first.topic, options.imu_frame or first.link
+    return replace(first, topic=topic, link=link), *others
 
 
 class _Factory:
@@ -236,17 +223,15 @@ class _Factory:
             yield read.received, imu.topic, "sensor_msgs/msg/Imu", self._imu(read, imu.link)
         for number, record in enumerate(recording.robot):
             if isinstance(record, PoseRecord):
-                yield record.received, robot, "tf2_msgs/msg/TFMessage", self._pose(record)
+                frames, poses = (record.parent, record.child), record.quaternion_xyzw
+                make = self._transforms(record.stamp, frames, record.position, poses)
+                yield record.received, robot, "tf2_msgs/msg/TFMessage", make
             else:
                 topic = f"{robot}_{number + 1}" if options.topic_each else robot
                 yield record.received, topic, "sensor_msgs/msg/JointState", self._joints(record)
         if camera is not None:
-            yield (
-                camera.received,
-                camera.config.topic,
-                "sensor_msgs/msg/Image",
-                self._images(camera),
-            )
+            topic, make = camera.config.topic, self._images(camera)
+            yield camera.received, topic, "sensor_msgs/msg/Image", make
         at_once = np.zeros(1)  # topics with one message, sent as the log begins
         if options.robot_description:
             from imucalib_cli.simulate.urdf import urdf_text
@@ -292,26 +277,18 @@ class _Factory:
 
     def _joints(self, record: JointRecord) -> Make:
         joint_state = self._types["sensor_msgs/msg/JointState"]
-        columns = self._columns(record.names)
+        order, columns = self._options.joint_order, list(range(len(record.names)))
+        if order:
+            known = sorted(n for r in self._recording.robot for n in getattr(r, "names", ()))
+            if sorted(order) != known:
+                raise ChoiceError(f"joint order must name each of {', '.join(known)} once")
+            columns = [record.names.index(name) for name in order if name in record.names]
         names = [f"{self._options.joint_prefix}{record.names[column]}" for column in columns]
         position = np.ascontiguousarray(record.position[:, columns])
         header, nothing = self._headers(record.stamp, ""), np.zeros(0)
         return lambda i: joint_state(
             header=header(i), name=names, position=position[i], velocity=nothing, effort=nothing
         )
-
-    def _columns(self, names: tuple[str, ...]) -> list[int]:
-        order = self._options.joint_order
-        if not order:
-            return list(range(len(names)))
-        all_names = sorted(n for r in self._recording.robot for n in getattr(r, "names", ()))
-        if sorted(order) != all_names:
-            raise ChoiceError(f"joint order must name each of {', '.join(all_names)} once")
-        return [names.index(name) for name in order if name in names]
-
-    def _pose(self, record: PoseRecord) -> Make:
-        frames = (record.parent, record.child)
-        return self._transforms(record.stamp, frames, record.position, record.quaternion_xyzw)
 
     def _transforms(
         self,

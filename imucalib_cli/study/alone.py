@@ -1,7 +1,7 @@
 """Run functions in a fresh process and measure their time and memory.
 
-Memory is the kernel's peak of the resident set while a function runs, minus the size before, which
-is that of the interpreter, the libraries and the data.
+Memory is the kernel's peak of the resident set while a function runs, minus the size before: the
+interpreter, the libraries and the data.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ _FORGET_PEAK = "5"
 """proc(5): resets the peak of the resident set to its present size."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Cost(Generic[T]):
     """Outcome of a call."""
 
     value: T | None
-    """Its result; None if it failed."""
+    """Result of the call; None if it failed."""
     seconds: float
     """Wall-clock time, s."""
     cpu_seconds: float
@@ -87,26 +87,18 @@ def _costs(calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]) 
     for module in modules:
         with suppress(ImportError):  # the code that needs it reports it
             import_module(module)
-    return [_timed(call, given) for call in calls]
-
-
-def _timed(call: Callable[[G], T], given: G) -> Cost[T]:
-    value, failure = None, None
-    held = _forget_peak()
-    begun, begun_cpu = time.perf_counter(), time.process_time()
-    try:
-        value = call(given)
-    except InputError as error:
-        failure = str(error)
-    seconds, cpu = time.perf_counter() - begun, time.process_time() - begun_cpu
-    return Cost(
-        value=value,
-        failure=failure,
-        seconds=seconds,
-        cpu_seconds=cpu,
-        memory=max(_peak() - held, 0.0),
-        held=held,
-    )
+    costs: list[Cost[T]] = []
+    for call in calls:
+        value, failure, held = None, None, _forget_peak()
+        begun, begun_cpu = time.perf_counter(), time.process_time()
+        try:
+            value = call(given)
+        except InputError as error:
+            failure = str(error)
+        seconds, cpu = time.perf_counter() - begun, time.process_time() - begun_cpu
+        memory = max(_peak() - held, 0.0)
+        costs.append(Cost(value, seconds, cpu, memory, held, failure))
+    return costs
 
 
 def _forget_peak() -> float:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 NUISANCES = {"accel_bias": 3, "gyro_bias": 3, "tilt": 2, "time_offset": 1}
-"""What may be unknown besides the pose, with its number of parameters."""
+"""Possible unknowns besides the pose, with their numbers of parameters."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,7 +41,7 @@ class Bound:
     pose: Floats
     """(6, 6), m², rad²; translation, rotation, parent frame."""
     time_offset: float
-    """s, standard deviation; zero where it is known."""
+    """s, standard deviation; zero if it is known."""
 
     @property
     def translation(self) -> float:
@@ -59,7 +59,7 @@ def cramer_rao(
 ) -> Bound:
     """Bound for white noise of accel_std, m/s², and gyro_std, rad/s, on each sample and axis.
 
-    The published method takes all NUISANCES for known.
+    In the published method all NUISANCES are known.
     """
     imu, path = streams_of(clean)
     inside = slice(2, len(imu.t) - 2)

@@ -61,7 +61,7 @@ def new_figure(
 
 
 def draw_curve(axes: Axes, name: str, x: Sequence[float], y: Sequence[float], **style: Any) -> None:
-    """A line with a mark at each value that a log axis can show; none where there is no such."""
+    """A line with a mark at each value that a log axis can show; no line if there is none."""
     shown = [at for at in zip(x, y, strict=True) if all(math.isfinite(v) and v > 0.0 for v in at)]
     if shown:
         style = {"linestyle": "-", "marker": "o", **style}

@@ -22,16 +22,22 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.solution.solve import Known, solve_globally
-from imucalib_cli.robot.rotations import matrix_from_rotvec, nearest_rotation, rotvec_from_matrix
-from imucalib_cli.study.conditions import Pose
-from imucalib_cli.study.contest import pose_only
+from imucalib_cli.robot.rotations import (
+    matrix_from_rotvec,
+    nearest_rotation,
+    rotvec_from_matrix,
+    skew,
+)
+from imucalib_cli.signals.noise import MAD_TO_STD
+from imucalib_cli.study.contest import Pose, pose_only
 from imucalib_cli.study.methods.spline import right_jacobian
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.study.pose_cost import PoseCost
+    from imucalib_cli.estimate.model.windows import WindowRows
+    from imucalib_cli.estimate.published.filters import Instants
     from imucalib_cli.study.study import Row
 
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
@@ -51,9 +57,67 @@ HUBER, CAUCHY = 1.345, 2.385
 _STEPS, _HALVINGS = 100, 20
 """Most rounds of an iteration, and most halvings of a step that does not go down."""
 _SHARPEN = 0.5
-"""Factor by which the lower limit of the residuals' size shrinks with each reweighting."""
+"""Factor of the lower limit of the residuals' size from one reweighting to the next."""
 _SHARPEST = 1e-9
 """Smallest lower limit, relative to the median residual."""
+_GENERATORS = skew(np.eye(3))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCost:
+    """Residuals constant + slope @ (t, vec R row by row), six for each instant or window.
+
+    The first three of each six are the accelerometer's, the others the gyroscope's.
+    """
+
+    constant: Floats
+    """(6 N,)."""
+    slope: Floats
+    """(6 N, 12)."""
+
+    def residuals(self, pose: Pose) -> Floats:
+        """(6 N,)."""
+        return np.asarray(self.slope @ np.r_[pose.t, pose.R.ravel()] + self.constant)
+
+    def jacobian(self, pose: Pose) -> Floats:
+        """(6 N, 6), by steps as Pose.moved takes them."""
+        turns = (_GENERATORS @ pose.R).reshape(3, 9).T
+        return np.hstack([self.slope[:, :3], self.slope[:, 3:] @ turns])
+
+    def scaled(self, pose: Pose) -> PoseCost:
+        """Residuals divided by each sensor's robust standard deviation at a pose."""
+        left = np.abs(self.residuals(pose)).reshape(-1, 2, 3)
+        scales = MAD_TO_STD * np.median(left, axis=(0, 2))
+        each = np.tile(np.repeat(1.0 / np.maximum(scales, 1e-300), 3), len(left))
+        return PoseCost(self.constant * each, self.slope * each[:, None])
+
+    @property
+    def normal_matrix(self) -> Floats:
+        """(columns.COUNT, columns.COUNT): the statistics that least squares needs."""
+        own = np.r_[
+            columns.ONE, np.arange(columns.COUNT)[columns.T], np.arange(columns.COUNT)[columns.R]
+        ]
+        J = np.column_stack([self.constant, self.slope])
+        normal = np.zeros((columns.COUNT, columns.COUNT))
+        normal[np.ix_(own, own)] = J.T @ J
+        return normal
+
+
+def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
+    """Residuals of the published method, m/s² and rad/s, unweighted."""
+    constant, slope = instants.linear
+    with_gravity = constant + np.array([0.0, 0.0, gravity_norm, 0.0, 0.0, 0.0])
+    return PoseCost(with_gravity.ravel(), slope.reshape(-1, 12))
+
+
+def matched_cost(
+    rows: WindowRows, gravity_world: Floats, accel_std: float, gyro_std: float
+) -> PoseCost:
+    """Residuals of the matched filters over stds of a window, with only the pose unknown."""
+    both = np.concatenate([rows.accel / accel_std, rows.gyro / gyro_std], axis=1)
+    constant = both[:, :, columns.ONE] + both[:, :, columns.G] @ gravity_world
+    slope = np.concatenate([both[:, :, columns.T], both[:, :, columns.R]], axis=2)
+    return PoseCost(constant.ravel(), slope.reshape(-1, 12))
 
 
 @dataclass(frozen=True)
@@ -162,13 +226,14 @@ def _scaled_solve(A: Floats, b: Floats) -> Floats:
     return np.asarray(np.linalg.lstsq(A * np.outer(scale, scale), b * scale, rcond=None)[0] * scale)
 
 
-def solve_by(optimiser: Optimiser, costs: dict[Cost, PoseCost], guess: Pose) -> tuple[Pose, Row]:
-    """The pose that it finds; value of what it minimises, evaluations of all residuals, seconds.
+def solve_by(optimiser: Optimiser, cost: PoseCost, guess: Pose) -> tuple[Pose, Row]:
+    """Run an optimiser on unscaled residuals from a guess.
 
-    Scaled residuals are made from the unscaled.
+    Returns:
+        The pose; the value of the cost, the evaluations of all residuals, and the seconds.
     """
     begun = time.perf_counter()
-    evaluations, cost = 0, costs["published" if optimiser.cost != "matched" else "matched"]
+    evaluations = 0
     if optimiser.cost == "published, scaled":
         first, evaluations = by_reweighting(cost, guess)  # a robust fit
         cost = cost.scaled(first)
@@ -243,14 +308,9 @@ def _reduced_solve(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
 
 
 OPTIMISERS = (
-    _scipy("trf", "published", "squares"),
-    _scipy("trf, analytic", "published", "squares"),
-    _scipy("lm", "published", "squares"),
-    _scipy("dogbox", "published", "squares"),
+    *(_scipy(name, "published", "squares") for name in ("trf", "trf, analytic", "lm", "dogbox")),
     Optimiser("reduced solve", "published", "squares", _reduced_solve),
-    _scipy("trf", "published", "squared sums"),
-    _scipy("lm", "published", "squared sums"),
-    _scipy("dogbox", "published", "squared sums"),
+    *(_scipy(name, "published", "squared sums") for name in ("trf", "lm", "dogbox")),
     Optimiser("IRLS", "published", "absolute values", by_reweighting),
     Optimiser("linear programs", "published", "absolute values", by_linear_programs),
     Optimiser("relaxed linear program", "published", "absolute values", by_relaxation),
@@ -258,9 +318,6 @@ OPTIMISERS = (
     Optimiser("IRLS", "published, scaled", "absolute values", by_reweighting),
     _scipy("trf", "published, scaled", "huber"),
     _scipy("trf", "published, scaled", "cauchy"),
-    _scipy("trf", "matched", "squares"),
-    _scipy("trf, analytic", "matched", "squares"),
-    _scipy("lm", "matched", "squares"),
-    _scipy("dogbox", "matched", "squares"),
+    *(_scipy(name, "matched", "squares") for name in ("trf", "trf, analytic", "lm", "dogbox")),
     Optimiser("reduced solve", "matched", "squares", _reduced_solve),
 )

@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 @cache
 def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> Recording:
     """Noise-free run of a system, cached per process; with a camera, in front of its pattern."""
-    moved, seen = load_system(system), None
-    if camera:
-        moved, seen = load_camera(camera, moved)
+    moved = load_system(system)
+    if not camera:
+        return record(moved, physics)
+    moved, seen = load_camera(camera, moved)
     return record(moved, physics, camera=seen)
 
 
@@ -45,7 +46,7 @@ def robot_of(system: SystemConfig) -> Robot:
 def streams_of(
     recording: Recording, robot: Robot | None = None
 ) -> tuple[ImuSamples, KinematicPath]:
-    """IMU samples and path, as read from a log, by the system's own kinematics or others."""
+    """IMU samples and path as from a log, with the kinematics of the system or of another robot."""
     imu = ImuSamples(t=recording.imu.stamp, gyro=recording.imu.gyro, accel=recording.imu.accel)
     first = recording.robot[0]
     if isinstance(first, PoseRecord):

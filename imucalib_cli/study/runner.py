@@ -121,9 +121,9 @@ def _key(cell: Cell) -> str:
 def _open_rows(
     study: Study, file: Path, *, fresh: bool
 ) -> Iterator[tuple[dict[str, list[Row]], Callable[[Cell, list[Row]], None]]]:
-    """The rows of a file, and a function that appends to it; the file is locked meanwhile.
+    """The rows of a file, and a function that appends to it; meanwhile the file is locked.
 
-    The file is created with the first rows, so that a run without rows leaves none.
+    A run without rows leaves no file.
 
     Raises:
         ChoiceError: As _parse.
@@ -175,7 +175,7 @@ def _open_locked(file: Path) -> BinaryIO:
 
 
 def _header(study: Study) -> dict[str, object]:
-    """The parameters of a file's rows; a change of any makes another experiment."""
+    """The first line of a file: the parameters; a change of any makes another experiment."""
     config = json.loads(json.dumps(asdict(study)))
     return {"study": study.name, "imucalib": __version__, "config": config}
 

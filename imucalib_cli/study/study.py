@@ -37,12 +37,12 @@ Draw: TypeAlias = Callable[[Path], None]
 class Study(ABC):
     """An experiment: independent runs, and tables and figures from their rows.
 
-    Its fields are its parameters, as configs/studies/<name>.yaml states them, with units and
-    sources; other parameters are another experiment. It is sent to worker processes.
+    Its fields are its parameters, from configs/studies/<name>.yaml, with units and sources there.
+    Other parameters make another experiment. It is sent to worker processes.
     """
 
     name: ClassVar[str]
-    """As on the command line."""
+    """Name on the command line."""
 
     @abstractmethod
     def cells(self) -> list[Cell]:
@@ -80,18 +80,18 @@ STUDIES: dict[str, tuple[str, str]] = {
         "Figures 5 to 7: derived against measured acceleration",
     ),
     "initial-error": (
-        "initial_error:InitialErrorStudy",
+        "folded:InitialErrorStudy",
         "Table 3: sensitivity to the initial guess",
     ),
     "methods": ("methods:MethodsStudy", "Table 1: the methods compared"),
-    "noise": ("noise:NoiseStudy", "Table 2: sensitivity to IMU noise"),
+    "noise": ("folded:NoiseStudy", "Table 2: sensitivity to IMU noise"),
     "window": ("sweeps:WindowStudy", "open question: the filters' window"),
     "optimiser": ("optimiser:OptimiserStudy", "open question: the optimiser"),
     "encoder": ("sweeps:EncoderStudy", "open question: noise of the encoders"),
     "bias": ("sweeps:BiasStudy", "open question: biases of the IMU"),
     "rate": ("sweeps:RateStudy", "open question: rates of the log"),
 }
-"""Module of imucalib_cli.study.studies with its class, and what it is, by name."""
+"""By name: module of imucalib_cli.study.studies with its class, and a description."""
 
 _NEEDED = {"methods": ("mujoco", "cv2")}
 """Modules of optional dependencies; the others need the simulation's alone."""
@@ -129,16 +129,16 @@ def _check_counts(parameters: object, where: str) -> None:
         InputError: Names the key.
     """
     for part in fields(parameters):  # type: ignore[arg-type]
-        value = getattr(parameters, part.name)
+        value, here = getattr(parameters, part.name), f"{where}: {part.name}"
         if value == () and part.default is MISSING:
-            raise InputError(f"{where}: {part.name}: an empty list; there must be one value")
+            raise InputError(f"{here}: an empty list; there must be one value")
         if part.name.endswith("seed"):
             continue
         for item in value if isinstance(value, tuple) else (value,):
             if isinstance(item, int) and not isinstance(item, bool) and item < 1:
-                raise InputError(f"{where}: {part.name}: {item} is no count; 1 or more")
+                raise InputError(f"{here}: {item} is no count; 1 or more")
             if is_dataclass(item) and not isinstance(item, NoiseOptions):
-                _check_counts(item, f"{where}: {part.name}")
+                _check_counts(item, here)
 
 
 def see_installed(name: str) -> None:

@@ -1,4 +1,4 @@
-"""Tables of studies: made from rows, printed for people or machines."""
+"""Rows of a study: choose them, average them, and print them as tables."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from imucalib_cli.study.rows import DEGREES, MILLIMETRES, column
 from imucalib_cli.study.study import Row
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 TableFormat = Literal["markdown", "csv", "json"]
-
 Column: TypeAlias = tuple[str, Callable[[Sequence[Row]], str]]
-"""Header with units, and the function from a line's rows to the cell."""
+"""Header with units, and the function from the rows of a line to the cell."""
+
+MILLIMETRES = 1e3
+DEGREES = 180.0 / math.pi
+ERRORS = (("translation", MILLIMETRES, "mm"), ("rotation", DEGREES, "deg"))
+"""Errors of a pose, with the scale and the unit in which tables show them."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +44,73 @@ class Claim:
     """A statement of the paper, and whether it is met here."""
 
     words: str
-    """What is claimed, with its section, and by which criterion we judge it."""
+    """The claim, and the criterion by which we judge it."""
     found: str
     """The figures."""
     met: bool | None
     """None if it cannot be judged: an answer is missing, or the claimed value is unknown."""
+
+
+def chosen(rows: Iterable[Row], **values: Any) -> list[Row]:
+    """Rows that have all these values."""
+    return [row for row in rows if all(row[key] == value for key, value in values.items())]
+
+
+def groups(rows: Iterable[Row], *keys: str) -> list[list[Row]]:
+    """Rows grouped by some keys, in the order in which they first appear."""
+    found: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return list(found.values())
+
+
+def column(rows: Iterable[Row], key: str) -> list[float]:
+    """The number of each row that has one."""
+    values = (row[key] for row in rows)
+    return [float(value) for value in values if isinstance(value, int | float)]
+
+
+def _over(reduce: Callable[[list[float]], Any]) -> Callable[[Iterable[Row], str], float]:
+    """A statistic of a number over the rows that have it; NaN if none has."""
+
+    def of(rows: Iterable[Row], key: str) -> float:
+        values = column(rows, key)
+        return float(reduce(values)) if values else math.nan
+
+    return of
+
+
+mean = _over(np.mean)
+median = _over(np.median)
+root_mean_square = _over(lambda values: np.sqrt(np.mean(np.square(values))))
+worst = _over(max)
+
+
+def over_bound(rows: Sequence[Row], key: str) -> float:
+    """Root mean square of an error over its Cramér-Rao bound; NaN if there is no bound."""
+    return root_mean_square(rows, key) / mean(rows, f"bound_{key}")
+
+
+def in_best_setting(
+    rows: Sequence[Row],
+    badness: Callable[[list[Row]], Any],
+    *keys: str,
+    setting: Sequence[str] = ("setting",),
+) -> list[Row]:
+    """Of each group by keys, the rows of the setting with the least badness: the best tuning."""
+    return [
+        row for group in groups(rows, *keys) for row in min(groups(group, *setting), key=badness)
+    ]
+
+
+def mean_error(key: str = "translation") -> Callable[[list[Row]], float]:
+    """Badness of a setting: the mean of an error; infinite if there is none."""
+
+    def badness(rows: list[Row]) -> float:
+        found = mean(rows, key)
+        return math.inf if math.isnan(found) else found
+
+    return badness
 
 
 def lay_out(
@@ -74,7 +139,7 @@ def text(key: str, header: str = "") -> Column:
 
 def number(key: str, header: str, scale: float = 1.0) -> Column:
     """The number common to all rows of a line; a dash for none."""
-    return header, lambda rows: digits(scale * (column(rows[:1], key) or [math.nan])[0])
+    return statistic(header, lambda rows, key: mean(rows[:1], key), key, scale)
 
 
 def statistic(
@@ -86,7 +151,7 @@ def statistic(
 
 def count(header: str, counted: Callable[[Row], bool]) -> Column:
     """How many of the rows of a line."""
-    return header, lambda rows: f"{sum(counted(row) for row in rows)} of {len(rows)}"
+    return header, lambda rows: f"{sum(map(counted, rows))} of {len(rows)}"
 
 
 def answered(row: Row) -> bool:
@@ -95,7 +160,7 @@ def answered(row: Row) -> bool:
 
 
 def mean_and_std(header: str, key: str, scale: float = 1.0) -> Column:
-    """Mean ± standard deviation over the rows of a line; of one row, its number alone."""
+    """Mean ± standard deviation over the rows of a line; for one row, its number alone."""
 
     def cell(rows: Sequence[Row]) -> str:
         values = scale * np.array(column(rows, key))
@@ -125,22 +190,20 @@ def digits(value: float) -> str:
 
 
 def render_tables(tables: list[Table], fmt: TableFormat) -> str:
-    """All tables as one text that ends with a line feed."""
+    """All tables as one text that ends with a line feed.
+
+    In CSV each table is a block with its title in the first column.
+    """
     if fmt == "json":
         return json.dumps([asdict(table) for table in tables], indent=2, ensure_ascii=False) + "\n"
     if fmt == "csv":
-        return _csv(tables)
-    return "\n".join(_markdown(table) for table in tables)
-
-
-def _csv(tables: list[Table]) -> str:
-    """One block per table, with its title in the first column."""
-    lines = io.StringIO()
-    writer = csv.writer(lines, lineterminator="\n")
-    for table in tables:
-        writer.writerow(("table", *table.header))
-        writer.writerows((table.title, *row) for row in table.rows)
-    return lines.getvalue()
+        lines = io.StringIO()
+        writer = csv.writer(lines, lineterminator="\n")
+        for table in tables:
+            writer.writerow(("table", *table.header))
+            writer.writerows((table.title, *row) for row in table.rows)
+        return lines.getvalue()
+    return "\n".join(map(_markdown, tables))
 
 
 def _markdown(table: Table) -> str:

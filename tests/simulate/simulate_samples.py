@@ -11,6 +11,9 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import CameraRecord, JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
@@ -28,6 +31,11 @@ def configured(folder: Path, system: str, change: Callable[[Any], object]) -> Pa
     path = folder / "mine.yaml"
     path.write_text(yaml.safe_dump(raw))
     return path
+
+
+def recorded(system: str, **options: Any) -> Recording:
+    """A clean recording of a system of the package."""
+    return record(load_system(system), PhysicsOptions(**options))
 
 
 def joints(recording: Recording, number: int = 0) -> JointRecord:

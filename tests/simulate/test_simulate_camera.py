@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 
 RIHIBOT, CAMERA = load_camera("rihibot", load_system("rihibot"))
+LENS = CAMERA.intrinsics
+K = np.array([[LENS.fx, 0, LENS.cx], [0, LENS.fy, LENS.cy], [0, 0, 1.0]])
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +57,6 @@ def test_camera_is_where_pinocchio_says(recording: Recording, images: CameraReco
 
 
 def test_corners_are_opencvs_projection(images: CameraRecord) -> None:
-    lens = CAMERA.intrinsics
-    K = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
     for i in range(0, len(images.t), 20):
         R = images.R_world_camera[i].T @ images.R_world_target
         t = images.R_world_camera[i].T @ (images.p_world_target - images.p_world_camera[i])
@@ -68,7 +68,6 @@ def test_corners_are_opencvs_projection(images: CameraRecord) -> None:
 
 def test_distortion_is_opencvs() -> None:
     lens = replace(CAMERA.intrinsics, distortion=(-0.28, 0.07, 2e-4, -1e-4))
-    K = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
     points = np.random.default_rng(1).uniform([-0.5, -0.3, 0.8], [0.5, 0.3, 1.5], (50, 3))
     expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, np.array(lens.distortion))
     np.testing.assert_allclose(project(lens, points), expected[:, 0], atol=1e-9)
@@ -166,11 +165,10 @@ def test_mount_is_the_papers() -> None:
 
 
 def test_wrong_cameras_say_what_is_wrong() -> None:
-    with pytest.raises(ChoiceError, match="no camera for barbot: choose rihibot"):
-        load_camera("barbot", load_system("barbot"))
     barbot = load_system("barbot")
+    with pytest.raises(ChoiceError, match="no camera for barbot: choose rihibot"):
+        load_camera("barbot", barbot)
     with pytest.raises(InputError, match="need 0 numbers"):
         load_camera("rihibot", barbot)
-    astray = replace(RIHIBOT, frames=())
     with pytest.raises(InputError, match="is no link that moves"):
-        camera_mount(astray, "camera_optical_frame")
+        camera_mount(replace(RIHIBOT, frames=()), "camera_optical_frame")

@@ -13,9 +13,8 @@ import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.camera.aprilgrid import board_picture
 from imucalib_cli.simulate.camera.config import load_camera
-from imucalib_cli.simulate.camera.render import Images
+from imucalib_cli.simulate.camera.render import Images, board_picture
 from imucalib_cli.simulate.camera.view import see, target_points
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
@@ -70,7 +69,7 @@ def record() -> CameraRecord:
 @pytest.fixture(scope="module")
 def images(record: CameraRecord) -> list[NDArray[np.uint8]]:
     drawn = Images(record, NoiseOptions(), 0)
-    return [drawn[i] for i in range(len(drawn))]
+    return [drawn[i] for i in range(len(record.t))]
 
 
 def corners_of(corners: Floats, number: int) -> Floats:

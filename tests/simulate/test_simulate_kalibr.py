@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import weakref
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,18 +23,18 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.write_log import write_log
+from tests.simulate.simulate_samples import configured
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
+    from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+    from imucalib_cli.simulate.recording import Recording
+    from tests.conftest import Imucalib
+
 SYSTEM, CAMERA = load_camera("rihibot", load_system("rihibot"))
-SMALL = replace(
-    CAMERA,
-    intrinsics=replace(
-        CAMERA.intrinsics, width=320, height=180, fx=225.0, fy=225.0, cx=159.5, cy=89.5
-    ),
-)
+LENS: dict[str, Any] = {"width": 320, "height": 180, "fx": 225.0, "fy": 225.0}
+LENS |= {"cx": 159.5, "cy": 89.5}
+SMALL = replace(CAMERA, intrinsics=replace(CAMERA.intrinsics, **LENS))
 NOISE = NoiseOptions(
     accel_noise=3e-3, accel_white=0.01, gyro_noise=2e-4, gyro_bias_walk=1e-5, time_offset=0.02,
     camera_offset=-0.015, image_noise=2.0,
@@ -52,10 +51,8 @@ def recording() -> Recording:
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the command writes, with the camera of a user's own file."""
     folder = tmp_path_factory.mktemp("kalibr")
-    mine = yaml.safe_load((ROOT / "configs/cameras/rihibot.yaml").read_text())
-    mine["intrinsics"] |= {"width": 320, "height": 180, "fx": 225.0, "fy": 225.0}
-    mine["intrinsics"] |= {"cx": 159.5, "cy": 89.5}
-    (folder / "camera.yaml").write_text(yaml.safe_dump(mine))
+    mine = configured(folder, "cameras/rihibot", lambda raw: raw["intrinsics"].update(LENS))
+    mine.rename(folder / "camera.yaml")
     arguments = [
         *["simulate", "rihibot", "--camera-config", str(folder / "camera.yaml"), "--duration", "1"],
         *["--imu-rate", "200", "--robot-rate", "50", "--time-offset", "20ms"],
@@ -85,13 +82,11 @@ def test_files_pass_the_checks_of_kalibrs_config_reader(made: Path) -> None:
     assert imu["rostopic"] == "/imu/data"
     assert imu["update_rate"] == 200.0
     kinds = ("accelerometer", "gyroscope")
-    for key in [f"{k}_{what}" for k in kinds for what in ("noise_density", "random_walk")]:
-        assert type(imu[key]) is float
-        assert imu[key] > 0.0
-    assert target["target_type"] == "aprilgrid"
-    assert (type(target["tagRows"]), type(target["tagCols"])) == (int, int)
-    assert (target["tagRows"], target["tagCols"]) == (6, 6)
-    assert (target["tagSize"], target["tagSpacing"]) == (0.055, 0.3)
+    densities = [imu[f"{k}_{what}"] for k in kinds for what in ("noise_density", "random_walk")]
+    assert all(type(density) is float and density > 0.0 for density in densities)
+    assert [type(target[key]) for key in ("tagRows", "tagCols")] == [int, int]
+    board = {"target_type": "aprilgrid", "tagRows": 6, "tagCols": 6}
+    assert target == board | {"tagSize": 0.055, "tagSpacing": 0.3}
 
 
 def test_densities_are_those_of_the_samples(made: Path, recording: Recording) -> None:
@@ -184,13 +179,14 @@ def test_a_camera_elsewhere_is_none_to_calibrate_with(recording: Recording) -> N
         camera_truth(moved, moved.camera)
 
 
-def test_the_command_says_how_to_call_kalibr(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = tmp_path / "k.bag"
-    arguments = ["--duration", "0.1", "--imu-rate", "50", "--robot-rate", "50", "-o", str(log)]
-    assert main(["simulate", "rihibot", "--camera", "--grade", "industrial", *arguments]) == 0
-    err = capsys.readouterr().err
+@pytest.fixture
+def short(imucalib: Imucalib) -> Imucalib:
+    return imucalib.with_("simulate", "--duration", 0.1, "--imu-rate", 50, "--robot-rate", 50)
+
+
+def test_the_command_says_how_to_call_kalibr(tmp_path: Path, short: Imucalib) -> None:
+    words = ["--camera", "-o", tmp_path / "k.bag"]
+    err = short("rihibot", "--grade", "industrial", *words).err
     for kind in ("camchain", "imu", "target"):
         assert (tmp_path / f"k.{kind}.yaml").is_file()
         assert f"k.{kind}.yaml" in err
@@ -199,8 +195,7 @@ def test_the_command_says_how_to_call_kalibr(
     assert told["accelerometer_random_walk"] == 3e-6
     assert told["gyroscope_random_walk"] == 2e-7
     assert told["accelerometer_noise_density"] == pytest.approx(17e-6 * 9.80665 / np.sqrt(2))
-    assert main(["simulate", "barbot", "--camera", *arguments]) == 2
-    assert "no camera for barbot" in capsys.readouterr().err
+    assert "no camera for barbot" in short("barbot", *words, code=2).err
 
 
 def _stop(*_: object) -> None:
@@ -208,22 +203,19 @@ def _stop(*_: object) -> None:
 
 
 def test_what_ends_early_leaves_no_files_for_kalibr(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short: Imucalib
 ) -> None:
-    words = ["--duration", "0.1", "--imu-rate", "50", "-o", str(tmp_path / "k.bag")]
-    with monkeypatch.context() as patch:
-        patch.setattr(Images, "__getitem__", _stop)
-        assert main(["simulate", "rihibot", "--camera", *words]) == 130
-        patch.setitem(sys.modules, "cv2", None)
-        assert main(["simulate", "rihibot", "--camera", *words]) == 1
-    assert "pip install 'imucalib[camera]'" in capsys.readouterr().err
+    words = ["rihibot", "--camera", "-o", tmp_path / "k.bag"]
+    monkeypatch.setattr(Images, "__getitem__", _stop)
+    short(*words, code=130)
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    assert "pip install 'imucalib[camera]'" in short(*words, code=1).err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_another_log_than_kalibr_reads_is_said_to_be(
-    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: Path, tmp_path: Path, short: Imucalib
 ) -> None:
-    words = ["--camera-config", str(made / "camera.yaml"), "--duration", "0.1", "--imu-rate", "50"]
-    assert main(["simulate", "rihibot", *words, "-o", str(tmp_path / "k.mcap")]) == 0
-    err = capsys.readouterr().err
+    camera = "--camera-config", made / "camera.yaml"
+    err = short("rihibot", *camera, "-o", tmp_path / "k.mcap").err
     assert f"kalibr: reads ROS 1 bags only: for it give -o {tmp_path / 'k.bag'}\n" in err

@@ -37,15 +37,9 @@ NOISE = NoiseOptions(
     dropouts=0.05,
 )
 STORAGES = [
-    ("log.mcap", None),
-    ("log.mcap", "none"),
-    ("log.mcap", "lz4"),
-    ("log.mcap", "zstd"),
-    ("log.bag", "none"),
-    ("log.bag", "lz4"),
-    ("log.bag", "bz2"),
-    ("log.db3", None),
-    ("folder", None),
+    *(("log.mcap", compression) for compression in (None, "none", "lz4", "zstd")),
+    *(("log.bag", compression) for compression in ("none", "lz4", "bz2")),
+    *(("log.db3", None), ("folder", None)),
 ]
 
 
@@ -218,17 +212,21 @@ def test_choices_that_are_none_list_what_there_is(
     assert list(tmp_path.iterdir()) == []  # nothing half-made stays behind
 
 
-def test_a_folder_that_is_there_is_not_written_into(arm: Recording, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is a folder already"):
-        write_log(arm, tmp_path)
-
-
-def test_a_place_that_cannot_be_written_is_named(arm: Recording, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (".", "is a folder already"),
+        ("file/log.mcap", "cannot be written: Not a directory"),
+        ("x" * 300 + ".mcap", "cannot be written"),
+    ],
+    ids=["a folder", "below a file", "a name too long"],
+)
+def test_a_place_that_cannot_be_written_is_named(
+    arm: Recording, tmp_path: Path, place: str, words: str
+) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="cannot be written: Not a directory"):
-        write_log(arm, tmp_path / "file" / "log.mcap")
-    with pytest.raises(InputError, match="cannot be written"):
-        write_log(arm, tmp_path / ("x" * 300 + ".mcap"))
+    with pytest.raises(InputError, match=words):
+        write_log(arm, tmp_path / place)
 
 
 def test_an_existing_log_is_replaced_only_by_a_whole_one(arm: Recording, tmp_path: Path) -> None:

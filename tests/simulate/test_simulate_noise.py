@@ -18,7 +18,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import ImuRecord, Recording, rows_kept
-from tests.simulate.simulate_samples import joints, pose
+from tests.simulate.simulate_samples import joints, pose, recorded
 
 Floats = NDArray[np.float64]
 RATE = 200.0
@@ -59,28 +59,32 @@ def long() -> Recording:
 
 @pytest.fixture(scope="module")
 def arm() -> Recording:
-    return record(load_system("rihibot"), PhysicsOptions(duration=6.0, robot_rate=125.0))
+    return recorded("rihibot", duration=6.0, robot_rate=125.0)
 
 
 @pytest.fixture(scope="module")
 def bar() -> Recording:
-    return record(load_system("barbot"), PhysicsOptions(duration=20.0))
+    return recorded("barbot", duration=20.0)
 
 
-def test_density_becomes_the_std_of_a_sample_by_half_the_rate(long: Recording) -> None:
-    noisy = corrupt(long, NoiseOptions(accel_noise=0.003, gyro_noise=2e-4), 1).imu
-    np.testing.assert_allclose(noisy.accel.std(axis=0), 0.003 * np.sqrt(RATE / 2), rtol=0.01)
-    np.testing.assert_allclose(noisy.gyro.std(axis=0), 2e-4 * np.sqrt(RATE / 2), rtol=0.01)
+@pytest.mark.parametrize(
+    ("options", "accel", "gyro"),
+    [
+        pytest.param(
+            NoiseOptions(accel_noise=0.003, gyro_noise=2e-4), 0.03, 2e-3, id="density at half rate"
+        ),
+        pytest.param(NoiseOptions(accel_white=0.2, gyro_white=0.05), 0.2, 0.05, id="of a sample"),
+        pytest.param(NoiseOptions(accel_white=0.03, accel_noise=0.004), 0.05, 0.0, id="both add"),
+    ],
+)
+def test_white_noise_has_its_std_and_no_memory(
+    long: Recording, options: NoiseOptions, accel: float, gyro: float
+) -> None:
+    noisy = corrupt(long, options, 1).imu
+    np.testing.assert_allclose(noisy.accel.std(axis=0), accel, rtol=0.01)
+    np.testing.assert_allclose(noisy.gyro.std(axis=0), gyro, rtol=0.01)
     step = (noisy.accel[1:] * noisy.accel[:-1]).mean(axis=0) / noisy.accel.var(axis=0)
-    np.testing.assert_allclose(step, 0.0, atol=0.01)  # white
-
-
-def test_white_sigma_is_the_std_whatever_the_rate_and_adds_to_density(long: Recording) -> None:
-    white = corrupt(long, NoiseOptions(accel_white=0.2, gyro_white=0.05), 1).imu
-    np.testing.assert_allclose(white.accel.std(axis=0), 0.2, rtol=0.01)
-    np.testing.assert_allclose(white.gyro.std(axis=0), 0.05, rtol=0.01)
-    both = corrupt(long, NoiseOptions(accel_white=0.03, accel_noise=0.004), 1).imu
-    np.testing.assert_allclose(both.accel.std(axis=0), 0.05, rtol=0.01)
+    np.testing.assert_allclose(step, 0.0, atol=0.01)
 
 
 def test_measured_is_true_plus_bias(arm: Recording) -> None:
@@ -100,7 +104,7 @@ def test_bias_walk_grows_with_the_root_of_time() -> None:
     assert np.std([run.gyro[-1] for run in runs]) == pytest.approx(0.01, rel=0.1)
 
 
-def test_coloured_noise_has_its_std_and_its_memory(long: Recording) -> None:
+def test_coloured_noise_has_its_std_and_its_memory_from_the_first_sample(long: Recording) -> None:
     options = NoiseOptions(accel_coloured=0.3, gyro_coloured=0.02, coloured_time=0.05)
     noisy = corrupt(long, options, 3).imu
     np.testing.assert_allclose(noisy.accel.std(axis=0), 0.3, rtol=0.03)
@@ -108,12 +112,8 @@ def test_coloured_noise_has_its_std_and_its_memory(long: Recording) -> None:
     lag = 10  # samples, one correlation time
     correlation = (noisy.accel[lag:] * noisy.accel[:-lag]).mean() / noisy.accel.var()
     assert correlation == pytest.approx(np.exp(-1), abs=0.02)
-
-
-def test_coloured_noise_is_steady_from_its_first_sample() -> None:
-    short = still(2)
-    options = NoiseOptions(accel_coloured=1.0, coloured_time=10.0)
-    first = [corrupt(short, options, seed).imu.accel[0] for seed in range(400)]
+    short, slow = still(2), NoiseOptions(accel_coloured=1.0, coloured_time=10.0)
+    first = [corrupt(short, slow, seed).imu.accel[0] for seed in range(400)]
     assert np.std(first) == pytest.approx(1.0, rel=0.08)
 
 
@@ -180,12 +180,9 @@ def test_encoders_round_to_their_step(arm: Recording) -> None:
     assert 4e-5 < np.abs(error).max() <= 5e-5 + 1e-12
 
 
-def test_encoder_noise_has_its_std(arm: Recording) -> None:
+def test_noise_of_encoders_and_poses_has_its_std(arm: Recording, bar: Recording) -> None:
     read = joints(corrupt(arm, NoiseOptions(encoder_noise=3e-5), 0)).position
     assert (read - joints(arm).position).std() == pytest.approx(3e-5, rel=0.05)
-
-
-def test_pose_noise_has_its_std_in_translation_and_rotation(bar: Recording) -> None:
     run = pose(corrupt(bar, NoiseOptions(pose_noise=1e-3, pose_noise_rotation=2e-3), 0))
     assert (run.position - pose(bar).position).std() == pytest.approx(1e-3, rel=0.05)
     turn = (
@@ -219,8 +216,7 @@ _FEW = still(6)
 
 
 def test_publishers_have_noise_of_their_own() -> None:
-    options = PhysicsOptions(duration=1.0, robot_rate=100.0, publishers=2)
-    clean = record(load_system("rihibot"), options)
+    clean = recorded("rihibot", duration=1.0, robot_rate=100.0, publishers=2)
     run = corrupt(clean, NoiseOptions(robot_stamp_jitter=1e-3), 1)
     first, second = (joints(run, k).stamp - joints(run, k).t for k in (0, 1))
     assert abs(np.corrcoef(first[: len(second)], second)[0, 1]) < 0.4

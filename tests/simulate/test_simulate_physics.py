@@ -1,66 +1,122 @@
-"""The recording against rigid-body mechanics done elsewhere: pinocchio, scipy, or on paper."""
+"""Recordings against rigid-body mechanics by pinocchio, scipy, or on paper; its motion."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.config import Arm, FreeBody, Move
 from imucalib_cli.simulate.load import load_system
+from imucalib_cli.simulate.motion import ArmReference, PushPlan
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints, pose
+from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints, pose, recorded
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from imucalib_cli.simulate.recording import Recording
+
+
+def the_arm() -> Arm:
+    arm = load_system("rihibot").arm
+    assert arm is not None
+    return arm
+
+
+def the_bar() -> FreeBody:
+    bar = load_system("barbot").free_body
+    assert bar is not None
+    return bar
+
+
+ARM, BAR = the_arm(), the_bar()
+
+
+@given(st.floats(0.0, 200.0))
+def test_reference_rates_belong_to_reference_positions(t: float) -> None:
+    reference = ArmReference(ARM, 201.0)
+    ahead, behind = reference(t + 1e-5)[0], reference(max(t - 1e-5, 0.0))[0]
+    rate = (ahead - behind) / (t + 1e-5 - max(t - 1e-5, 0.0))
+    np.testing.assert_allclose(reference(t)[1], rate, atol=1e-4)
+
+
+def test_moves_arrive_rest_and_repeat_from_the_second_on() -> None:
+    moves = (
+        Move(to_deg=(10.0,) * 6, seconds=1.0, rest=0.5),
+        Move(to_deg=(20.0,) * 6, seconds=2.0, rest=0.5),
+        Move(to_deg=(30.0,) * 6, seconds=1.0, rest=1.0),
+    )
+    short = replace(ARM, start_deg=(0.0,) * 6, start_rest=1.0, moves=moves)
+    reference = ArmReference(short, 20.0)
+    arrived = {0.5: 0, 2.0: 10, 2.4: 10, 4.5: 20, 6.0: 30, 7.0: 30, 9.0: 20, 10.5: 30, 13.5: 20}
+    found = {t: round(float(np.degrees(reference(t)[0][0])), 6) for t in arrived}
+    assert found == arrived
+    single = ArmReference(replace(short, moves=moves[:1]), 20.0)
+    np.testing.assert_allclose(np.degrees(single(19.0)[0]), 10.0)  # nothing to repeat: it stays
+
+
+def test_smooth_pushes_have_no_jumps_and_hard_ones_do() -> None:
+    t = np.arange(0, 30, 1e-3)
+    largest = {}
+    for profile in ("smooth", "hard"):
+        plan = PushPlan(BAR, profile)
+        values = np.array([np.concatenate(plan(x)[:2]) for x in t.tolist()])
+        largest[profile] = np.abs(np.diff(values, axis=0)).max()
+    assert largest["smooth"] < 0.5 * 1.875 / 0.3 * 1e-3 * 1.01
+    assert largest["hard"] == pytest.approx(0.5)
+
+
+def test_pushes_are_in_the_papers_order() -> None:
+    plan = PushPlan(BAR, "hard")
+    middle = [5.01 + 8.785 * k + 1.5 for k in range(14)]
+    forces = [plan(t)[0].tolist() for t in middle]
+    torques = [plan(t)[1].tolist() for t in middle]
+    assert forces[0] == [0.0, 0.0, 0.5]
+    assert np.count_nonzero(torques[1]) == 3
+    assert forces[2:8] == (0.5 * np.kron(np.eye(3), [[1], [-1]])).tolist()
+    assert torques[8:] == (0.2 * np.kron(np.eye(3), [[1], [-1]])).tolist()
+    assert plan(127.99)[2] == 8.0  # the last pause ends with the log
+    assert plan(128.01)[0].any()
 
 
 @pytest.fixture(scope="module")
 def arm() -> Recording:
     """RiHIBot's first moves, on a tilted base and with the IMU mounted elsewhere."""
-    options = PhysicsOptions(
-        duration=9.0,
-        imu_rate=250.0,
-        robot_rate=1000.0,
-        base_tilt=(0.03, -0.05),
-        mount_xyz=(0.02, -0.07, 0.04),
-        mount_rpy=(0.3, -1.1, 2.0),
-    )
-    return record(load_system("rihibot"), options)
+    mount = {"mount_xyz": (0.02, -0.07, 0.04), "mount_rpy": (0.3, -1.1, 2.0)}
+    rates = {"imu_rate": 250.0, "robot_rate": 1000.0}
+    return recorded("rihibot", duration=9.0, base_tilt=(0.03, -0.05), **mount, **rates)
 
 
 @pytest.fixture(scope="module")
 def bar() -> Recording:
-    return record(load_system("barbot"), PhysicsOptions(duration=30.0, robot_rate=250.0))
+    return recorded("barbot", duration=30.0, robot_rate=250.0)
 
 
 def test_imu_reads_what_pinocchio_derives_from_the_same_state(arm: Recording) -> None:
     gyro, accel, _, _ = imus_by_pinocchio(arm)
     assert np.abs(arm.state.velocity).max() > 0.5  # rad/s: it does move
+    tilted = Rotation.from_rotvec([0.03, -0.05, 0.0]).apply([0.0, 0.0, -9.80665])
+    np.testing.assert_allclose(arm.gravity_world, tilted, atol=1e-12)
     np.testing.assert_allclose(arm.imu.gyro, gyro[:, 0], atol=1e-11)
     np.testing.assert_allclose(arm.imu.accel, accel[:, 0], atol=1e-11)
 
 
 def test_at_rest_the_accelerometer_points_up() -> None:
-    resting = record(load_system("rihibot"), PhysicsOptions(duration=1.0, imu_rate=10.0))
+    resting = recorded("rihibot", duration=1.0, imu_rate=10.0)
     _, _, R_world_imu, _ = imus_by_pinocchio(resting)
     up = np.einsum("nij,nj->ni", R_world_imu[:, 0], resting.imu.accel)
     np.testing.assert_allclose(up, np.tile([0.0, 0.0, 9.80665], (len(up), 1)), atol=1e-9)
     np.testing.assert_allclose(resting.imu.gyro, 0.0, atol=1e-12)
-
-
-def test_a_tilted_base_turns_gravity_and_keeps_its_norm(arm: Recording) -> None:
-    expected = Rotation.from_rotvec([0.03, -0.05, 0.0]).apply([0.0, 0.0, -9.80665])
-    np.testing.assert_allclose(arm.gravity_world, expected, atol=1e-12)
 
 
 def test_positions_rates_and_accelerations_are_one_motion(arm: Recording) -> None:
@@ -76,17 +132,17 @@ def test_positions_rates_and_accelerations_are_one_motion(arm: Recording) -> Non
 
 
 def test_any_rate_meets_its_instants_exactly() -> None:
-    system, rate = load_system("rihibot"), 97.0
-    odd = record(system, PhysicsOptions(duration=3.5, imu_rate=rate, robot_rate=125.0))
-    fine = record(system, PhysicsOptions(duration=3.5, imu_rate=125.0, robot_rate=125.0))
+    rate = 97.0
+    odd, fine = (
+        recorded("rihibot", duration=3.5, imu_rate=each, robot_rate=125.0) for each in (rate, 125.0)
+    )
     np.testing.assert_array_equal(odd.imu.t, np.arange(len(odd.imu.t)) / rate)
     assert 3.5 - 1 / rate < odd.imu.t[-1] <= 3.5
     np.testing.assert_allclose(joints(odd).position, joints(fine).position, atol=1e-9)
 
 
 def test_publishers_share_the_joints_and_not_the_instants() -> None:
-    options = PhysicsOptions(duration=0.5, robot_rate=100.0, publishers=2)
-    split = record(load_system("rihibot"), options)
+    split = recorded("rihibot", duration=0.5, robot_rate=100.0, publishers=2)
     first, second = joints(split), joints(split, 1)
     assert first.names == ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
     assert second.names == ("wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
@@ -95,10 +151,8 @@ def test_publishers_share_the_joints_and_not_the_instants() -> None:
 
 @pytest.mark.slow
 def test_the_arm_is_lively_and_stays_within_its_limits() -> None:
-    system = load_system("rihibot")
-    run = record(system, PhysicsOptions(imu_rate=100.0, robot_rate=100.0))
-    assert system.arm is not None
-    limits = np.radians([joint.velocity_deg for joint in system.arm.joints])
+    run = recorded("rihibot", imu_rate=100.0, robot_rate=100.0)
+    limits = np.radians([joint.velocity_deg for joint in run.system.joints])
     peak = np.abs(run.state.velocity).max(axis=0)
     assert (peak < limits).all()
     assert (peak > np.radians(25)).all()  # every joint takes part
@@ -114,8 +168,7 @@ def test_the_bar_gains_the_impulse_of_its_pushes(profile: Any, seconds: float, p
 
     Hard switching costs part of one step: the last of its four stages sees the brake already.
     """
-    options = PhysicsOptions(duration=17.0, profile=profile, imu_rate=200.0)
-    state = record(load_system("barbot"), options).state
+    state = recorded("barbot", duration=17.0, profile=profile, imu_rate=200.0).state
     after_up = state.velocity[round((5.01 + 3.0) * 200)]
     np.testing.assert_allclose(after_up[:3], [0, 0, 0.5 * seconds / 10.0], atol=1e-5 + 3e-4 * part)
     np.testing.assert_allclose(after_up[3:], 0.0, atol=1e-12)
@@ -159,7 +212,7 @@ def test_the_bars_poses_turn_at_the_rate_its_gyro_reads(bar: Recording) -> None:
 
 @pytest.mark.slow
 def test_the_bar_stays_below_five_radians_per_second() -> None:
-    run = record(load_system("barbot"), PhysicsOptions(imu_rate=50.0, robot_rate=50.0, step=0.005))
+    run = recorded("barbot", imu_rate=50.0, robot_rate=50.0, step=0.005)
     peak = np.abs(run.imu.gyro).max(axis=0)
     assert (peak > 1.0).all()
     assert np.linalg.norm(run.imu.gyro, axis=1).max() < 5.0
@@ -190,10 +243,9 @@ def test_options_out_of_range_are_named(options: PhysicsOptions, words: str) -> 
         record(load_system("rihibot"), options)
 
 
-def test_progress_is_told() -> None:
+def test_progress_is_reported() -> None:
     shares: list[float] = []
-    tell: Callable[[float], None] = shares.append
-    record(load_system("rihibot"), PhysicsOptions(duration=2.5), tell)
+    record(load_system("rihibot"), PhysicsOptions(duration=2.5), shares.append)
     assert shares[0] == 0.0
     assert shares == sorted(shares)
     assert shares[-1] <= 1.0

@@ -11,13 +11,11 @@ from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.study.methods.camera import observations_of
 from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.methods.answer import Answer
-    from imucalib_cli.study.methods.camera import CameraObservations
+    from imucalib_cli.simulate.recording import CameraRecord, Recording
+    from imucalib_cli.study.contest import Answer
 
 
 def study(name: str, *, quick: bool = True, **changes: Any) -> Any:
@@ -31,9 +29,9 @@ def before_the_pattern(seconds: float, imu_rate: float) -> Recording:
     return record(system, physics, camera=camera)
 
 
-def observed(recording: Recording) -> CameraObservations:
+def observed(recording: Recording) -> CameraRecord:
     assert recording.camera is not None
-    return observations_of(recording.camera)
+    return recording.camera
 
 
 def error(answer: Answer, recording: Recording) -> PoseError:

@@ -14,13 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.study.bound import NUISANCES, Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
+from tests.simulate.simulate_samples import recorded
 from tools.errors import error_of, nees
 
 if TYPE_CHECKING:
@@ -34,15 +33,9 @@ ACCEL, GYRO = 0.03, 0.002
 
 @pytest.fixture(scope="module")
 def arm() -> Recording:
-    physics = PhysicsOptions(
-        duration=9.0,
-        imu_rate=250.0,
-        robot_rate=250.0,
-        base_tilt=(0.03, -0.05),
-        mount_xyz=(0.02, -0.07, 0.04),
-        mount_rpy=(0.3, -1.1, 2.0),
-    )
-    return record(load_system("rihibot"), physics)
+    mount = {"mount_xyz": (0.02, -0.07, 0.04), "mount_rpy": (0.3, -1.1, 2.0)}
+    rates = {"imu_rate": 250.0, "robot_rate": 250.0}
+    return recorded("rihibot", duration=9.0, base_tilt=(0.03, -0.05), **mount, **rates)
 
 
 class Brute:
@@ -148,9 +141,7 @@ def test_bound_scales_with_the_noise(arm: Recording) -> None:
 
 
 def test_a_free_body_has_a_bound_without_tilt() -> None:
-    body = record(
-        load_system("barbot"), PhysicsOptions(duration=40.0, imu_rate=100.0, robot_rate=100.0)
-    )
+    body = recorded("barbot", duration=40.0, imu_rate=100.0, robot_rate=100.0)
     assert not body.gravity_world.any()
     bound = cramer_rao(body, ACCEL, GYRO)
     without = cramer_rao(body, ACCEL, GYRO, ("accel_bias", "gyro_bias", "time_offset"))
@@ -185,8 +176,7 @@ def test_error_knows_the_offset_put_in(arm: Recording) -> None:
 
 
 def test_several_publishers_become_several_tracks() -> None:
-    physics = PhysicsOptions(duration=9.0, imu_rate=250.0, robot_rate=250.0, publishers=2)
-    split = record(load_system("rihibot"), physics)
+    split = recorded("rihibot", duration=9.0, imu_rate=250.0, robot_rate=250.0, publishers=2)
     imu, path = streams_of(split)
     assert len(path.tracks) == 2
     error = error_of(calibrate_matched(imu, path, MatchedOptions()), split)

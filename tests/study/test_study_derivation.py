@@ -1,7 +1,9 @@
-"""Figures 5 to 7: derived and measured acceleration against the engine's own."""
+"""Figures 5 to 7 against the engine's own acceleration; any figure is the same bytes each time."""
 
 from __future__ import annotations
 
+import math
+import sys
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -10,8 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.conditions import wrong_guess
+from imucalib_cli.study.contest import wrong_guess
+from imucalib_cli.study.figures import draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import (
     compared_by_matched,
@@ -98,3 +102,32 @@ def test_the_figure_is_an_svg_and_the_same_twice(tmp_path: Path) -> None:
     first = (tmp_path / "a.svg").read_bytes()
     assert first == (tmp_path / "b.svg").read_bytes()
     assert ET.fromstring(first).tag.endswith("svg")
+
+
+def drawn(path: Path) -> bytes:
+    figure, (left, right) = new_figure(1, 2)
+    draw_curve(left, "error", [0.0, 0.1, 1.0], [1.0, math.nan, 2.0])
+    draw_curve(left, "nothing", [0.1], [math.nan])
+    draw_curve(left, "bound", [0.1, 1.0], [0.1, 0.2], linestyle="--", marker="")
+    draw_curve(right, "more", [0.1, 1.0], [0.5, 0.0])
+    for axes in (left, right):
+        logarithmic(axes)
+    counts = [[len(line.get_xdata()) for line in axes.get_lines()] for axes in (left, right)]  # type: ignore[arg-type]
+    assert counts == [[1, 2], [1]]
+    left.legend()
+    save_svg(figure, path)
+    return path.read_bytes()
+
+
+def test_the_same_figure_is_the_same_bytes(tmp_path: Path) -> None:
+    first, second = drawn(tmp_path / "a.svg"), drawn(tmp_path / "b.svg")
+    assert first == second
+    root = ET.fromstring(first)
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert b"<dc:date>" not in first
+
+
+def test_a_missing_matplotlib_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
+        new_figure()

@@ -14,23 +14,21 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.contest import Pose
 from imucalib_cli.study.methods.camera import target_pose
-from imucalib_cli.study.methods.hand_eye import (
-    Motions,
-    Ransac,
-    apart,
-    park_martin,
-    ransac,
-    tsai,
-)
 from imucalib_cli.study.methods.liang import (
     LiangOptions,
+    Motions,
+    Ransac,
     Still,
+    apart,
     calibrate_liang,
     integrate,
+    park_martin,
+    ransac,
     standstills,
     static_accel_bias,
+    tsai,
 )
 from imucalib_cli.study.recordings import streams_of
 from tests.study.study_samples import before_the_pattern, error, observed, study

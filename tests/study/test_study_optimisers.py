@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -16,25 +17,24 @@ from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study import optimisers
-from imucalib_cli.study.conditions import Pose, wrong_guess
+from imucalib_cli.study.contest import Pose, wrong_guess
 from imucalib_cli.study.optimisers import (
     OPTIMISERS,
+    PoseCost,
     by_linear_programs,
     by_relaxation,
     by_reweighting,
     least_absolute,
+    published_cost,
     solve_by,
     value_of,
 )
-from imucalib_cli.study.pose_cost import PoseCost, published_cost
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from tests.study.study_samples import study
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-    from imucalib_cli.study.optimisers import Cost
 
 Floats = NDArray[np.float64]
 RECORDED: dict[str, Any] = {"duration": 12.0, "imu_rate": 100.0, "robot_rate": 100.0}
@@ -43,9 +43,9 @@ GRAVITY = 9.80665
 NEED_NO_GUESS = ("reduced solve", "relaxed linear program")
 
 
-def near(translation: float, angle: float) -> Pose:
+def near(translation: float, rotation_deg: float) -> Pose:
     """A guess off the truth of the system by these."""
-    return wrong_guess(clean_recording("rihibot", PHYSICS), translation, angle, 0)
+    return wrong_guess(clean_recording("rihibot", PHYSICS), translation, rotation_deg, 0)
 
 
 def made(noise: NoiseOptions | None = None) -> PoseCost:
@@ -117,11 +117,10 @@ def test_least_absolute_values_are_medians() -> None:
 
 def test_optimisers_of_one_cost_agree(clean: PoseCost) -> None:
     """From a guess nearby, on clean data: one minimum of each cost."""
-    guess = near(0.02, 0.05)
-    costs: dict[Cost, PoseCost] = {"published": clean, "matched": clean}
+    guess = near(0.02, 3.0)
     poses: dict[str, list[Pose]] = {}
     for optimiser in OPTIMISERS:
-        pose, effort = solve_by(optimiser, costs, guess)
+        pose, effort = solve_by(optimiser, clean, guess)
         assert effort["evaluations"] >= 1
         if optimiser.cost == "published":
             poses.setdefault(optimiser.kind, []).append(pose)
@@ -138,7 +137,7 @@ def test_absolute_sums_are_less_than_at_the_least_squares(
     clean: PoseCost, spiked: PoseCost
 ) -> None:
     for cost in (clean, spiked):
-        guess = near(0.02, 0.05)
+        guess = near(0.02, 3.0)
         step = least_squares(_steps(cost, guess), np.zeros(6), xtol=1e-12).x
         squares = value_of(cost, guess.moved(step), "absolute values")
         ways = (by_reweighting, by_linear_programs, by_relaxation)
@@ -153,22 +152,22 @@ def test_absolute_sums_are_less_than_at_the_least_squares(
 
 
 def test_without_a_guess_the_same_minimum_as_from_a_good_one(spiked: PoseCost) -> None:
-    lost = near(1.0, 3.1)
+    lost = near(1.0, 178.0)
     for optimiser in OPTIMISERS:
         if optimiser.name not in NEED_NO_GUESS or optimiser.cost != "published":
             continue
-        ends = [solve_by(optimiser, {"published": spiked}, at) for at in (lost, near(0, 0))]
+        ends = [solve_by(optimiser, spiked, at) for at in (lost, near(0, 0))]
         np.testing.assert_array_equal(ends[0][0].t, ends[1][0].t)
 
 
 @pytest.mark.slow
 def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> None:
-    truth, guess = near(0.0, 0.0), near(0.02, 0.05)
+    truth, guess = near(0.0, 0.0), near(0.02, 3.0)
     off = {
         (o.cost, o.kind): float(np.linalg.norm(pose.t - truth.t))
         for o in OPTIMISERS
         if o.cost != "matched" and o.name not in NEED_NO_GUESS
-        for pose in [solve_by(o, {"published": spiked}, guess)[0]]
+        for pose in [solve_by(o, spiked, guess)[0]]
     }
     least = off["published", "squares"]
     assert off["published", "absolute values"] < 0.2 * least
@@ -177,7 +176,7 @@ def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> Non
 
 
 def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
-    pose = near(0.001, 0.01)
+    pose = near(0.001, 0.6)
     scaled = spiked.scaled(pose)
     losses: tuple[tuple[Literal["huber", "cauchy"], float], ...] = (
         ("huber", 1.345),
@@ -195,6 +194,7 @@ def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     small = study("optimiser", **SMALL, conditions=study("optimiser").conditions[1:2])
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert len(rows) == 2 * len(OPTIMISERS)
+    json.dumps(rows, allow_nan=False)  # as they are kept
     for row in rows:
         assert np.isfinite(
             [float(row[key] or 0) for key in ("translation", "rotation", "value")]
@@ -221,14 +221,6 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
     assert failed == {"linear programs", "relaxed linear program"}
     lines = small.tables(rows)[0].rows
     assert sum(line[3] == "-" for line in lines) == 2
-
-
-def test_cells_are_every_guess_under_every_condition() -> None:
-    for quick in (True, False):
-        loaded = study("optimiser", quick=quick)
-        runs = sum(c.seeds or loaded.seeds for c in loaded.conditions)
-        assert len(loaded.cells()) == len(loaded.systems) * len(loaded.guesses) * runs
-        assert quick or loaded.seeds >= 5
 
 
 @pytest.mark.slow

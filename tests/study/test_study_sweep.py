@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,9 @@ import pytest
 
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.rows import worst
+from imucalib_cli.study.studies.methods import ENTRANTS
 from imucalib_cli.study.studies.sweeps import best_points, summary_table, sweep_table
-from imucalib_cli.study.tables import digits
+from imucalib_cli.study.tables import digits, worst
 from tests.study.study_samples import study
 
 if TYPE_CHECKING:
@@ -52,16 +53,21 @@ def tiny(name: str, **changes: Any) -> Sweep:
     return made
 
 
-@pytest.mark.parametrize("name", VALUES)
-def test_every_value_meets_every_condition_and_seed(name: str) -> None:
-    for quick in (True, False):
-        loaded: Sweep = study(name, quick=quick)
-        cells = loaded.cells()
-        values = sum(len(loaded.values(part)) for part in loaded.parts)
-        seeds = sum(condition.seeds or loaded.seeds for condition in loaded.conditions)
-        assert len(cells) == len(loaded.systems) * values * seeds
-        assert len({tuple(cell.items()) for cell in cells}) == len(cells)
-        assert quick or loaded.seeds >= 5
+@pytest.mark.parametrize("name", [*VALUES, "optimiser", "methods"])
+@pytest.mark.parametrize("quick", [True, False])
+def test_every_value_meets_every_condition_and_seed(name: str, quick: bool) -> None:
+    loaded = study(name, quick=quick)
+    cells = loaded.cells()
+    if name == "methods":
+        values = len(ENTRANTS)
+    elif name == "optimiser":
+        values = len(loaded.systems) * len(loaded.guesses)
+    else:
+        values = len(loaded.systems) * sum(len(loaded.values(part)) for part in loaded.parts)
+    seeds = sum(condition.seeds or loaded.seeds for condition in loaded.conditions)
+    assert len(cells) == values * seeds
+    assert len({tuple(cell.items()) for cell in cells}) == len(cells)
+    assert quick or loaded.seeds >= 5
 
 
 @pytest.mark.slow
@@ -70,6 +76,7 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
     small = tiny(name)
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert all(row["failure"] is None for row in rows)
+    json.dumps(rows, allow_nan=False)  # as they are kept
     for row in rows:
         for key in ("translation", "rotation", "bound_translation", "bound_rotation"):
             value = row[key]

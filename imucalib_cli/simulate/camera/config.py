@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from imucalib_cli.configuration import builtin_names, load_named
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, checked when read
@@ -18,6 +20,7 @@ from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.config import SystemConfig
 
 _FOLDER = "cameras"
@@ -37,6 +40,12 @@ class Intrinsics:
     cy: float
     distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     """k1, k2, p1, p2 of Kalibr's ``radtan``, which are OpenCV's first four."""
+
+    @property
+    def opencv(self) -> tuple[Floats, Floats]:
+        """Camera matrix (3, 3), pixels, and distortion (4,), as OpenCV takes them."""
+        matrix = [[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]]
+        return np.array(matrix), np.array(self.distortion)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy
-from imucalib_cli.simulate.recording import CameraRecord
+from imucalib_cli.simulate.recording import CameraRecord, at_once
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
-    """The moving link that carries a fixed frame, and the frame's pose in it.
+    """The moving link that carries a fixed frame, and the pose of the frame in that link.
 
     Returns:
         The link, R_link_frame (3, 3), p_link_frame (3,), m.
@@ -111,9 +111,7 @@ def see(camera: CameraConfig, t: Floats, position: Floats, quaternion_wxyz: Floa
     tags = seen.reshape(len(t), target.tag_rows, 2, target.tag_cols, 2)
     seen = np.broadcast_to(tags.all(axis=(2, 4), keepdims=True), tags.shape).reshape(seen.shape)
     return CameraRecord(
-        t=t,
-        stamp=t,
-        received=t,
+        **at_once(t),
         config=camera,
         R_world_camera=R_world_camera,
         p_world_camera=position,

@@ -5,6 +5,9 @@ gravity's direction and the time offset; all of it is solved for at once by Leve
 Marquardt's method, as in Furgale, Rehder and Siegwart, "Unified temporal and spatial calibration
 for multi-sensor systems", IROS 2013. Instead of Kalibr's corners of a target, the data are poses of
 the parent link, or the poses that the corners of each image determine.
+
+The spline is of the IMU's pose in the world: R_world_imu(t) = R_middle exp(phi(t)), p_world_imu(t).
+Poses are on the robot's clock, IMU samples on the IMU's clock. Derivatives are analytic.
 """
 
 from __future__ import annotations
@@ -15,12 +18,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.contest import Answer
 from imucalib_cli.study.methods.bordered import BorderedNormal
-from imucalib_cli.study.methods.bspline_terms import ImuData, PoseData, Rows, imu_rows, pose_rows
 from imucalib_cli.study.methods.camera import camera_path
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.spline import (
@@ -30,25 +33,29 @@ from imucalib_cli.study.methods.spline import (
     TILT,
     Knots,
     State,
+    evaluate,
     fitted_controls,
+    level_axes,
     middle_orientation,
+    rate_jacobian,
     residual_std,
+    right_jacobian,
     unwrapped_rotvecs,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.methods.camera import CameraObservations
+    from imucalib_cli.simulate.recording import CameraRecord
 
-
+_NONE = np.zeros((0, 0, 0))
+_CHUNK = 1024
+"""Number of instants whose Jacobians are in memory at a time."""
 _STD_FLOOR = 1e-7
 """m and rad: no encoder is better, and smaller values would cost the solver digits."""
-
-
 _LOOSE = (1e-3, 3e-2)
 """Factors on the poses' weights in the first rounds, used if the direct solution fails."""
 _TOLERANCE, _LOOSE_TOLERANCE = 1e-3, 1.0
@@ -83,6 +90,155 @@ class BSplineOptions:
 
 
 @dataclass(frozen=True, eq=False)
+class Rows:
+    """Whitened residuals, data minus prediction, and the prediction's derivatives."""
+
+    segment: Indices
+    """(N,)."""
+    r: Floats
+    """(N, 6)."""
+    local: Floats
+    """(N, 6, 36); empty if only residuals were asked for."""
+    border: Floats
+    """(N, 6, B), likewise."""
+    columns: Indices
+    """(B,), dense unknowns that act on these rows."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PoseData:
+    """Poses of the parent link."""
+
+    t: Floats
+    """(N,), robot's clock, s."""
+    R: Floats
+    """(N, 3, 3), R_world_parent."""
+    p: Floats
+    """(N, 3), m."""
+    whiten: Floats
+    """Weights of the residuals, per m and rad: (6,) for all, or (N, 6, 6); position in the
+    world, then rotation in the parent frame."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImuData:
+    """Samples of the IMU."""
+
+    imu: ImuSamples
+    whiten: Floats
+    """(6,), weights of the residuals, per m/s² and rad/s."""
+    nodes: Floats
+    """(B,), instants at which biases are unknowns, on the IMU's clock; one is constant biases."""
+
+
+def pose_rows(
+    knots: Knots, R_middle: Floats, data: PoseData, state: State, *, derivatives: bool
+) -> Iterator[Rows]:
+    """Rows of the poses, chunk by chunk: position in the world, rotation in the parent frame."""
+    R_fs, t_fs = state.R_parent_imu, state.t_parent_imu
+    back = R_fs.T @ t_fs
+    columns = np.arange(6)
+    for start in range(0, len(data.t), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        segment, u = knots.at(data.t[part])
+        weights = knots.weights(u, 1)
+        x = evaluate(state.controls, segment, weights)[0]
+        phi = x[:, 3:]
+        R = R_middle @ matrix_from_rotvec(phi)
+        apart = rotvec_from_matrix(R_fs @ np.swapaxes(R, 1, 2) @ data.R[part])
+        whiten = data.whiten if data.whiten.ndim == 1 else data.whiten[part]
+        r = _whitened(whiten, np.hstack([data.p[part] - x[:, :3] + R @ back, apart])[:, :, None])
+        r = r[:, :, 0]
+        if not derivatives:
+            yield Rows(segment, r, _NONE, _NONE, columns)
+            continue
+        J = right_jacobian(phi)
+        n = len(segment)
+        of_value = np.zeros((n, 6, 6))
+        of_value[:, :3, :3] = np.eye(3)
+        of_value[:, :3, 3:] = R @ skew(back) @ J
+        of_value[:, 3:, 3:] = R_fs @ J
+        border = np.zeros((n, 6, 6))
+        border[:, :3, :3] = -R @ R_fs.T
+        border[:, :3, 3:] = -R @ R_fs.T @ skew(t_fs)
+        border[:, 3:, 3:] = -np.eye(3)
+        local = _spread(_whitened(whiten, of_value), weights[0])
+        yield Rows(segment, r, local, _whitened(whiten, border), columns)
+
+
+def imu_rows(
+    knots: Knots, R_middle: Floats, data: ImuData, state: State, *, derivatives: bool
+) -> Iterator[Rows]:
+    """Rows of the IMU, chunk by chunk: accelerometer, gyroscope."""
+    whiten, imu = data.whiten, data.imu
+    for start in range(0, len(imu.t), _CHUNK):
+        part = slice(start, start + _CHUNK)
+        t = imu.t[part]
+        segment, u = knots.at(t - state.time_offset)
+        weights = knots.weights(u, 4 if derivatives else 3)
+        x = evaluate(state.controls, segment, weights)
+        phi, rate = x[0][:, 3:], x[1][:, 3:]
+        R_t = np.swapaxes(R_middle @ matrix_from_rotvec(phi), 1, 2)
+        J = right_jacobian(phi)
+        force = (R_t @ (x[2][:, :3] - state.gravity)[:, :, None])[:, :, 0]
+        omega = (J @ rate[:, :, None])[:, :, 0]
+        first, share = _between(data.nodes, t)
+        last = min(first.max() + 2, len(data.nodes))
+        of_nodes = np.arange(BIASES + 6 * first.min(), BIASES + 6 * last)
+        columns = np.concatenate([[*range(TILT.start, TILT.stop), OFFSET], of_nodes])
+        bias = state.biases[first] * (1.0 - share)[:, None]
+        if len(data.nodes) > 1:
+            bias += state.biases[first + 1] * share[:, None]
+        r = np.hstack([imu.accel[part] - force, imu.gyro[part] - omega]) - bias
+        r *= whiten
+        if not derivatives:
+            yield Rows(segment, r, _NONE, _NONE, columns)
+            continue
+        turn = skew(force) @ J
+        bent = rate_jacobian(phi, rate)
+        local = np.zeros((len(t), 6, ORDER, 6))
+        local[:, :3, :, :3] = R_t[:, :, None, :] * weights[2][:, None, :, None]
+        local[:, :3, :, 3:] = turn[:, :, None, :] * weights[0][:, None, :, None]
+        local[:, 3:, :, 3:] = (
+            bent[:, :, None, :] * weights[0][:, None, :, None]
+            + J[:, :, None, :] * weights[1][:, None, :, None]
+        )
+        local = local.reshape(len(t), 6, -1) * whiten[:, None]
+        border = np.zeros((len(t), 6, len(columns)))
+        border[:, :3, :2] = R_t @ (skew(state.gravity) @ level_axes(state.gravity))
+        jerk = (R_t @ x[3][:, :3, None])[:, :, 0] - np.cross(omega, force)
+        border[:, :3, 2] = -jerk
+        border[:, 3:, 2] = -((J @ x[2][:, 3:, None])[:, :, 0] + (bent @ rate[:, :, None])[:, :, 0])
+        at = 3 + 6 * (first - first.min())
+        rows = np.arange(len(t))
+        for axis in range(6):
+            border[rows, axis, at + axis] = 1.0 - share
+            if len(data.nodes) > 1:
+                border[rows, axis, at + 6 + axis] = share
+        yield Rows(segment, r, local, border * whiten[:, None], columns)
+
+
+def _whitened(whiten: Floats, rows: Floats) -> Floats:
+    """Rows (N, 6, C) scaled so that their noise is white and of unit size."""
+    return np.asarray(rows * whiten[:, None] if whiten.ndim == 1 else whiten @ rows)
+
+
+def _spread(of_value: Floats, weights: Floats) -> Floats:
+    """Derivative by the control points from that by the value of the spline, (N, 6, 36)."""
+    local = of_value[:, :, None, :] * weights[:, None, :, None]
+    return np.asarray(local.reshape(len(weights), 6, -1))
+
+
+def _between(nodes: Floats, t: Floats) -> tuple[Indices, Floats]:
+    """Node before each instant, and the weight of the node after it."""
+    if len(nodes) == 1:
+        return np.zeros(len(t), dtype=np.intp), np.zeros(len(t))
+    x = np.clip((t - nodes[0]) / (nodes[1] - nodes[0]), 0.0, len(nodes) - 1.0)
+    first = np.minimum(x.astype(np.intp), len(nodes) - 2)
+    return first, x - first
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """Data and parameters of the problem."""
 
@@ -106,23 +262,20 @@ class Problem:
         for part in self._rows(state, derivatives=True):
             normal.add(part.segment, part.local, part.border, part.columns, part.r)
         normal.add_border(*self._walk(state))
+        held: list[int] = []
+        if self.options.gravity != "tilt":
+            held += range(TILT.start, TILT.stop)
+        if self.options.time_offset is not None:
+            held.append(OFFSET)
+        if not self.options.biases:
+            held += range(BIASES, borders)
+        normal.hold(held)
         return normal
 
     def _rows(self, state: State, *, derivatives: bool) -> Iterator[Rows]:
         given = self.knots, self.R_middle
         yield from pose_rows(*given, self.poses, state, derivatives=derivatives)
         yield from imu_rows(*given, self.imu, state, derivatives=derivatives)
-
-    def known(self) -> list[int]:
-        """Dense parameters that are held."""
-        options, held = self.options, []
-        if options.gravity != "tilt":
-            held += [*range(TILT.start, TILT.stop)]
-        if options.time_offset is not None:
-            held.append(OFFSET)
-        if not options.biases:
-            held += [*range(BIASES, BIASES + 6 * len(self.imu.nodes))]
-        return held
 
     def _walk(self, state: State) -> tuple[Floats, Floats]:
         """Rows of the biases' random walk between nodes, (rows, borders) and (rows,)."""
@@ -132,20 +285,9 @@ class Problem:
             return np.zeros((0, borders)), np.zeros(0)
         walk = np.repeat([self.options.accel_bias_walk, self.options.gyro_bias_walk], 3)
         whiten = 1.0 / (np.maximum(walk, 1e-12) * np.sqrt(nodes[1] - nodes[0]))
-        J = np.zeros((len(nodes) - 1, 6, borders))
-        for k in range(len(nodes) - 1):
-            at = BIASES + 6 * k
-            J[k, :, at : at + 6] = -np.diag(whiten)
-            J[k, :, at + 6 : at + 12] = np.diag(whiten)
-        return J.reshape(-1, borders), -(np.diff(state.biases, axis=0) * whiten).ravel()
-
-    def loosened(self, share: float) -> Problem:
-        """The problem with smaller weights of the poses."""
-        return replace(
-            self,
-            poses=replace(self.poses, whiten=share * self.poses.whiten),
-            tolerance=_LOOSE_TOLERANCE,
-        )
+        steps = np.kron(np.diff(np.eye(len(nodes)), axis=0), np.diag(whiten))
+        J = np.hstack([np.zeros((len(steps), BIASES)), steps])
+        return J, -(np.diff(state.biases, axis=0) * whiten).ravel()
 
 
 def solve(problem: Problem, state: State) -> tuple[State, int]:
@@ -164,7 +306,9 @@ def solve(problem: Problem, state: State) -> tuple[State, int]:
     if direct:
         return solution, count
     for share in _LOOSE:
-        state, more, _ = _descend(problem.loosened(share), state, patient=True)
+        poses = replace(problem.poses, whiten=share * problem.poses.whiten)
+        loose = replace(problem, poses=poses, tolerance=_LOOSE_TOLERANCE)
+        state, more, _ = _descend(loose, state, patient=True)
         count += more
     solution, more, _ = _descend(problem, state, patient=True)
     return solution, count + more
@@ -178,7 +322,6 @@ def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, i
     cost, damping, evaluations = problem.cost(state), 1e-9, 1
     while evaluations < _MOST_ITERATIONS:
         normal = problem.normal(state)
-        normal.hold(problem.known())
         while evaluations < _MOST_ITERATIONS:
             try:
                 controls, border, promised = normal.step(damping)
@@ -209,7 +352,7 @@ def calibrate_bspline(imu: ImuSamples, path: KinematicPath, options: BSplineOpti
 
 
 def calibrate_bspline_camera(
-    imu: ImuSamples, camera: CameraObservations, options: BSplineOptions
+    imu: ImuSamples, camera: CameraRecord, options: BSplineOptions
 ) -> Answer:
     """Find the IMU's pose in the camera's optical frame, from the data that Kalibr gets.
 
@@ -272,23 +415,19 @@ def prepare(
         stds = [max(residual_std(knots, t, values), _STD_FLOOR) for values in (p, phi)]
         whiten = 1.0 / np.repeat(stds, 3)
     offset = first.time_offset or 0.0
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
+    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     # The offset may still change by a millisecond; samples must stay on the spline then.
     margin = 0.01
-    inside = (imu.t[rows] - offset > t[0] + margin) & (imu.t[rows] - offset < t[-1] - margin)
-    rows = rows[inside]
-    if len(rows) == 0:
+    imu = imu.at((imu.t - offset > t[0] + margin) & (imu.t - offset < t[-1] - margin))
+    if len(imu.t) == 0:
         raise InputError("the IMU's samples and the robot's do not overlap in time")
     walks = options.biases and max(options.accel_bias_walk, options.gyro_bias_walk) > 0.0
-    span = float(imu.t[rows[-1]] - imu.t[rows[0]])
+    span = float(imu.t[-1] - imu.t[0])
     count = max(round(span / options.bias_interval), 1) + 1 if walks else 1
     readings = ImuData(
-        t=imu.t[rows],
-        accel=imu.accel[rows],
-        gyro=imu.gyro[rows],
-        accel_std=options.accel_std,
-        gyro_std=options.gyro_std,
-        nodes=np.linspace(imu.t[rows[0]], imu.t[rows[-1]], count),
+        imu=imu,
+        whiten=1.0 / np.repeat([options.accel_std, options.gyro_std], 3),
+        nodes=np.linspace(imu.t[0], imu.t[-1], count),
     )
     down = np.array([0.0, 0.0, -options.gravity_norm])
     gravity = {"none": np.zeros(3), "fixed": down, "tilt": first.gravity_world}[options.gravity]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
-from imucalib_cli.study.conditions import Pose
+from imucalib_cli.study.contest import Pose
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
@@ -23,37 +22,10 @@ FEWEST_CORNERS = 12
 _PIXEL_FLOOR = 0.01
 """Pixels: no corner detector is better."""
 _FEWEST_IMAGES = 10
+_NEEDED = "camera poses need", "study"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CameraObservations:
-    """Corners of one target found by a camera."""
-
-    t: Floats
-    """(N,), stamps of the images, s."""
-    corners: Floats
-    """(N, K, 2), pixels; NaN where a corner was not found."""
-    target_points: Floats
-    """(K, 3), m, target frame."""
-    matrix: Floats
-    """(3, 3), pinhole: pixels of the optical frame's rays."""
-    distortion: Floats
-    """(4,), k1 k2 p1 p2."""
-
-
-def observations_of(camera: CameraRecord) -> CameraObservations:
-    """Data of a simulated camera for a calibration: corners and lens, no poses."""
-    lens = camera.config.intrinsics
-    return CameraObservations(
-        t=camera.stamp,
-        corners=camera.corners,
-        target_points=camera.target_points,
-        matrix=np.array([[lens.fx, 0.0, lens.cx], [0.0, lens.fy, lens.cy], [0.0, 0.0, 1.0]]),
-        distortion=np.array(lens.distortion),
-    )
-
-
-def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
+def target_pose(camera: CameraRecord, corners: Floats) -> Pose | None:
     """The target in the optical frame, by the least reprojection error of its corners (K, 2).
 
     None where too few are found (the others are NaN), or nothing fits.
@@ -61,11 +33,11 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _opencv()
+    cv2 = optional("cv2", *_NEEDED)
     found = np.isfinite(corners).all(axis=1)
     if found.sum() < FEWEST_CORNERS:
         return None
-    args = camera.target_points[found], corners[found], camera.matrix, camera.distortion
+    args = camera.target_points[found], corners[found], *camera.config.intrinsics.opencv
     solved, turn, place = cv2.solvePnP(*args, flags=cv2.SOLVEPNP_ITERATIVE)
     if not solved:
         return None
@@ -75,10 +47,8 @@ def target_pose(camera: CameraObservations, corners: Floats) -> Pose | None:
     return Pose(matrix_from_rotvec(turn[:, 0]), np.asarray(place[:, 0], dtype=np.float64))
 
 
-def corner_information(
-    camera: CameraObservations, corners: Floats, pose: Pose
-) -> tuple[Floats, Floats]:
-    """What corners (K, 2) of unit noise tell of the camera, with the target at a pose in it.
+def corner_information(camera: CameraRecord, corners: Floats, pose: Pose) -> tuple[Floats, Floats]:
+    """Information in corners (K, 2) of unit noise about the pose of the camera.
 
     Returns:
         Information (6, 6) of p_target_camera and the rotation of R_target_camera in the camera's
@@ -87,14 +57,13 @@ def corner_information(
     Raises:
         InputError: OpenCV is not installed.
     """
-    cv2 = _opencv()
+    cv2 = optional("cv2", *_NEEDED)
     found = np.isfinite(corners).all(axis=1)
     R, p = pose.R, pose.t
     points = camera.target_points[found]
-    pixels, jacobian = cv2.projectPoints(
-        points, cv2.Rodrigues(R)[0], p, camera.matrix, camera.distortion
-    )
-    # Columns 3 to 5 are in the translation, which moves a point in the camera's frame as it is.
+    lens = camera.config.intrinsics
+    pixels, jacobian = cv2.projectPoints(points, cv2.Rodrigues(R)[0], p, *lens.opencv)
+    # Columns 3 to 5 are by the translation: also by the point in the camera's frame.
     of_point = jacobian[:, 3:6].reshape(-1, 2, 3)
     in_camera = points @ R.T + p
     of_place = np.broadcast_to(-R, (len(points), 3, 3))
@@ -102,7 +71,7 @@ def corner_information(
     return J.T @ J, np.asarray(corners[found] - pixels[:, 0])
 
 
-def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
+def camera_path(camera: CameraRecord) -> tuple[KinematicPath, Floats]:
     """Poses of the camera in the target's frame, and whitening matrices, (N, 6, 6).
 
     Raises:
@@ -126,12 +95,8 @@ def camera_path(camera: CameraObservations) -> tuple[KinematicPath, Floats]:
         )
     pixel = max(float(np.sqrt(squares / count)), _PIXEL_FLOOR)
     whiten = np.swapaxes(np.linalg.cholesky(np.array(information)), 1, 2) / pixel
-    track = Track(name="camera", kind="pose", t=camera.t[rows], values=np.array(values))
+    track = Track(name="camera", kind="pose", t=camera.stamp[rows], values=np.array(values))
     path = KinematicPath(
         world="target", parent="camera", steps=(PoseStep(track=0),), tracks=(track,)
     )
     return path, whiten
-
-
-def _opencv() -> Any:
-    return optional("cv2", "camera poses need", "study")

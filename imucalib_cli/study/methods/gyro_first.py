@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.published.filters import Instants
 from imucalib_cli.robot.rotations import nearest_rotation, vee
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
@@ -20,7 +21,7 @@ from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.contest import Answer
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -60,7 +61,18 @@ def calibrate_gyro_first(
     options = options or GyroFirstOptions()
     smooth = _smoothed(imu, options.window_seconds, options.degree)
     trajectory = Trajectory.of(path)
-    offset, evaluations = _rate_offset(smooth, trajectory, options)
+    offset, evaluations = options.time_offset, 0
+    if offset is None:  # by correlation, then by the least cost of the fit of the rates
+        from scipy.optimize import minimize_scalar
+
+        coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
+        fine = minimize_scalar(
+            lambda offset: _fit_rates(_derived(smooth, trajectory, offset))[2],
+            bounds=(coarse - _REFINE, coarse + _REFINE),
+            method="bounded",
+            options={"xatol": 1e-7},
+        )
+        offset, evaluations = float(fine.x), int(fine.nfev)
     motion = _derived(smooth, trajectory, offset)
     R_parent_imu, gyro_bias, _ = _fit_rates(motion)
     t_parent_imu, accel_bias, gravity = _fit_lever_arm(motion, R_parent_imu, options)
@@ -82,7 +94,7 @@ class _Smoothed:
 
     grid: ImuGrid
     samples: int
-    """Window, odd."""
+    """Length of the window, odd."""
     degree: int
     first: Indices
     """(N,), first row of each window."""
@@ -92,29 +104,11 @@ class _Smoothed:
     """(N, 3), m/s²."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Derived:
-    """Motion of the parent link, by Savitzky-Golay derivatives of its poses, and the IMU's."""
-
-    gyro: Floats
-    """(M, 3), rad/s, smoothed."""
-    accel: Floats
-    """(M, 3), m/s², smoothed."""
-    R: Floats
-    """(M, 3, 3), R_world_parent."""
-    rate: Floats
-    """(M, 3), angular rate in the parent frame, rad/s."""
-    R_acceleration: Floats
-    p_acceleration: Floats
-    """(M, 3), m/s²."""
-
-
 def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
-    """Smooth the IMU with the window that also differentiates the kinematics."""
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    if len(rows) < 10:
-        raise InputError(f"{len(rows)} usable IMU samples: record a longer log")
-    grid = imu_grid(imu.t[rows], imu.gyro[rows], imu.accel[rows])
+    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
+    if len(imu.t) < 10:
+        raise InputError(f"{len(imu.t)} usable IMU samples: record a longer log")
+    grid = imu_grid(imu.t, imu.gyro, imu.accel)
     samples = 2 * max(round(seconds / grid.dt / 2), (degree + 1) // 2 + 1) + 1
     starts = np.arange(len(grid.usable) - samples + 1)
     first = starts[all_hold(grid.usable, starts, samples)]
@@ -125,7 +119,11 @@ def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
     return _Smoothed(grid, samples, degree, first, gyro, accel)
 
 
-def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Derived:
+def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> Instants:
+    """Motion of the parent link by Savitzky-Golay derivatives of its poses, and the smoothed IMU.
+
+    Instants are stamped by the first sample of their window.
+    """
     t = imu.grid.t - time_offset
     covered = trajectory.covered(t)
     rows = np.flatnonzero(all_hold(covered, imu.first, imu.samples))
@@ -143,30 +141,19 @@ def _derived(imu: _Smoothed, trajectory: Trajectory, time_offset: float) -> _Der
         for order in range(3)
     )
     R, R_rate, R_acceleration = (x[:, :9].reshape(-1, 3, 3) for x in (value, rate, bent))
-    rate = vee(np.swapaxes(R, 1, 2) @ R_rate)
-    return _Derived(imu.gyro[rows], imu.accel[rows], R, rate, R_acceleration, bent[:, 9:])
-
-
-def _rate_offset(
-    smooth: _Smoothed, trajectory: Trajectory, options: GyroFirstOptions
-) -> tuple[float, int]:
-    """Time offset, s, by correlation and then by the least cost of the rates' fit; fits tried."""
-    if options.time_offset is not None:
-        return options.time_offset, 0
-    from scipy.optimize import minimize_scalar
-
-    coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
-
-    fine = minimize_scalar(
-        lambda offset: _fit_rates(_derived(smooth, trajectory, offset))[2],
-        bounds=(coarse - _REFINE, coarse + _REFINE),
-        method="bounded",
-        options={"xatol": 1e-7},
+    return Instants(
+        t=t[imu.first[rows]],
+        kept=np.ones(len(rows), dtype=bool),
+        R=R,
+        R_rate=R_rate,
+        R_acceleration=R_acceleration,
+        p_acceleration=bent[:, 9:],
+        accel=imu.accel[rows],
+        gyro=imu.gyro[rows],
     )
-    return float(fine.x), int(fine.nfev)
 
 
-def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
+def _fit_rates(motion: Instants) -> tuple[Floats, Floats, float]:
     """Least squares of derived - R (measured - bias) over R and bias; those and their mean.
 
     After subtraction of the means the bias drops out; what remains is Wahba's problem.
@@ -174,7 +161,7 @@ def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
     Source:
         Wahba, SIAM Review 7(3), 1965; solved by singular values (Markley, 1988).
     """
-    target, source = motion.rate, motion.gyro
+    target, source = vee(np.swapaxes(motion.R, 1, 2) @ motion.R_rate), motion.gyro
     target_mean, source_mean = target.mean(axis=0), source.mean(axis=0)
     R = nearest_rotation((target - target_mean).T @ (source - source_mean))
     bias = source_mean - R.T @ target_mean
@@ -183,7 +170,7 @@ def _fit_rates(motion: _Derived) -> tuple[Floats, Floats, float]:
 
 
 def _fit_lever_arm(
-    motion: _Derived, R_parent_imu: Floats, options: GyroFirstOptions
+    motion: Instants, R_parent_imu: Floats, options: GyroFirstOptions
 ) -> tuple[Floats, Floats, Floats]:
     """Lever arm, m, accelerometer bias and gravity in the world, m/s², rotation held.
 

@@ -10,8 +10,7 @@ on their difference.
 Two variants, because the text leaves much open; their numbers are in configs/studies/methods.yaml.
 As published, it integrates with the gyroscope bias from the first standstill, gravity from the
 values before each move, and zero velocity at its start. ``tuned`` uses all that start-stop motion
-offers:
-biases and gravity from the standstills at both ends, velocity zero at both, all images of a
+offers: biases and gravity from the standstills at both ends, velocity zero at both, all images of a
 standstill, the optimal rotation.
 """
 
@@ -24,18 +23,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec
+from imucalib_cli.robot.rotations import (
+    matrix_from_rotvec,
+    nearest_rotation,
+    rotvec_from_matrix,
+    skew,
+)
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
-from imucalib_cli.study.conditions import Pose
-from imucalib_cli.study.methods.answer import Answer
+from imucalib_cli.study.contest import Answer, Pose
 from imucalib_cli.study.methods.camera import target_pose
-from imucalib_cli.study.methods.hand_eye import Motions, Ransac, park_martin, ransac, tsai
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
+    from collections.abc import Callable
+
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.study.methods.camera import CameraObservations
+    from imucalib_cli.simulate.recording import CameraRecord
+
+FEWEST_MOTIONS = 3
+_SINGULAR = 1e-4
+"""Ratio of singular values below which motions do not determine X."""
+_ONE_AXIS = "the motions turn about one axis only: hand-eye calibration needs two"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,15 +59,14 @@ class LiangOptions:
     """m/s²."""
 
 
-def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangOptions) -> Answer:
+def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions) -> Answer:
     """Find the IMU's pose in the camera's optical frame; the target does not move.
 
     Raises:
         InputError: OpenCV is missing; too few moves between standstills at which the target is
             seen; or turns about one axis only.
     """
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    imu = replace(imu, t=imu.t[rows], gyro=imu.gyro[rows], accel=imu.accel[rows])
+    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
     if not stills:
         raise InputError("the IMU never stands still: this method needs start-stop motion")
@@ -68,19 +76,16 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     if options.tuned:
         accel_bias = static_accel_bias(stills, options.gravity_norm)
         gyro_bias = np.mean([still.gyro for still in stills], axis=0)
-    moved = [
-        (
-            _relative(first, last),
-            _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned),
-        )
-        for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True))
-        if first is not None and last is not None
-    ]
+    moved = []
+    for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True)):
+        if first is not None and last is not None:
+            R = first.R @ last.R.T  # of the camera's later frame in its earlier one
+            imu_moved = _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned)
+            moved.append((R, first.t - R @ last.t, imu_moved.R, imu_moved.p))
+    shapes = (-1, 3, 3), (-1, 3), (-1, 3, 3), (-1, 3)
+    columns = zip(*moved, strict=True) if moved else ((),) * 4
     motions = Motions(
-        np.array([a.R for a, _ in moved]).reshape(-1, 3, 3),
-        np.array([a.t for a, _ in moved]).reshape(-1, 3),
-        np.array([b.R for _, b in moved]).reshape(-1, 3, 3),
-        np.array([b.p for _, b in moved]).reshape(-1, 3),
+        *(np.array(each).reshape(shape) for each, shape in zip(columns, shapes, strict=True))
     )
     found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
     return Answer(
@@ -94,13 +99,13 @@ def calibrate_liang(imu: ImuSamples, camera: CameraObservations, options: LiangO
     )
 
 
-def _camera_pose(camera: CameraObservations, still: Still, *, tuned: bool) -> Pose | None:
+def _camera_pose(camera: CameraRecord, still: Still, *, tuned: bool) -> Pose | None:
     """Pose of the target in the camera during a standstill; None where it is not seen.
 
     As published, one image, the middle one; tuned, the mean of each corner over all images.
     """
     # Stamps of either clock: images only have to be in the right standstill.
-    inside = np.flatnonzero((camera.t >= still.start) & (camera.t <= still.end))
+    inside = np.flatnonzero((camera.stamp >= still.start) & (camera.stamp <= still.end))
     if len(inside) == 0:
         return None
     seen = camera.corners[inside]
@@ -135,12 +140,6 @@ def _displaced(
     corrections = matrix_from_rotvec(((t - t[0]) / length)[:, None] * tilt)
     level = integrate(t, gyro, accel, up, corrections)
     return replace(level, R=plain.R, p=level.p - 0.5 * length * level.velocity)
-
-
-def _relative(first: Pose, last: Pose) -> Pose:
-    """Motion of the camera: its later frame in its earlier one, from two poses of the target."""
-    R = first.R @ last.R.T
-    return Pose(R, first.t - R @ last.t)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +178,7 @@ class StillOptions:
 
 
 def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -> list[Still]:
-    """Find standstills from the IMU alone; t is even but for jitter."""
+    """Find standstills from the IMU alone; t is even except for jitter."""
     samples = max(round(options.window / float(np.median(np.diff(t)))), 4)
     if len(t) < 2 * samples:
         return []
@@ -205,15 +204,8 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
         if b - a < options.shortest or not inside.any():
             continue
         rows = slice(int(np.argmax(inside)), int(len(t) - np.argmax(inside[::-1])))
-        found.append(
-            Still(
-                rows,
-                float(t[rows][0]),
-                float(t[rows][-1]),
-                gyro[rows].mean(axis=0),
-                accel[rows].mean(axis=0),
-            )
-        )
+        span = float(t[rows][0]), float(t[rows][-1])
+        found.append(Still(rows, *span, gyro[rows].mean(axis=0), accel[rows].mean(axis=0)))
     return found
 
 
@@ -278,3 +270,131 @@ def static_accel_bias(stills: list[Still], gravity_norm: float) -> Floats:
         J = unbiased / norm[:, None] * weights[:, None]
         bias = bias + np.linalg.lstsq(J, (norm - gravity_norm) * weights, rcond=0.03)[0]
     return bias
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Relative motions of two frames on one body."""
+
+    R_a: Floats
+    """(N, 3, 3), A: first frame at the end of a motion as seen at its start."""
+    t_a: Floats
+    """(N, 3), m."""
+    R_b: Floats
+    """(N, 3, 3), B: the same of the second frame."""
+    t_b: Floats
+    """(N, 3), m."""
+
+    def __len__(self) -> int:
+        return len(self.t_a)
+
+    def only(self, which: Bools | Indices) -> Motions:
+        """Some of them."""
+        return Motions(self.R_a[which], self.t_a[which], self.R_b[which], self.t_b[which])
+
+
+def apart(X: Pose, motions: Motions) -> tuple[Floats, Floats]:
+    """Difference of the displacements, with the second frame at X in the first: m, rad, (N,)."""
+    place = (motions.R_a - np.eye(3)) @ X.t + motions.t_a - motions.t_b @ X.R.T
+    turn = np.swapaxes(motions.R_a, 1, 2) @ X.R @ motions.R_b @ X.R.T
+    return np.linalg.norm(place, axis=1), np.linalg.norm(rotvec_from_matrix(turn), axis=1)
+
+
+def tsai(motions: Motions) -> Pose:
+    """Rotation by modified Rodrigues vectors, then translation, both linear.
+
+    Raises:
+        InputError: The motions leave X open.
+
+    Source:
+        Tsai and Lenz, IEEE Transactions on Robotics and Automation 5(3), 1989, eq. 10 to 15.
+    """
+    a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
+    # 2 sin(angle / 2) along the axis; sinc is smooth at rest.
+    p_a, p_b = (v * np.sinc(np.linalg.norm(v, axis=1, keepdims=True) / (2 * np.pi)) for v in (a, b))
+    # tan of half the angle, along the axis of X.
+    half = _solve(skew(p_b + p_a).reshape(-1, 3), (p_b - p_a).ravel())
+    angle = 2.0 * np.arctan(np.linalg.norm(half))
+    axis = half / max(float(np.linalg.norm(half)), np.finfo(float).tiny)
+    return _with_translation(motions, matrix_from_rotvec(angle * axis))
+
+
+def park_martin(motions: Motions) -> Pose:
+    """Rotation by the least squares of rotation vectors (Wahba's problem), then translation.
+
+    Raises:
+        InputError: The motions leave X open.
+
+    Source:
+        Park and Martin, IEEE Transactions on Robotics and Automation 10(5), 1994.
+    """
+    a, b = rotvec_from_matrix(motions.R_a), rotvec_from_matrix(motions.R_b)
+    s = np.linalg.svd(a.T @ b, compute_uv=False)
+    if s[1] < _SINGULAR * s[0]:
+        raise InputError(_ONE_AXIS)
+    return _with_translation(motions, nearest_rotation(a.T @ b))
+
+
+def _with_translation(motions: Motions, R: Floats) -> Pose:
+    J = (motions.R_a - np.eye(3)).reshape(-1, 3)
+    return Pose(R, _solve(J, (motions.t_b @ R.T - motions.t_a).ravel()))
+
+
+def _solve(J: Floats, right: Floats) -> Floats:
+    x, _, _, s = np.linalg.lstsq(J, right, rcond=None)
+    if s[-1] < _SINGULAR * s[0]:
+        raise InputError(_ONE_AXIS)
+    return np.asarray(x)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ransac:
+    """Options of RANSAC."""
+
+    iterations: int
+    samples: int
+    """Motions per model."""
+    threshold_m: float
+    """Difference of displacements up to which a motion agrees."""
+    threshold_rad: float
+    seed: int = 0
+
+
+def ransac(
+    motions: Motions, solve: Callable[[Motions], Pose], options: Ransac
+) -> tuple[Pose, Bools]:
+    """The model that most motions agree with, solved again from these.
+
+    If fewer motions agree than a model needs, the model with the least median difference.
+
+    Returns:
+        X, and the motions used for it, (N,).
+
+    Raises:
+        InputError: There are too few motions, or no sample of them determines X.
+    """
+    if len(motions) < FEWEST_MOTIONS:
+        raise InputError(
+            f"{len(motions)} moves between standstills seen by the camera, need at least "
+            f"{FEWEST_MOTIONS}: record more start-stop moves before the target"
+        )
+    rng = np.random.default_rng(options.seed)
+    size = min(options.samples, len(motions))
+    best, agreeing, why = (np.inf, np.inf), np.ones(len(motions), dtype=bool), None
+    for _ in range(options.iterations):
+        chosen = rng.choice(len(motions), size, replace=False)
+        try:
+            model = solve(motions.only(chosen))
+        except InputError as error:
+            why = error
+            continue
+        place, turn = apart(model, motions)
+        agree = (place < options.threshold_m) & (turn < options.threshold_rad)
+        score = (-float(agree.sum()), float(np.median(place / options.threshold_m)))
+        if score < best:
+            best, agreeing = score, agree
+            if agree.sum() < FEWEST_MOTIONS:
+                agreeing = np.isin(np.arange(len(motions)), chosen)
+    if why is not None and best[0] == np.inf:
+        raise why
+    return solve(motions.only(agreeing)), agreeing

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import solveh_banded
 
 from imucalib_cli.errors import InputError
@@ -26,20 +27,9 @@ ORDER = DEGREE + 1
 """Control points that act on one instant; Kalibr's default order (Furgale et al., 2013)."""
 
 
-def _blending() -> Floats:
-    """(6, 6): weight of control point j is sum_p M[j, p] u^p on its segment, u from 0 to 1."""
-    matrix = np.zeros((ORDER, ORDER))
-    for j in range(ORDER):
-        # The cardinal spline's piece i = DEGREE - j, from truncated powers (x - k)_+^5 / 5!.
-        i = DEGREE - j
-        for k in range(i + 1):
-            sign = (-1) ** k * math.comb(ORDER, k) / math.factorial(DEGREE)
-            for p in range(ORDER):
-                matrix[j, p] += sign * math.comb(DEGREE, p) * float(i - k) ** (DEGREE - p)
-    return matrix
-
-
-_BLENDING = _blending()
+_PIECES = PPoly.from_spline(BSpline.basis_element(np.arange(ORDER + 1.0)).tck).c[:, DEGREE:-DEGREE]
+_BLENDING = _PIECES[::-1, ::-1].T
+"""(6, 6): the weight of control point j is sum_p M[j, p] u^p on its segment, u from 0 to 1."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -15,12 +14,11 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.load import load_system
-from imucalib_cli.study.conditions import Pose, Recorded, wrong_guess
+from imucalib_cli.study.contest import Pose, Recorded, wrong_guess
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.rows import chosen
 from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Claim, Column, claims_table, lay_out, number, text
+from imucalib_cli.study.tables import Claim, chosen, claims_table, lay_out, number, text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -50,7 +48,7 @@ _MARKS = 300
 
 @dataclass(frozen=True, kw_only=True)
 class Zoom:
-    """First and last instant of an enlarged panel, s, by system."""
+    """First and last instant of the enlarged panels, s, by system."""
 
     barbot: tuple[float, float]
     rihibot: tuple[float, float]
@@ -61,11 +59,11 @@ class DerivationCriteria:
     """Criteria of the claims, relative to the signal."""
 
     match: float
-    """A mismatch up to which curves match almost perfectly."""
+    """Largest mismatch with which curves match almost perfectly."""
     mismatch: float
-    """One over which they clearly do not."""
+    """Smallest clear mismatch."""
     gravity: float
-    """Least difference that is more than minimal."""
+    """Smallest difference that is more than minimal."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,11 +73,11 @@ class Comparison:
     t: Floats
     """(N,), s."""
     position: Floats
-    """(N,), m, of the IMU by the guess."""
+    """(N,), m, of the IMU with the guessed pose."""
     derived: Floats
     """(N,), m/s²."""
     measured: Floats
-    """(N,), m/s², as this filter smooths it, without gravity."""
+    """(N,), m/s², smoothed by this filter, without gravity."""
     kept: Bools
     """(N,), whether the filter's method uses the instant."""
 
@@ -107,7 +105,7 @@ class DerivationStudy(Study, Recorded):
     claims: DerivationCriteria
 
     def cells(self) -> list[Cell]:
-        """Every figure by either filter at every window."""
+        """Every figure with either filter at every window."""
         exclusions = {"paper": self.exclusions, "matched": (None,)}
         return grid(
             figure=PLATES,
@@ -122,31 +120,29 @@ class DerivationStudy(Study, Recorded):
         found = self._compared(*setting, cell["exclusion"] or 0.0)
         brusque, apart = self._brusque(found), found.mismatch
         system, weightless = PLATES[cell["figure"]][0], None
-        if load_system(system).gravity:  # the same motion without it
+        if load_system(system).gravity:  # the same motion without gravity
             light = self._compared(*setting, gravity=0.0)
             weightless = _rms(light.mismatch[~self._brusque(light)])
-        row: Row = {
-            "signal": _rms(found.derived),
-            "all": _rms(apart),
-            "starts_stops": _rms(apart[brusque]),
-            "elsewhere": _rms(apart[~brusque]),
-            "largest": float(np.abs(apart).max()),
-            "kept": _rms(apart[found.kept]),
-            "excluded": float(np.mean(~found.kept)),
-            "weightless": weightless,
-            "system": system,
-        }
-        return [cell | row]
+        return [
+            cell
+            | {
+                "signal": _rms(found.derived),
+                "all": _rms(apart),
+                "starts_stops": _rms(apart[brusque]),
+                "elsewhere": _rms(apart[~brusque]),
+                "largest": float(np.abs(apart).max()),
+                "kept": _rms(apart[found.kept]),
+                "excluded": float(np.mean(~found.kept)),
+                "weightless": weightless,
+                "system": system,
+            }
+        ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
         """The mismatches, and what the paper says about its figures."""
-
-        def plate(line: Sequence[Row]) -> str:
-            figure = line[0]["figure"]
-            return f"{figure}: {', '.join(PLATES[figure])}"
-
-        columns: tuple[Column, ...] = (
-            ("figure", plate),
+        plates = {figure: f"{figure}: {', '.join(words)}" for figure, words in PLATES.items()}
+        columns = (
+            ("figure", lambda line: plates[line[0]["figure"]]),
             text("window"),
             text("filter"),
             number("exclusion", "excluded over"),
@@ -168,7 +164,7 @@ class DerivationStudy(Study, Recorded):
         return [table, claims_table("Claims of section 4.2", self._claims(rows))]
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
-        """One a figure of the paper."""
+        """One for each figure of the paper."""
         del rows
         return {f"figure-{number}": partial(self._draw, number) for number in PLATES}
 
@@ -193,13 +189,9 @@ class DerivationStudy(Study, Recorded):
     ) -> Comparison:
         system, error = PLATES[figure]
         recording = clean_recording(system, replace(self.physics, gravity=gravity))
-        wrong = float(error == "initial error")
-        guess = wrong_guess(
-            recording,
-            wrong * self.initial_translation,
-            wrong * math.radians(self.initial_rotation_deg),
-            self.initial_seed,
-        )
+        sizes = self.initial_translation, self.initial_rotation_deg
+        wrong = sizes if error == "initial error" else (0.0, 0.0)
+        guess = wrong_guess(recording, *wrong, self.initial_seed)
         if name == "matched":
             return compared_by_matched(recording, guess, window)
         return compared_by_paper(recording, guess, window, exclusion)
@@ -209,14 +201,18 @@ class DerivationStudy(Study, Recorded):
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
         criteria = self.claims
+
+        def share(row: Row, key: str) -> float:
+            return float(row[key] / row["signal"])
+
         for name in FILTERS:
             for window in self.windows:
                 mine = chosen(rows, filter=name, window=window)
                 # The exclusion changes neither the filters nor these figures.
                 bar, wrong, arm = (chosen(mine, figure=number)[0] for number in PLATES)
-                calm, near = _share(bar, "elsewhere"), _share(bar, "starts_stops")
-                off, true = _share(wrong, "all"), _share(bar, "all")
-                heavy, light = _share(arm, "elsewhere"), _share(arm, "weightless")
+                calm, near = share(bar, "elsewhere"), share(bar, "starts_stops")
+                off, true = share(wrong, "all"), share(bar, "all")
+                heavy, light = share(arm, "elsewhere"), share(arm, "weightless")
                 yield Claim(
                     words=f"{name}: figure 5, window {window}: matches almost perfectly "
                     f"({criteria.match:.0%} of the signal) but for starts and stops",
@@ -235,10 +231,6 @@ class DerivationStudy(Study, Recorded):
                     found=f"{heavy:.2%} elsewhere, {light:.2%} without gravity",
                     met=abs(heavy - light) < criteria.gravity,
                 )
-
-
-def _share(row: Row, key: str) -> float:
-    return float(row[key] / row["signal"])
 
 
 def _rms(values: Floats) -> float | None:
@@ -268,7 +260,7 @@ def compared_by_paper(
 
 
 def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Comparison:
-    """The matched filters: measurements are averaged by the kernel of the derivative; no gaps."""
+    """The matched filters: the kernel of the derivative averages the measurements; no gaps."""
     imu, path = streams_of(recording)
     trajectory = Trajectory.of(path)
     inside = trajectory.covered(imu.t)
@@ -310,31 +302,26 @@ def draw_comparison(
         near = (one.t >= zoom[0]) & (one.t <= zoom[1])
         _line(panel[0], one.t, one.position, COLOURS[2], "position")
         panel[0].set_ylabel("x, m")
-        _pair(panel[1], one, np.ones(len(one.t), dtype=bool))
-        _pair(panel[2], one, near)
+        for axes, shown in ((panel[1], np.ones_like(near)), (panel[2], near)):
+            _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
+            _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", linestyle="--")
+            t, y = one.t[shown & ~one.kept], one.derived[shown & ~one.kept]
+            if len(t):
+                every = max(len(t) // _MARKS, 1)
+                look: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 3.0}
+                axes.plot(t[::every], y[::every], color=COLOURS[6], label="excluded", **look)
+            axes.set_ylabel("acceleration, m/s²")
         _line(panel[3], one.t[near], one.mismatch[near], COLOURS[6], "derived less measured")
         panel[3].set_ylabel("m/s²")
         panel[3].set_xlabel("s")
         for axes in panel:
             axes.legend(loc="upper right", fontsize=7)
     bottom = panels[3 * len(found) :]
-    lowest, highest = zip(*(axes.get_ylim() for axes in bottom), strict=True)
+    limits = [limit for axes in bottom for limit in axes.get_ylim()]
     for axes in bottom:
-        axes.set_ylim(min(lowest), max(highest))
+        axes.set_ylim(min(limits), max(limits))
     figure.suptitle(title)
     save_svg(figure, path)
-
-
-def _pair(axes: Axes, one: Comparison, shown: Bools) -> None:
-    _line(axes, one.t[shown], one.derived[shown], COLOURS[1], "derived")
-    _line(axes, one.t[shown], one.measured[shown], COLOURS[0], "measured", linestyle="--")
-    dropped = shown & ~one.kept
-    if dropped.any():
-        every = max(int(dropped.sum()) // _MARKS, 1)
-        t, y = one.t[dropped][::every], one.derived[dropped][::every]
-        marks: dict[str, Any] = {"linestyle": "", "marker": "x", "markersize": 3.0}
-        axes.plot(t, y, color=COLOURS[6], label="excluded", **marks)
-    axes.set_ylabel("acceleration, m/s²")
 
 
 def _line(

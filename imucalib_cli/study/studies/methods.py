@@ -6,13 +6,14 @@ Every method runs alone in a fresh process, on the same recording and the same n
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from imucalib_cli.results.pose import pose_error
+from imucalib_cli.estimate.matched import calibrate_matched
+from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
@@ -20,53 +21,66 @@ from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, Pose, paper_settings, setting_words
-from imucalib_cli.study.contest import NO_ERRORS
-from imucalib_cli.study.methods.bspline import BSplineOptions
-from imucalib_cli.study.methods.camera import observations_of
-from imucalib_cli.study.methods.entrants import ENTRANTS, Given, enter
-from imucalib_cli.study.methods.gyro_first import GyroFirstOptions
-from imucalib_cli.study.methods.hand_eye import (  # noqa: TC001 - types of fields, checked when read
+from imucalib_cli.study.contest import (
+    Answer,
+    Conditioned,
+    Pose,
+    calibrate_published,
+    errors_of,
+    exact_system,
+    paper_settings,
+    pose_only,
+    setting_words,
+)
+from imucalib_cli.study.methods.bspline import (
+    BSplineOptions,
+    calibrate_bspline,
+    calibrate_bspline_camera,
+)
+from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
+from imucalib_cli.study.methods.liang import (
+    LiangOptions,
     Ransac,
+    StillOptions,
+    calibrate_liang,
 )
-from imucalib_cli.study.methods.liang import LiangOptions, StillOptions
 from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
-from imucalib_cli.study.rows import (
-    DEGREES,
-    ERRORS,
-    best_setting,
-    chosen,
-    mean,
-    mean_error,
-    over_bound,
-)
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
+    DEGREES,
     ERROR_COLUMNS,
+    ERRORS,
     Claim,
     Column,
+    chosen,
     claims_table,
     count,
     digits,
+    in_best_setting,
     lay_out,
+    mean,
+    mean_error,
+    over_bound,
     statistic,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from imucalib_cli.estimate.options import PaperOptions
-    from imucalib_cli.simulate.recording import Recording
+    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.simulate.recording import CameraRecord, Recording
     from imucalib_cli.study.alone import Cost
-    from imucalib_cli.study.methods.answer import Answer
     from imucalib_cli.study.study import Cell, Row
     from imucalib_cli.study.tables import Table
 
 _LIBRARIES = ("scipy.optimize", "scipy.linalg", "scipy.signal", "cv2")
-"""Whose import is not a method's cost."""
+"""Libraries whose import is not a cost of a method."""
 _MEGABYTES = 1e-6
 _CONTENDERS = {"paper": "paper", "ours, pose only": "matched, pose only", "ours": "matched"}
-"""Who is held against others, and the name that other studies have for it."""
+"""The methods that claims compare with others, with their names in other studies."""
 _LIANG, _CORNERS = "hand-eye + RANSAC (Liang)", "B-spline batch, corners"
 _RIVALS = {
     _CORNERS: "a B-spline batch of Kalibr's kind on corners",
@@ -75,9 +89,100 @@ _RIVALS = {
 }
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Given:
+    """Data of one recording for all methods, and their options; each method uses part of it."""
+
+    imu: ImuSamples
+    path: KinematicPath
+    camera: CameraRecord
+    gravity_norm: float
+    """m/s²."""
+    nominal: Pose
+    """Of the IMU in its parent link as the URDF states it: the published method's guess."""
+    spline: BSplineOptions
+    """With the IMU's noise from its data sheet."""
+    few_knots_per_second: float
+    """Options of the spline for a user who knows that this motion needs no more knots."""
+    gyro_first: GyroFirstOptions
+    liang: LiangOptions
+    liang_tuned: LiangOptions
+
+
+@dataclass(frozen=True)
+class Entrant:
+    """A method of the comparison."""
+
+    data: str
+    """Its data besides the IMU."""
+    unknowns: str
+    call: Callable[[Given, PaperOptions | None], Answer]
+    """Takes a setting too, which only the published method has."""
+
+
+def _spline(given: Given, **changes: object) -> Answer:
+    options = replace(given.spline, **changes)  # type: ignore[arg-type]
+    return calibrate_bspline(given.imu, given.path, options)
+
+
+def _matched(given: Given, options: MatchedOptions) -> Answer:
+    return _answer(calibrate_matched(given.imu, given.path, options))
+
+
+def _published(given: Given, setting: PaperOptions | None) -> Answer:
+    start = setting or PaperOptions(), given.nominal, given.gravity_norm
+    return _answer(calibrate_published(given.imu, given.path, *start))
+
+
+def _answer(estimate: Estimate) -> Answer:
+    evaluations = estimate.notes.get("evaluations")
+    return Answer(
+        frame="parent",
+        R_frame_imu=estimate.R_parent_imu,
+        t_frame_imu=estimate.t_parent_imu,
+        time_offset=None if estimate.time_offset_std is None else estimate.time_offset,
+        evaluations=int(evaluations) if isinstance(evaluations, int | float) else 1,
+    )
+
+
+_ALL = "pose, biases, tilt, offset"
+ENTRANTS: dict[str, Entrant] = {
+    "paper": Entrant("poses", "pose", _published),
+    "ours, pose only": Entrant(
+        "poses", "pose", lambda g, _: _matched(g, pose_only(g.gravity_norm))
+    ),
+    "B-spline batch, pose only": Entrant(
+        "poses", "pose", lambda g, _: _spline(g, gravity="fixed", time_offset=0.0, biases=False)
+    ),
+    "ours": Entrant("poses", _ALL, lambda g, _: _matched(g, exact_system(g.gravity_norm))),
+    "B-spline batch": Entrant("poses", _ALL, lambda g, _: _spline(g)),
+    "B-spline batch, few knots": Entrant(
+        "poses", _ALL, lambda g, _: _spline(g, knots_per_second=g.few_knots_per_second)
+    ),
+    "gyro-first hand-eye": Entrant(
+        "poses", _ALL, lambda g, _: calibrate_gyro_first(g.imu, g.path, g.gyro_first)
+    ),
+    "B-spline batch, corners": Entrant(
+        "corners", _ALL, lambda g, _: calibrate_bspline_camera(g.imu, g.camera, g.spline)
+    ),
+    "hand-eye + RANSAC (Liang)": Entrant(
+        "corners", "pose, gyro bias", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang)
+    ),
+    "hand-eye + RANSAC, tuned": Entrant(
+        "corners", "pose, biases", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang_tuned)
+    ),
+}
+"""The methods by their names in tables."""
+
+
+def enter(name: str, setting: PaperOptions | None, given: Given) -> Answer:
+    """Run a method, the published one in a setting; a function that other processes can import."""
+    return ENTRANTS[name].call(given, setting)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Quoted:
-    """Figures of others, shown as such."""
+    """Figures that others report, shown as such."""
 
     condition: str
     method: str
@@ -88,10 +193,10 @@ class Quoted:
 
 @dataclass(frozen=True, kw_only=True)
 class MethodsCriteria:
-    """By which claims are judged, as configs/studies/methods.yaml states them."""
+    """Criteria of the claims."""
 
     conditions: tuple[str, ...]
-    """Those that the paper speaks of."""
+    """The conditions of which the paper speaks."""
     liang_rotation_deg: float
 
 
@@ -126,7 +231,7 @@ class MethodsStudy(Study, Conditioned):
 
     @property
     def paper_settings(self) -> tuple[PaperOptions, ...]:
-        """All that the published method is run with."""
+        """All settings of the published method."""
         return paper_settings(self.paper_windows, self.paper_exclusions, self.paper_residuals)
 
     def cells(self) -> list[Cell]:
@@ -152,8 +257,7 @@ class MethodsStudy(Study, Conditioned):
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One a condition, and the claims."""
-        criteria, conditions = self.claims, self.conditions
+        """One for each condition, and the claims."""
         note = (
             "Errors of T_camera_imu, mean ± standard deviation over seeds, as norm and geodesic "
             "angle; |mean Δxyz| and mean |rpy| are the averages that the paper's tool reports, "
@@ -166,13 +270,9 @@ class MethodsStudy(Study, Conditioned):
             "best of its settings by the truth: for translation in the table, for each error in "
             "the claims. The B-spline batch on corners is of Kalibr's kind, not Kalibr."
         )
-        first, *others = (self._table(rows, condition.name) for condition in conditions)
-        claims = [
-            claim
-            for condition in conditions
-            if condition.name in criteria.conditions
-            for claim in self._claims(rows, condition.name)
-        ]
+        first, *others = (self._table(rows, name) for name in self.names)
+        judged = [name for name in self.names if name in self.claims.conditions]
+        claims = [claim for name in judged for claim in self._claims(rows, name)]
         return [
             replace(first, note=f"{note} {first.note}".strip()),
             *others,
@@ -185,32 +285,22 @@ class MethodsStudy(Study, Conditioned):
         table = lay_out(
             f"camera-IMU transform, {condition}",
             _COLUMNS,
-            [best_setting(chosen(mine, method=method), mean_error()) for method in ENTRANTS],
+            [in_best_setting(chosen(mine, method=method), mean_error()) for method in ENTRANTS],
             " ".join(f"{method}: {why}." for method, why in whys),
         )
-        unknowns = ENTRANTS[_CORNERS].unknowns
-        quoted = tuple(
-            (
-                q.method,
-                "images",
-                unknowns,
-                q.translation,
-                "-",
-                q.rotation,
-                *"---",
-                q.seconds,
-                *"---",
-            )
+        images = "images", ENTRANTS[_CORNERS].unknowns
+        quoted = [
+            (q.method, *images, q.translation, "-", q.rotation, *"---", q.seconds, *"---")
             for q in self.quoted
             if q.condition == condition
-        )
+        ]
         return replace(table, rows=(*table.rows, *quoted))
 
     def _claims(self, rows: Sequence[Row], condition: str) -> Iterator[Claim]:
         def error(method: str, key: str, scale: float) -> float:
-            """Mean, the published method in the setting that is best for this error."""
+            """Mean error, of the published method in the best setting for this error."""
             mine = chosen(rows, condition=condition, method=method)
-            return scale * mean(best_setting(mine, mean_error(key)), key)
+            return scale * mean(in_best_setting(mine, mean_error(key)), key)
 
         rivals: dict[str, dict[str, float]] = {
             words: {key: error(rival, key, scale) for key, scale, _ in ERRORS}
@@ -244,28 +334,20 @@ def _name(rows: Sequence[Row]) -> str:
     return str(method) if setting is None else f"{method} ({setting})"
 
 
-def _entrant(header: str, key: Literal["data", "unknowns"]) -> Column:
-    return header, lambda rows: str(getattr(ENTRANTS[rows[0]["method"]], key))
-
-
-def _over_bound(key: str) -> Column:
-    """There is one for methods on poses only."""
-
-    def cell(rows: Sequence[Row]) -> str:
-        on_poses = ENTRANTS[rows[0]["method"]].data == "poses"
-        return digits(over_bound(rows, key)) if on_poses else "-"
-
-    return "over bound", cell
+def _over_bound(rows: Sequence[Row], key: str) -> float:
+    """Only methods on poses have a bound."""
+    on_poses = ENTRANTS[rows[0]["method"]].data == "poses"
+    return over_bound(rows, key) if on_poses else math.nan
 
 
 _COLUMNS: tuple[Column, ...] = (
     ("method", _name),
-    _entrant("data beside the IMU", "data"),
-    _entrant("unknowns", "unknowns"),
+    ("data beside the IMU", lambda rows: ENTRANTS[rows[0]["method"]].data),
+    ("unknowns", lambda rows: ENTRANTS[rows[0]["method"]].unknowns),
     ERROR_COLUMNS[0],
-    _over_bound("translation"),
+    statistic("over bound", _over_bound, "translation"),
     ERROR_COLUMNS[1],
-    _over_bound("rotation"),
+    statistic("over bound", _over_bound, "rotation"),
     *ERROR_COLUMNS[2:],
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
@@ -275,7 +357,7 @@ _COLUMNS: tuple[Column, ...] = (
 
 
 def _number(quoted: str) -> float:
-    """A figure that is quoted; NaN where it is a range or none."""
+    """A quoted figure; NaN if it is a range or a dash."""
     try:
         return float(quoted)
     except ValueError:
@@ -283,7 +365,7 @@ def _number(quoted: str) -> float:
 
 
 def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
-    """What methods are given of a recording with a camera; the seed is of RANSAC's draws.
+    """The inputs of the methods from a recording with a camera; the seed is of RANSAC's draws.
 
     Raises:
         ValueError: The recording has no camera.
@@ -304,7 +386,7 @@ def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
     return Given(
         imu=imu,
         path=path,
-        camera=observations_of(recording.camera),
+        camera=recording.camera,
         gravity_norm=norm,
         nominal=Pose(matrix_from_rpy(nominal.rpy), np.array(nominal.xyz)),
         spline=BSplineOptions(
@@ -328,18 +410,19 @@ def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
 
 
 def row_of(cost: Cost[Answer], recording: Recording) -> Row:
-    """Errors of T_camera_imu, and what they cost.
+    """Errors of T_camera_imu, and the cost of the answer.
 
     Raises:
-        InputError: The camera is not on the IMU's link.
+        InputError: The camera is not on the link of the IMU.
     """
-    row = {key: value for key, value in vars(cost).items() if key != "value"}
     answer = cost.value
-    if answer is None:
-        return row | NO_ERRORS | {"time_offset": None, "evaluations": None}
-    found = answer.R_frame_imu, answer.t_frame_imu
-    if answer.frame == "parent":
-        found = seen_from_camera(recording, *found)
     truth = seen_from_camera(recording, recording.R_parent_imu, recording.t_parent_imu)
-    effort: Row = {"time_offset": answer.time_offset, "evaluations": answer.evaluations}
-    return row | asdict(pose_error(*found, *truth)) | effort
+    found = answer and (answer.R_frame_imu, answer.t_frame_imu)
+    if answer and answer.frame == "parent":
+        found = seen_from_camera(recording, answer.R_frame_imu, answer.t_frame_imu)
+    return {
+        **{key: value for key, value in vars(cost).items() if key != "value"},
+        **errors_of(Pose(*found) if found else None, Pose(*truth)),
+        "time_offset": answer and answer.time_offset,
+        "evaluations": answer and answer.evaluations,
+    }

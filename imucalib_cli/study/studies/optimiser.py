@@ -1,15 +1,15 @@
 """Which optimiser: the paper names one class of them and leaves the choice open.
 
-On the published method's residuals, those of scipy, the least sum of absolute values that its
-words ask for, and robust losses; on the matched filters', those of scipy and our reduced solve.
-From guesses of several sizes, each optimiser on the same residuals.
+On the residuals of the published method: scipy's optimisers, the least sum of absolute values, for
+which its text asks, and robust losses. On those of the matched filters: scipy's optimisers and our
+reduced solve. Each optimiser starts from guesses of several sizes, on the same residuals.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -23,42 +23,48 @@ from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.estimate.solution.robust import residual_scales
 from imucalib_cli.estimate.solution.solve import Known, solve_globally
 from imucalib_cli.estimate.window_choice import choose_window
-from imucalib_cli.results.pose import pose_error
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, Pose, wrong_guess
-from imucalib_cli.study.contest import NO_ERRORS, pose_only
+from imucalib_cli.study.contest import Conditioned, Pose, errors_of, pose_only, wrong_guess
 from imucalib_cli.study.figures import COLOURS, label_logarithmic, new_figure, save_svg
-from imucalib_cli.study.optimisers import OPTIMISERS, Cost, solve_by
-from imucalib_cli.study.pose_cost import PoseCost, matched_cost, published_cost
+from imucalib_cli.study.optimisers import (
+    OPTIMISERS,
+    PoseCost,
+    matched_cost,
+    published_cost,
+    solve_by,
+)
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.rows import (
+from imucalib_cli.study.study import Study, grid
+from imucalib_cli.study.tables import (
     DEGREES,
     MILLIMETRES,
+    Column,
     chosen,
     column,
+    digits,
     groups,
+    lay_out,
     median,
     over_bound,
     root_mean_square,
+    statistic,
+    text,
 )
-from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Column, digits, lay_out, statistic, text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.study import Cell, Draw, Row
     from imucalib_cli.study.tables import Table
 
 
 _FIRST_SCALES = (0.05, 0.005)
-"""m/s² and rad/s: how the matched residuals are weighted before they tell themselves."""
+"""m/s² and rad/s: weights of the matched residuals before their spread is known."""
 _NOTE = (
     "Root mean square over seeds; over bound is its ratio to the Cramér-Rao bound of white noise "
     "with the pose alone unknown. Excess is how far what is least stays, at worst, above the least "
@@ -114,41 +120,43 @@ class OptimiserStudy(Study, Conditioned):
         """All optimisers on one recording from one guess."""
         seed = cell["seed"]
         clean = clean_recording(cell["system"], self.physics)
+        truth = Pose(clean.R_parent_imu, clean.t_parent_imu)
         noise = self.condition_of(cell).sensors
         size = next(size for size in self.guesses if size.words == cell["guess"])
-        guess = wrong_guess(clean, size.translation, math.radians(size.rotation_deg), seed)
-        costs, seconds = self._prepare(corrupt(clean, noise, seed), guess)
+        guess = wrong_guess(clean, size.translation, size.rotation_deg, seed)
+        prepared = self._prepare(corrupt(clean, noise, seed), guess)
         bound = bound_columns(clean, noise, alone=True)
         rows: list[Row] = []
         for optimiser in OPTIMISERS:
-            names: Row = {
+            cost, preparation = prepared[optimiser.cost.removesuffix(", scaled")]
+            pose, failure = None, None
+            effort: Row = dict.fromkeys(("value", "evaluations", "seconds"))
+            try:
+                pose, effort = solve_by(optimiser, cost, guess)
+            except InputError as error:  # a linear program that is not solved
+                failure = str(error)
+            row: Row = {
                 "residuals": optimiser.cost,
                 "least": optimiser.kind,
                 "optimiser": optimiser.name,
-                "preparation": seconds["matched" if optimiser.cost == "matched" else "published"],
+                "preparation": preparation,
+                **errors_of(pose, truth),
+                **effort,
+                "failure": failure,
             }
-            found: Row
-            try:
-                pose, effort = solve_by(optimiser, costs, guess)
-            except InputError as error:  # a linear program that is not solved
-                found = NO_ERRORS | dict.fromkeys(("value", "evaluations", "seconds"))
-                found |= {"found": False, "failure": str(error)}
-            else:
-                apart = pose_error(pose.R, pose.t, clean.R_parent_imu, clean.t_parent_imu)
-                found = {
-                    **asdict(apart),
-                    "found": apart.translation <= self.found_translation
-                    and apart.rotation <= math.radians(self.found_rotation_deg),
-                    **effort,
-                    "failure": None,
-                }
-            rows.append(cell | names | found | bound)
+            row["found"] = (
+                pose is not None
+                and row["translation"] <= self.found_translation
+                and row["rotation"] <= math.radians(self.found_rotation_deg)
+            )
+            rows.append(cell | row | bound)
         return rows
 
-    def _prepare(
-        self, recording: Recording, guess: Pose
-    ) -> tuple[dict[Cost, PoseCost], dict[Cost, float]]:
-        """Residuals by whose they are, and the seconds that filtering for them took."""
+    def _prepare(self, recording: Recording, guess: Pose) -> dict[str, tuple[PoseCost, float]]:
+        """Residuals of the published method and of ours, each with the seconds of filtering.
+
+        In ours each sensor is weighted by its own spread, as the estimator weights it.
+        """
         imu, path = streams_of(recording)
         norm = float(np.linalg.norm(recording.gravity_world))
         begun = time.perf_counter()
@@ -164,25 +172,28 @@ class OptimiserStudy(Study, Conditioned):
         degree = MatchedOptions().degree
         length, _ = choose_window(WindowChoice(), imu_grid, trajectory, degree)
         windowing = Windowing(imu_grid, trajectory, plan_windows(length, degree, imu_grid.dt))
-        matched = _weighted(windowing, recording.gravity_world)
-        ended = time.perf_counter()
-        return {"published": published, "matched": matched}, {
-            "published": between - begun,
-            "matched": ended - between,
-        }
+        centres = windowing.centres(0.0)
+        windows = windowing.rows(0.0, centres)
+        gains = windowing.plan.noise_gains
+        known = Known.of(pose_only(norm))
+        normal = windows.normal_matrix(np.array(_FIRST_SCALES) / gains, np.ones(len(centres)))
+        x = solve_globally(normal, known).x
+        accel, gyro = residual_scales(np.concatenate(windows.residuals(x), axis=1))
+        matched = matched_cost(windows, x[columns.G], accel / gains[0], gyro / gains[1])
+        seconds = between - begun, time.perf_counter() - between
+        return {"published": (published, seconds[0]), "matched": (matched, seconds[1])}
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Errors and effort from the nearest guess; then what guesses are good enough."""
+        """Errors and effort from the nearest guess; then how often each guess is good enough."""
         nearest = self.guesses[0].words
         made = []
-        for system in self.systems:
-            for condition in self.conditions:
-                mine = chosen(rows, system=system, condition=condition.name)
-                title = f"{system}: {condition.name}"
-                made += [
-                    errors_table(chosen(mine, guess=nearest), f"{title}, from {nearest}"),
-                    guesses_table(mine, f"{title}, by the size of the guess's error"),
-                ]
+        for cell in grid(system=self.systems, condition=self.names):
+            mine = chosen(rows, **cell)
+            title = f"{cell['system']}: {cell['condition']}"
+            made += [
+                errors_table(chosen(mine, guess=nearest), f"{title}, from {nearest}"),
+                guesses_table(mine, f"{title}, by the size of the guess's error"),
+            ]
         return made
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
@@ -194,27 +205,15 @@ class OptimiserStudy(Study, Conditioned):
         }
 
 
-def _weighted(windowing: Windowing, gravity_world: Floats) -> PoseCost:
-    """The matched residuals, each sensor by its own spread, as the estimator weights them."""
-    centres = windowing.centres(0.0)
-    rows = windowing.rows(0.0, centres)
-    gains = windowing.plan.noise_gains
-    known = Known.of(pose_only(float(np.linalg.norm(gravity_world))))
-    normal = rows.normal_matrix(np.array(_FIRST_SCALES) / gains, np.ones(len(centres)))
-    x = solve_globally(normal, known).x
-    accel, gyro = residual_scales(np.concatenate(rows.residuals(x), axis=1))
-    return matched_cost(rows, x[columns.G], accel / gains[0], gyro / gains[1])
-
-
 _NAMES = ("residuals", "least", "optimiser")
-"""What tells an optimiser from the others."""
+"""Columns that identify an optimiser."""
 
 
 def errors_table(rows: Sequence[Row], title: str) -> Table:
     """Error, excess and effort of each optimiser, under one condition from one guess."""
 
     def excess(mine: Sequence[Row]) -> str:
-        """Largest of what is least over the least found by anyone, less one."""
+        """Largest ratio of the cost found to the least that any optimiser found, minus one."""
         worst = 0.0
         for row in mine:
             same = chosen(rows, residuals=row["residuals"], least=row["least"], seed=row["seed"])
@@ -224,7 +223,7 @@ def errors_table(rows: Sequence[Row], title: str) -> Table:
             worst = max(worst, row["value"] / max(min(values), 1e-300) - 1.0)
         return digits(worst)
 
-    shown: tuple[Column, ...] = (
+    shown = (
         *map(text, _NAMES),
         statistic("translation mm", root_mean_square, "translation", MILLIMETRES),
         statistic("over bound", over_bound, "translation"),
@@ -255,7 +254,7 @@ def guesses_table(rows: Sequence[Row], title: str) -> Table:
 
 
 def draw_optimisers(rows: Sequence[Row], path: Path) -> None:
-    """Error and time, a bar an optimiser; a row of panels a condition."""
+    """Error and time as a bar for each optimiser; a row of panels for each condition."""
     conditions = groups(rows, "condition")
     figure, panels = new_figure(len(conditions), 2, size=(11.0, 4.2 * len(conditions)))
     for place, mine in enumerate(conditions):

@@ -1,7 +1,7 @@
 """Sweep one parameter with everything else fixed: conditions, methods and seeds on a grid.
 
-Studies of questions that the paper leaves open. Each defines only the effect of its parameter.
-Every error is shown with the Cramér-Rao bound for the unknowns of its method.
+These are studies of questions that the paper leaves open. Each states what it varies. Every error
+is shown with the Cramér-Rao bound for the unknowns of its method.
 """
 
 from __future__ import annotations
@@ -9,52 +9,45 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.conditions import Conditioned, paper_settings, wrong_guess
-from imucalib_cli.study.contest import METHODS, contest
+from imucalib_cli.study.contest import METHODS, Conditioned, contest, paper_settings, wrong_guess
 from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.rows import (
-    ERRORS,
-    MILLIMETRES,
-    best_setting,
-    chosen,
-    groups,
-    mean,
-    over_bound,
-    root_mean_square,
-    worst,
-)
 from imucalib_cli.study.study import Draw, Row, Study, grid
 from imucalib_cli.study.tables import (
-    Column,
+    ERRORS,
+    MILLIMETRES,
     Table,
     answered,
+    chosen,
     count,
     digits,
+    groups,
+    in_best_setting,
     lay_out,
+    mean,
     number,
+    over_bound,
+    root_mean_square,
     statistic,
     text,
+    worst,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from matplotlib.axes import Axes
-
     from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
     from imucalib_cli.study.study import Cell
-
-T = TypeVar("T", "NoiseOptions", "PhysicsOptions")
+    from imucalib_cli.study.tables import Column
 
 NOTE = (
     "Of all tables: root mean square over seeds; over bound is its ratio to the Cramér-Rao bound "
@@ -78,15 +71,15 @@ class Setup:
 
 @dataclass(frozen=True)
 class Part:
-    """One of a study's sweeps."""
+    """One of the sweeps of a study."""
 
     name: str
     parameter: str
-    """Of the study, that has the values."""
+    """The parameter of the study that has the values."""
     words: str
     """What is swept, with its unit, for headers and axes; may name other parameters."""
     options: tuple[str, ...]
-    """Of sensors or simulation, that take each value; a vector takes it as its norm."""
+    """Options of sensors or simulation that take each value; a vector takes it as its norm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +87,7 @@ class Sweep(Study, Conditioned):
     """A study with one parameter on the abscissa."""
 
     note: ClassVar[str]
-    """What its tables need said, beside what all sweeps say."""
+    """Note of its tables, after the note of all sweeps."""
     parts: ClassVar[tuple[Part, ...]]
     systems: tuple[str, ...]
     paper_windows: tuple[int, ...]
@@ -108,7 +101,7 @@ class Sweep(Study, Conditioned):
         return {part.name: part.words.format_map(vars(self)) for part in self.parts}
 
     def values(self, part: Part) -> Sequence[float]:
-        """What is swept over."""
+        """Values of a part."""
         values: Sequence[float] = getattr(self, part.parameter)
         return values
 
@@ -124,22 +117,22 @@ class Sweep(Study, Conditioned):
         )
 
     def setup(self, cell: Cell) -> Setup:
-        """What a cell is run with."""
+        """Inputs of a cell."""
         (part,) = (part for part in self.parts if part.name == cell["part"])
         direction = np.random.default_rng(cell["seed"]).normal(size=3)  # the same for every norm
         vector = tuple((cell["value"] * direction / np.linalg.norm(direction)).tolist())
 
-        def changed(options: T) -> T:
-            own: dict[str, Any] = {
+        def changes(options: NoiseOptions | PhysicsOptions) -> Row:
+            return {
                 name: vector if isinstance(old, tuple) else cell["value"]
                 for name, old in vars(options).items()
                 if name in part.options
             }
-            return replace(options, **own)
 
+        physics, noise = self.physics, self.condition_of(cell).sensors
         return Setup(
-            physics=changed(self.physics),
-            noise=changed(self.condition_of(cell).sensors),
+            physics=replace(physics, **changes(physics)),
+            noise=replace(noise, **changes(noise)),
             settings=paper_settings(self.paper_windows, self.paper_exclusions),
             window=WindowChoice(),
         )
@@ -149,9 +142,7 @@ class Sweep(Study, Conditioned):
         setup, seed = self.setup(cell), cell["seed"]
         clean = clean_recording(cell["system"], setup.physics)
         recording = corrupt(clean, setup.noise, seed)
-        guess = wrong_guess(
-            clean, self.initial_translation, math.radians(self.initial_rotation_deg), seed
-        )
+        guess = wrong_guess(clean, self.initial_translation, self.initial_rotation_deg, seed)
         return [
             cell
             | row
@@ -164,7 +155,7 @@ class Sweep(Study, Conditioned):
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One a system, part and condition; what must be known of all stands with the first."""
+        """One for each system, part and condition, the first with the notes, then a summary."""
         words = self.words
         titled = {
             f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
@@ -176,7 +167,7 @@ class Sweep(Study, Conditioned):
         return [replace(first, note=NOTE + self.note), *others, summary_table(titled)]
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
-        """One a system and part, a column of panels a condition."""
+        """One for each system and part, with a column of panels for each condition."""
         return {
             f"{self.name}-{system}-{part}": partial(
                 draw_sweep, chosen(rows, system=system, part=part), words
@@ -187,15 +178,13 @@ class Sweep(Study, Conditioned):
 
 
 def best_points(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of each value and method, in the order of the rows, under one condition.
+    """The rows of each value and method under one condition, in the order of the rows.
 
-    Where the published method was run in several settings, those of the one that answers most
-    often and, of these, with the least error of translation: the most that tuning could do for it.
+    If the published method was run in several settings, only those of the best one: it answers most
+    often and, of these, has the least error of translation. No tuning could do more for it.
     """
-    return [
-        best_setting(mine, _badness, "window", "exclusion")
-        for mine in groups(rows, "value", "method")
-    ]
+    keys = "value", "method"
+    return groups(in_best_setting(rows, _badness, *keys, setting=("window", "exclusion")), *keys)
 
 
 def _badness(rows: Sequence[Row]) -> tuple[int, float]:
@@ -227,48 +216,56 @@ def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
 
 
 def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
-    """Each sweep in a line a method: where it is best, and what the ends of the sweep cost.
+    """A line for each sweep and method: the best value, and the errors at both ends.
 
     Args:
         sweeps: Rows of each by its title, as for the tables above it.
     """
-
-    def error(rows: Sequence[Row]) -> str:
-        return digits(root_mean_square(rows, "translation") * MILLIMETRES)
-
-    def value(rows: Sequence[Row]) -> str:
-        return digits(rows[0]["value"])
-
-    def line(title: str, points: list[list[Row]]) -> tuple[str, ...]:
-        best, ends = min(points, key=_badness), (points[0], points[-1])
-        return (
-            title,
-            best[0]["method"],
-            value(best),
-            error(best),
-            digits(over_bound(best, "translation")),
-            *(f"{error(end)} at {value(end)}" for end in ends),
-        )
-
+    lines: list[tuple[str, ...]] = []
+    for title, rows in sweeps.items():
+        for mine in groups(rows, "method"):
+            points = best_points(mine)
+            best = min(points, key=_badness)
+            best_at, first, last = (
+                (
+                    digits(point[0]["value"]),
+                    digits(root_mean_square(point, "translation") * MILLIMETRES),
+                )
+                for point in (best, points[0], points[-1])
+            )
+            over = digits(over_bound(best, "translation"))
+            ends = (f"{error} at {value}" for value, error in (first, last))
+            lines.append((title, best[0]["method"], *best_at, over, *ends))
     return Table(
         title="In short: translation errors, root mean square, mm",
         header=("sweep", "method", "best at", "error there", "over bound", "first", "last"),
-        rows=tuple(
-            line(title, best_points(mine))
-            for title, rows in sweeps.items()
-            for mine in groups(rows, "method")
-        ),
+        rows=tuple(lines),
     )
 
 
 def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
-    """Translation above, rotation below, a column of panels a condition."""
+    """Translation above, rotation below; a column of panels for each condition."""
     conditions = groups(rows, "condition")
     figure, panels = new_figure(len(ERRORS), len(conditions), share_x=True)
     for line, (key, scale, unit) in enumerate(ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
-            _draw_errors(axes, best_points(mine), key, scale)
+            points = best_points(mine)
+            methods = dict.fromkeys(point[0]["method"] for point in points)
+            for colour, method in zip(COLOURS, methods, strict=False):
+                own = [point for point in points if point[0]["method"] == method]
+                errors = [scale * root_mean_square(point, key) for point in own]
+                draw_curve(axes, method, [p[0]["value"] for p in own], errors, color=colour)
+            bounds = ("bound, pose alone", False, "--"), ("bound, all unknowns", True, ":")
+            for name, everything, style in bounds:
+                bound = {
+                    point[0]["value"]: scale * mean(point, f"bound_{key}")
+                    for point in points
+                    if (point[0]["method"] == "matched") == everything
+                }
+                look = {"color": "black", "linestyle": style, "marker": ""}
+                draw_curve(axes, name, list(bound), list(bound.values()), **look)
+            logarithmic(axes)
             if line == 0:
                 axes.set_title(str(mine[0]["condition"]))
             else:
@@ -284,31 +281,11 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     save_svg(figure, path)
 
 
-def _draw_errors(axes: Axes, points: list[list[Row]], key: str, scale: float) -> None:
-    """The error of each method over the parameter, then the two bounds."""
-    for place, method in enumerate(dict.fromkeys(point[0]["method"] for point in points)):
-        mine = [point for point in points if point[0]["method"] == method]
-        errors = [scale * root_mean_square(point, key) for point in mine]
-        values = [point[0]["value"] for point in mine]
-        draw_curve(axes, method, values, errors, color=COLOURS[place])
-    bounds = ("bound, pose alone", False, "--"), ("bound, all unknowns", True, ":")
-    for name, everything, style in bounds:
-        bound = {
-            point[0]["value"]: scale * mean(point, f"bound_{key}")
-            for point in points
-            if (point[0]["method"] == "matched") == everything
-        }
-        draw_curve(
-            axes, name, list(bound), list(bound.values()), color="black", linestyle=style, marker=""
-        )
-    logarithmic(axes)
-
-
 @dataclass(frozen=True, kw_only=True)
 class WindowStudy(Sweep):
-    """The window's length, which the paper calls small without a number.
+    """The length of the window, which the paper calls small without a number.
 
-    The same length for all filters of a run, on both sides of each method.
+    All filters of a run have the same length, on both sides of each method.
     """
 
     name = "window"
@@ -323,7 +300,7 @@ class WindowStudy(Sweep):
         return [samples / self.imu_rate for samples in super().values(part)]
 
     def setup(self, cell: Cell) -> Setup:
-        """The filters of both methods."""
+        """The same window in the filters of both methods."""
         samples = round(cell["value"] * self.imu_rate)
         return replace(
             super().setup(cell),
@@ -336,7 +313,7 @@ class WindowStudy(Sweep):
 class EncoderStudy(Sweep):
     """Joint positions as encoders read them: with noise, and in steps.
 
-    Noise of the kinematics enters the regressors and not the readings alone.
+    Noise of the kinematics enters the regressors, not only the readings.
     """
 
     name = "encoder"
@@ -354,7 +331,7 @@ class EncoderStudy(Sweep):
 
 @dataclass(frozen=True, kw_only=True)
 class BiasStudy(Sweep):
-    """Biases of the IMU, constant and wandering, which the published method takes for zero."""
+    """Biases of the IMU, constant and walking, which the published method takes to be zero."""
 
     name = "bias"
     note = (
@@ -362,16 +339,14 @@ class BiasStudy(Sweep):
         "bound knows of constant biases, not of their walk. The published method and matched, "
         "pose only, take biases to be zero."
     )
-    parts = (
-        Part("accel", "accel_bias", "accelerometer bias m/s²", ("accel_bias",)),
-        Part("gyro", "gyro_bias", "gyroscope bias rad/s", ("gyro_bias",)),
-        Part(
-            "accel-walk",
-            "accel_bias_walk",
-            "accelerometer bias walk m/s²/√s",
-            ("accel_bias_walk",),
-        ),
-        Part("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s", ("gyro_bias_walk",)),
+    parts = tuple(
+        Part(name, parameter, words, (parameter,))
+        for name, parameter, words in (
+            ("accel", "accel_bias", "accelerometer bias m/s²"),
+            ("gyro", "gyro_bias", "gyroscope bias rad/s"),
+            ("accel-walk", "accel_bias_walk", "accelerometer bias walk m/s²/√s"),
+            ("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s"),
+        )
     )
     accel_bias: tuple[float, ...]
     gyro_bias: tuple[float, ...]
@@ -381,7 +356,7 @@ class BiasStudy(Sweep):
 
 @dataclass(frozen=True, kw_only=True)
 class RateStudy(Sweep):
-    """The rates of the log, which are not known for the paper's.
+    """The rates of the log; those of the paper's are not known.
 
     Both streams faster or slower, and the robot's slower than the IMU's.
     """
