@@ -3,42 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
+from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.signals.dead_reckoning import dead_reckon
-from tests.estimate.estimate_arm import (
-    GRAVITY,
-    UNLIKELY,
-    codes,
-    nees,
-    parameter,
-    pose_error,
-    sigma,
-    statistics,
-)
-from tests.estimate.estimate_walk import BASE, FOOT, Walk, gap_in_base, logged, readings_of
+from tests.estimate.estimate_arm import GRAVITY, UNLIKELY, solve
+from tests.estimate.estimate_walk import BASE, Walk, logged, readings_of
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
+    from tests.estimate.estimate_arm import Solved
 
-Floats = NDArray[np.float64]
-FLOATING = MatchedOptions(gravity="none")
-RIGID = Walk(axes=(), noisy=True)
+LEG = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
+"""Thigh and shin turn about parallel axes."""
 
 
-def assert_near(found: Estimate, metres: float, angle: float) -> None:
-    error = pose_error(found, FOOT)
-    assert np.linalg.norm(error[:3]) < metres
-    assert np.linalg.norm(error[3:]) < angle
+def floating(walk: Walk, **options: Any) -> Solved:
+    return solve(logged(walk), gravity="none", **options)
 
 
 def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
@@ -51,16 +37,16 @@ def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
     turned = Rotation.from_matrix(R[0].T @ R).inv() * Rotation.from_quat(quaternion)
     assert turned.magnitude().max() < 2e-6
     falling = place + 0.5 * GRAVITY * t[:, None] ** 2 * np.array([0, 0, 1.0])
-    left = p - falling @ R[0]
-    # What is left over a tenth of a second, as a filter sees it.
-    assert np.abs(np.diff(left[5:-5:20], 2, axis=0)).max() / 0.1**2 < 2e-4
+    error = p - falling @ R[0]
+    # Over a tenth of a second, as a filter sees it.
+    assert np.abs(np.diff(error[5:-5:20], 2, axis=0)).max() / 0.1**2 < 2e-4
 
 
 @pytest.mark.parametrize("seconds", slow_after(1, [0.2, 0.1, 0.4]))
 def test_without_noise_the_pose_is_exact_at_any_window(seconds: float) -> None:
-    imu, path = logged(Walk())
-    options = replace(FLOATING, window=WindowChoice(seconds=seconds))
-    assert_near(calibrate_matched(imu, path, options), 2e-6, 2e-6)
+    found = floating(Walk(), window=WindowChoice(seconds=seconds))
+    assert found.distance < 2e-6
+    assert found.angle < 2e-6
 
 
 @pytest.mark.parametrize("walks", slow_after(1, [2, 8]))
@@ -68,119 +54,112 @@ def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot(walks
     """The sum of squares is chi-squared of six degrees a walk."""
     total = 0.0
     for seed in range(walks):
-        walk = Walk(seed=seed, noisy=True, scale=3e-3, zero=1e-3, base_off=(1e-3, 3e-3))
-        found = calibrate_matched(*walk.log(), FLOATING)
+        found = floating(Walk(seed=seed, noisy=True, scale=3e-3, zero=1e-3, base_off=(1e-3, 3e-3)))
         assert found.trusted
-        assert_near(found, 1e-3, np.radians(0.1))
-        total += nees(found, FOOT)
+        assert found.distance < 1e-3
+        assert found.angle < np.radians(0.1)
+        total += found.nees
     assert chi2.ppf(0.001, 6 * walks) < total < chi2.ppf(0.999, 6 * walks)
 
 
 def test_stamps_of_three_clocks() -> None:
-    walk = Walk(noisy=True, rates=(200.0, 333.0), offsets=(0.006, -0.011))
-    found = calibrate_matched(*walk.log(), FLOATING)
-    (base,), (std,) = parameter(found, "base_time_offset")
+    found = floating(Walk(noisy=True, rates=(200.0, 333.0), offsets=(0.006, -0.011)))
+    (base,), (std,) = found.parameter("base_time_offset")
     assert base == pytest.approx(0.006, abs=5 * std)
     assert found.time_offset == pytest.approx(-0.011, abs=5 * (found.time_offset_std or 0.0))
     assert std < 1e-3
-    assert nees(found, FOOT) < UNLIKELY
+    assert found.nees < UNLIKELY
 
 
 def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
     """300 parts per million are 9 ms from one end of the log to the other, and eight sigma."""
-    walk = Walk(noisy=True, drifts=(300e-6, -200e-6), base_delay=0.002)
-    found = calibrate_matched(*walk.log(), FLOATING)
+    found = floating(Walk(noisy=True, drifts=(300e-6, -200e-6), base_delay=0.002))
     for name, true, most in (
         ("base_clock_drift", 300e-6, 30e-6),
         ("clock_drift", -200e-6, 30e-6),
         ("base_gyro_delay", 0.002, np.inf),
     ):
-        (value,), (std,) = parameter(found, name)
+        (value,), (std,) = found.parameter(name)
         assert value == pytest.approx(true, abs=4 * std)
         assert std < most
-    assert nees(found, FOOT) < UNLIKELY
+    assert found.nees < UNLIKELY
 
 
 def test_a_gap_in_the_base_imu_is_a_gap() -> None:
-    imu, path = logged(Walk(noisy=True))
-    found = calibrate_matched(imu, gap_in_base(path, 9.0, 12.0), FLOATING)
-    whole = calibrate_matched(imu, path, FLOATING)
+    log = logged(Walk(noisy=True))
+    base, joints = log.path.tracks
+    kept = (base.t < 9.0) | (base.t > 12.0)
+    short = replace(base, t=base.t[kept], values=base.values[kept])
+    found = solve(replace(log, path=replace(log.path, tracks=(short, joints))), gravity="none")
+    whole = floating(Walk(noisy=True))
     assert found.residuals.gaps == 1
     assert found.residuals.windows_used < 0.95 * whole.residuals.windows_used
-    assert nees(found, FOOT) < UNLIKELY
+    assert found.nees < UNLIKELY
 
 
 def test_two_imus_on_one_body_are_calibrated_against_each_other() -> None:
-    found = calibrate_matched(*RIGID.log(), FLOATING)
+    found = floating(Walk(axes=(), noisy=True))
     assert found.trusted
-    assert nees(found, FOOT) < UNLIKELY
-    assert_near(found, 1e-3, np.radians(0.05))
+    assert found.nees < UNLIKELY
+    assert found.distance < 1e-3
+    assert found.angle < np.radians(0.05)
 
 
-def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_tells() -> None:
+def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_shows() -> None:
     """A centimetre and three degrees: larger than any drawing is wrong."""
-    imu, path = Walk(noisy=True, base_off=(5e-3, 0.03)).log()
-    found = calibrate_matched(imu, path, FLOATING)
-    assert "unknown.found" in codes(found)
-    assert nees(found, FOOT) < UNLIKELY
-    held = calibrate_matched(imu, path, replace(FLOATING, base_std=(0.0,) * 6))
-    assert nees(held, FOOT) > 100.0
+    walk = Walk(noisy=True, base_off=(5e-3, 0.03))
+    found = floating(walk)
+    assert "unknown.found" in found.codes
+    assert found.nees < UNLIKELY
+    assert floating(walk, base_std=(0.0,) * 6).nees > 100.0
 
 
 @pytest.mark.slow
-def test_what_is_told_of_the_base_imu_is_in_sigma_where_the_motion_does_not_tell() -> None:
-    """One joint: how far both are along its axis together nobody sees."""
-    imu, path = Walk(noisy=True, axes=((0.0, 1.0, 0.0),)).log()
-    found = {}
-    for std in (0.0, 2e-3):
-        told = replace(FLOATING, base_std=(std,) * 3 + (0.0,) * 3)
-        found[std] = sigma(calibrate_matched(imu, path, told))[1]
-    assert found[2e-3] == pytest.approx(np.hypot(found[0.0], 2e-3), rel=0.05)
+def test_a_prior_of_the_base_imu_is_in_sigma_where_the_motion_shows_nothing() -> None:
+    """One joint: a shift of both IMUs along its axis changes nothing."""
+    walk = Walk(noisy=True, axes=((0.0, 1.0, 0.0),))
+    held, known = (floating(walk, base_std=(std,) * 3 + (0.0,) * 3).sigma[1] for std in (0.0, 2e-3))
+    assert known == pytest.approx(np.hypot(held, 2e-3), rel=0.05)
 
 
 def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> None:
-    """Thigh and shin turn about parallel axes; the thigh's zero is off by 0.8 deg."""
-    walk = Walk(seed=1, noisy=True, axes=((1.0, 0, 0), (0, 1.0, 0), (0, 1.0, 0)), zero=0.01)
-    found = calibrate_matched(*walk.log(), FLOATING)
-    assert nees(found, FOOT) < UNLIKELY
-    (told,) = (each for each in found.findings if each.values["name"] == "joint_zero")
-    assert told.values["like"] == "origin between two joints (j2 x)"
-    zero = next(each for each in found.parameters if each.label == "j1")
-    assert zero.value == pytest.approx(walk.zeros[1], abs=1e-3)
+    """The thigh's zero is off by 0.8 deg."""
+    walk = Walk(seed=1, noisy=True, axes=LEG, zero=0.01)
+    found = floating(walk)
+    assert found.nees < UNLIKELY
+    (zero,) = (each for each in found.findings if each.values["name"] == "joint_zero")
+    assert zero.values["like"] == "origin between two joints (j2 x)"
+    j1 = next(each for each in found.parameters if each.label == "j1")
+    assert j1.value == pytest.approx(walk.zeros[1], abs=1e-3)
 
 
-def test_what_parallel_joints_cannot_tell_is_told_by_nothing() -> None:
+def test_no_information_is_made_up_where_parallel_joints_show_none() -> None:
     """Turned at the hip or at the foot, with the knee carried along: the log sees the same."""
-    walk = Walk(axes=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0)), noisy=True)
-    equations = statistics(calibrate_matched(*logged(walk), FLOATING)).equations
-    places = [
-        place
-        for each in equations.layout.placed
-        if each.unknown.name in {"translation", "rotation", "origin", "joint_zero"}
-        for place in range(each.part.start, each.part.stop)
-    ]
+    equations = floating(Walk(axes=LEG, noisy=True)).log_statistics.equations
+    pose = {"translation", "rotation", "origin", "joint_zero"}
+    parts = [each.part for each in equations.layout.placed if each.unknown.name in pose]
+    places = np.concatenate([np.arange(part.start, part.stop) for part in parts])
     A = equations.information[np.ix_(places, places)]
     unit = 1.0 / np.sqrt(np.diag(A))
     # A part in ten thousand of false columns would have held the hip to some milliradians.
     assert np.linalg.eigvalsh(A * np.outer(unit, unit))[0] < 1e-12
 
 
-def test_gravity_tells_the_scale_that_both_accelerometers_share() -> None:
+def test_gravity_shows_the_scale_that_both_accelerometers_share() -> None:
     """It cancels between the two, and the lengths, which are wrong too, would follow the scale."""
-    log = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015, length=5e-4).log()
-    told, not_told = (
-        calibrate_matched(*log, replace(FLOATING, gravity_norm=norm)) for norm in (GRAVITY, 0.0)
-    )
-    assert nees(told, FOOT) < UNLIKELY
-    assert np.linalg.norm(pose_error(told, FOOT)[:3]) < 3e-4
-    assert np.linalg.norm(pose_error(not_told, FOOT)[:3]) > 8e-4
+    walk = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015, length=5e-4)
+    with_gravity, without = (floating(walk, gravity_norm=norm) for norm in (GRAVITY, 0.0))
+    assert with_gravity.nees < UNLIKELY
+    assert with_gravity.distance < 3e-4
+    assert without.distance > 8e-4
 
 
 @pytest.mark.slow
 def test_an_hour_keeps_its_digits() -> None:
     """The last minute of an hour says what the first one does, though it fell 60 000 km."""
-    walk = Walk(seconds=3600.0)
-    imu, path = walk.log()
-    early, late = ((imu.t >= start) & (imu.t < start + 60.0) for start in (0.0, 3540.0))
-    for part in (early, late):
-        assert_near(calibrate_matched(imu.at(part), path, FLOATING), 2e-6, 2e-6)
+    log = Walk(seconds=3600.0).log()
+    for start in (0.0, 3540.0):
+        part = log.kept((log.imu.t >= start) & (log.imu.t < start + 60.0))
+        found = solve(part, gravity="none")
+        assert found.distance < 2e-6
+        assert found.angle < 2e-6

@@ -1,13 +1,14 @@
-"""The table of unknowns: columns against differences, what no log can tell, and one entry more.
+"""The table of unknowns: its columns against differences, what no log shows, and one entry more.
 
-Robots are given analytic motions. The exact residuals, whose differences the columns are held
-against, are those that other tests hold against pinocchio's truth.
+Robots have analytic motions. The columns are compared with differences of the exact residuals,
+which other tests compare with pinocchio's truth.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,15 @@ from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import (
+    LEAN,
+    SCALES,
+    TABLE,
+    JointCurve,
+    Origin,
+    Reading,
+    Unknown,
+)
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import lean_fit
 from imucalib_cli.robot.path import (
@@ -297,3 +306,15 @@ def test_one_entry_is_enough_to_add_an_unknown() -> None:
     off = [np.linalg.norm(each.state.t - log.mount.t) for each in (plain, found)]
     assert off[1] < 0.5 * off[0]
     assert found.evidence_over(plain) > 20.0
+
+
+@pytest.mark.parametrize("unknown", TABLE, ids=lambda each: each.name)
+def test_every_unknown_is_documented_with_its_prior(unknown: Unknown) -> None:
+    method = (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8")
+    (row,) = [line for line in method.splitlines() if line.startswith(f"| `{unknown.name}` |")]
+    assert f"| {unknown.words} | {unknown.unit} |" in row
+    if unknown.scale is None:
+        assert row.endswith(f"| {unknown.std:g} |")
+    else:
+        scale = SCALES[unknown.scale]
+        assert f"learnt, {scale.low:g} to {scale.high:g}" in row
