@@ -189,7 +189,7 @@ def test_free_errors_of_robot_and_sensor_cost_little_and_sigma_says_so(
 
 @pytest.mark.slow
 def test_coloured_noise_is_covered_and_no_mount_that_gives(clean: Recording) -> None:
-    changes = {"accel_coloured": 0.03, "gyro_coloured": 0.002}
+    changes: dict[str, Any] = {"accel_coloured": 0.03, "gyro_coloured": 0.002}
     assert_true_sigma(tried(clean, "mems", 12, **changes).squares("pose"), 6)
     trials = tried(clean, "mems", 8, solve, **changes)
     for each in trials.found:

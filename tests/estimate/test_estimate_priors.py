@@ -139,7 +139,7 @@ def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
 @pytest.mark.parametrize("axis", slow_after(1, range(3)))
 def test_one_free_axis_is_found_from_far(axis: int, turn: float) -> None:
     away = turn * np.eye(3)[axis]
-    held = {name: 0.0 for other, name in enumerate(NAMES[3:]) if other != axis}
+    held: dict[str, Any] = {name: 0.0 for other, name in enumerate(NAMES[3:]) if other != axis}
     known = prior(turn=-away, **held)
     found = solve_exact(log(), pose=known)
     assert found.trusted
