@@ -31,7 +31,9 @@ MOUNTS = ((-0.0225, 0.1, 0.0), (0.05, 0.02, 0.03), (0.0, -0.08, 0.06), (0.1, 0.1
 def main() -> None:
     """Print a line for each wrong length."""
     robot = robot_of(load_system("rihibot"))
-    line = table("origin 1 % long", "noise", "error mm", "stated mm", "NEES", "trusted")
+    line = table(
+        *("origin 1 % long", "noise", "error mm|.3f", "stated mm|.3f", "NEES|.1f", "trusted")
+    )
     for name, noise in product(JOINTS, ("industrial", "mems")):
         wrong = replace(
             robot,
@@ -48,14 +50,8 @@ def main() -> None:
             covariance = np.asarray(estimate.covariance)
             stated.append(np.sqrt(np.diag(covariance)[:3]))
             scores.add(error_of(estimate, noisy).pose, covariance, trusted=estimate.trusted)
-        line(
-            name,
-            noise,
-            f"{scores.mm:.3f}",
-            f"{1e3 * rms(stated):.3f}",
-            f"{np.mean(scores.nees):.1f}",
-            f"{scores.trusted} of {len(MOUNTS)}",
-        )
+        trusted = f"{scores.trusted} of {len(MOUNTS)}"
+        line(name, noise, scores.mm, 1e3 * rms(stated), np.mean(scores.nees), trusted)
 
 
 if __name__ == "__main__":

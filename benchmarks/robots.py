@@ -16,12 +16,13 @@ Not everything that is wrong can be found by anyone, and what cannot is told cor
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
@@ -29,9 +30,11 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseSte
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 Floats = NDArray[np.float64]
+Driver = Callable[[float], tuple[Floats, Floats]]
+"""A filter: from the rate, Hz, to numerator and denominator."""
 
 GRAVITY = 9.80665
 """m/s², CGPM 1901: what the estimator takes it to be."""
@@ -160,19 +163,19 @@ class Row:
     """One joint's origin is longer by exactly this share."""
     gross_zero: float = 0.0
     """One joint's zero is off by exactly this, rad, either way."""
-    driver: Callable[[float], tuple[Floats, Floats]] | None = None
-    """Filter of the IMU's driver: from its rate to numerator and denominator."""
+    driver: Driver | None = None
+    """Filter of the IMU's driver."""
     ramp: tuple[float, float] = (0.0, 0.0)
     """How far the biases drift over the log in a random direction, m/s² and rad/s, exactly."""
     walk: tuple[float, float] = (0.0, 0.0)
     """Of the biases' random walks, m/s²/sqrt(s) and rad/s/sqrt(s)."""
 
 
-def _exponential(alpha: float) -> Callable[[float], tuple[Floats, Floats]]:
+def _exponential(alpha: float) -> Driver:
     return lambda _rate: (np.array([alpha]), np.array([1.0, alpha - 1.0]))
 
 
-def _moving_average(samples: int) -> Callable[[float], tuple[Floats, Floats]]:
+def _moving_average(samples: int) -> Driver:
     return lambda _rate: (np.full(samples, 1.0 / samples), np.array([1.0]))
 
 
@@ -283,111 +286,70 @@ def row_of(name: str, seed: int) -> Row:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Moves:
-    """Quintic moves from posture to posture, at rest in between."""
+Motion = Callable[[Floats], tuple[Floats, Floats, Floats]]
+"""From instants (N,) to positions, rates and accelerations, (N, coordinates) each."""
 
-    start: Floats
-    """(M,), s."""
-    duration: Floats
-    """(M,), s."""
-    postures: Floats
-    """(M + 1, J)."""
 
-    @classmethod
-    def drawn(
-        cls,
-        rng: np.random.Generator,
-        *,
-        seconds: float,
-        home: Floats,
-        amplitude: Floats,
-        moves: tuple[float, float],
-    ) -> Moves:
-        """Random postures about home, durations and pauses until the log ends."""
-        start, duration, postures = [], [], [home]
-        now = EDGE
-        longest_pause = rng.uniform(0.2, 1.0)
-        while now + (length := rng.uniform(*moves)) < seconds - EDGE:
-            start.append(now)
-            duration.append(length)
-            postures.append(home + rng.uniform(-1, 1, len(home)) * amplitude)
-            now += length + rng.uniform(0.1, longest_pause)
-        return cls(start=np.array(start), duration=np.array(duration), postures=np.array(postures))
+def _moves(
+    rng: np.random.Generator,
+    seconds: float,
+    home: ArrayLike,
+    amplitude: ArrayLike,
+    lengths: tuple[float, float],
+) -> Motion:
+    """Quintic moves between random postures about home, at rest in between."""
+    first, scale = np.asarray(home, dtype=float), np.asarray(amplitude)
+    starts, durations, postures = [], [], [first]
+    now = EDGE
+    longest_pause = rng.uniform(0.2, 1.0)
+    while now + (length := rng.uniform(*lengths)) < seconds - EDGE:
+        starts.append(now)
+        durations.append(length)
+        postures.append(first + rng.uniform(-1, 1, len(first)) * scale)
+        now += length + rng.uniform(0.1, longest_pause)
+    start, duration, posture = np.array(starts), np.array(durations), np.array(postures)
 
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Positions, rates and accelerations, (N, J) each."""
-        move = np.clip(np.searchsorted(self.start, t, side="right") - 1, 0, None)
-        T = self.duration[move][:, None]
-        s = np.clip((t - self.start[move])[:, None] / T, 0.0, 1.0)
-        step = self.postures[move + 1] - self.postures[move]
-        q = self.postures[move] + step * s**3 * (10 - 15 * s + 6 * s**2)
+    def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+        move = np.clip(np.searchsorted(start, t, side="right") - 1, 0, None)
+        T = duration[move][:, None]
+        s = np.clip((t - start[move])[:, None] / T, 0.0, 1.0)
+        step = posture[move + 1] - posture[move]
+        q = posture[move] + step * s**3 * (10 - 15 * s + 6 * s**2)
         v = step * 30 * s**2 * (1 - s) ** 2 / T
-        a = step * 60 * s * (1 - s) * (1 - 2 * s) / T**2
+        return q, v, step * 60 * s * (1 - s) * (1 - 2 * s) / T**2
+
+    return at
+
+
+def _wobble(rng: np.random.Generator, coordinates: int) -> Motion:
+    """Two sines a coordinate that never rest: a cart on soft wheels."""
+    shape = (2, coordinates)
+    amplitude = rng.uniform(0.005, 0.02, shape)
+    rate = 2 * np.pi * rng.uniform(0.3, 1.5, shape)
+    phase = rng.uniform(0.0, 2 * np.pi, shape)
+
+    def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+        angle = rate * t[:, None, None] + phase
+        sine, cosine = amplitude * np.sin(angle), amplitude * np.cos(angle)
+        return sine.sum(axis=1), (rate * cosine).sum(axis=1), (-(rate**2) * sine).sum(axis=1)
+
+    return at
+
+
+def _motion(robot: Robot, seed: list[int], seconds: float) -> Motion:
+    """Of x, y, yaw, pitch and roll of a moving base, then of the joints."""
+    rng = np.random.default_rng(seed)
+    arm = _moves(rng, seconds, robot.home, robot.amplitude, robot.moves)
+    if not robot.moving_base:
+        return arm
+    drive = _moves(rng, seconds, np.zeros(3), (0.6, 0.6, 1.0), (2.0, 4.0))
+    parts = (drive, _wobble(rng, 2), arm)
+
+    def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+        q, v, a = (np.hstack(each) for each in zip(*(part(t) for part in parts), strict=True))
         return q, v, a
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Wobble:
-    """Sums of sines that never rest."""
-
-    amplitude: Floats
-    """(K, J), rad."""
-    rate: Floats
-    """(K, J), rad/s."""
-    phase: Floats
-    """(K, J), rad."""
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator, coordinates: int) -> Wobble:
-        """Two sines a coordinate: a cart on soft wheels."""
-        shape = (2, coordinates)
-        return cls(
-            amplitude=rng.uniform(0.005, 0.02, shape),
-            rate=2 * np.pi * rng.uniform(0.3, 1.5, shape),
-            phase=rng.uniform(0.0, 2 * np.pi, shape),
-        )
-
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Positions, rates and accelerations, (N, J) each."""
-        angle = self.rate * t[:, None, None] + self.phase
-        sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
-        q, v, a = sine, self.rate * cosine, -(self.rate**2) * sine
-        return q.sum(axis=1), v.sum(axis=1), a.sum(axis=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """Of all coordinates: x, y, yaw, pitch and roll of a moving base, then the joints."""
-
-    parts: tuple[Moves | Wobble, ...]
-
-    @classmethod
-    def drawn(cls, robot: Robot, seed: list[int], seconds: float) -> Motion:
-        """Of a robot, by a seed."""
-        rng = np.random.default_rng(seed)
-        arm = Moves.drawn(
-            rng,
-            seconds=seconds,
-            home=np.array(robot.home),
-            amplitude=np.array(robot.amplitude),
-            moves=robot.moves,
-        )
-        if not robot.moving_base:
-            return cls(parts=(arm,))
-        drive = Moves.drawn(
-            rng,
-            seconds=seconds,
-            home=np.zeros(3),
-            amplitude=np.array([0.6, 0.6, 1.0]),
-            moves=(2.0, 4.0),
-        )
-        return cls(parts=(drive, Wobble.drawn(rng, 2), arm))
-
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Positions, rates and accelerations, (N, coordinates) each."""
-        q, v, a = zip(*(part.at(t) for part in self.parts), strict=True)
-        return np.hstack(q), np.hstack(v), np.hstack(a)
+    return at
 
 
 class Truth:
@@ -410,7 +372,8 @@ class Truth:
 
     def gyro(self, motion: Motion, t: Floats) -> Floats:
         """(N, 3), rad/s, IMU frame."""
-        return np.array([self._imu_velocity().angular for _ in self._along(motion, t)])
+        args = (self._model, self._data, self._imu, pin.LOCAL)
+        return np.array([pin.getFrameVelocity(*args).angular for _ in self._along(motion, t)])
 
     def accel(self, motion: Motion, t: Floats, gravity: float) -> Floats:
         """(N, 3), specific force, m/s², IMU frame."""
@@ -426,12 +389,9 @@ class Truth:
         poses = [self._data.oMi[self.base].copy() for _ in self._along(motion, t)]
         return np.array([pose.rotation for pose in poses]), np.array([p.translation for p in poses])
 
-    def _imu_velocity(self) -> Any:
-        return pin.getFrameVelocity(self._model, self._data, self._imu, pin.LOCAL)
-
     def _along(self, motion: Motion, t: Floats) -> Iterator[None]:
         """Take the model to each instant."""
-        for q, v, a in zip(*motion.at(t), strict=True):
+        for q, v, a in zip(*motion(t), strict=True):
             yield pin.forwardKinematics(self._model, self._data, q, v, a)
 
 
@@ -475,7 +435,7 @@ def make_case(
     """
     true, sizes = robot_of(robot, seed), row_of(row, seed) if isinstance(row, str) else row
     key = [zlib.crc32(robot.encode()), seed]
-    motion = Motion.drawn(true, [*key, 0], seconds)
+    motion = _motion(true, [*key, 0], seconds)
     rng = np.random.default_rng([*key, 1])
     R = np.asarray(Rotation.random(rng=rng).as_matrix())
     direction = rng.normal(size=3)
@@ -596,7 +556,7 @@ def _tracks(
     """Tracks as read, as they were, and what was drawn."""
     rng, noise_rng = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
     t = np.arange(0.0, seconds, 1 / rate)
-    q, v, _ = (values[:, truth.base :] for values in motion.at(t))
+    q, v, _ = (values[:, truth.base :] for values in motion(t))
     count = q.shape[1]
     drawn: dict[str, Any] = {
         "eccentricity": row.eccentricity * rng.normal(size=(2, count)),

@@ -385,6 +385,12 @@ class Solved(Estimate):
         return dict(found.values)
 
 
+def beside(estimate: Estimate, mount: Mount) -> Solved:
+    """An estimate with the truth."""
+    known = {each.name: getattr(estimate, each.name) for each in fields(Estimate)}
+    return Solved(mount=mount, **known)
+
+
 @lru_cache(maxsize=64)
 def solve(log: Log, *, details: bool = False, **options: Any) -> Solved:
     """Estimate the pose.
@@ -394,9 +400,8 @@ def solve(log: Log, *, details: bool = False, **options: Any) -> Solved:
         details: As of the estimator.
         options: Fields of MatchedOptions.
     """
-    estimate = calibrate_matched(log.imu, log.path, MatchedOptions(**options), details=details)
-    known = {each.name: getattr(estimate, each.name) for each in fields(estimate)}
-    return Solved(mount=log.mount, **known)
+    chosen = MatchedOptions(**options)
+    return beside(calibrate_matched(log.imu, log.path, chosen, details=details), log.mount)
 
 
 def solve_exact(log: Log, **options: Any) -> Solved:

@@ -21,7 +21,7 @@ from imucalib_cli.estimate.several_imus import (
 )
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.robot.path import JointStep
-from tests.estimate.estimate_arm import Solved, prior, solve
+from tests.estimate.estimate_arm import Solved, beside, prior, solve
 from tests.estimate.estimate_walk import Walk, logged
 from tests.slow import slow_after
 
@@ -63,9 +63,8 @@ def imus(seed: int) -> tuple[Imu, Imu]:
 
 def jointly(imus: Sequence[Imu]) -> list[Solved]:
     """All of them, solved together."""
-    found = together(imus)
-    assert all(isinstance(each, Solved) for each in found)
-    return found  # type: ignore[return-value]
+    mounts = [alone.mount for _, alone, _ in imus]
+    return [beside(*each) for each in zip(together(imus), mounts, strict=True)]
 
 
 @lru_cache(maxsize=16)
