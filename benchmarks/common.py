@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.process import prepare_to_compute
-
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
@@ -66,6 +64,8 @@ def parallel(
     function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int | None = None
 ) -> list[Any]:
     """Results of a function over tuples of its arguments, computed by several processes."""
+    from imucalib_cli.process import prepare_to_compute
+
     with ProcessPoolExecutor(workers, initializer=prepare_to_compute) as pool:
         return list(pool.map(function, *zip(*jobs, strict=True)))
 
