@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.options import MatchedOptions
-from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, Moves, make_log, random_mount
+from tests.estimate.estimate_arm import Log, Moves, make_log, random_mount
 from tests.slow import slow_after
 from tools.faults import EstimatorInputs
 
@@ -71,7 +71,7 @@ def explained(log: Log, gyro: Floats = SAME, accel: Floats = SAME) -> Estimate:
 @pytest.mark.parametrize("which", slow_after(1, WIRINGS))
 def test_the_cause_is_named_and_nothing_that_follows_from_it(which: str) -> None:
     gyro, accel, words = WIRINGS[which]
-    grade = INDUSTRIAL if "swapped" in which else MEMS
+    grade = "industrial" if "swapped" in which else "mems"
     found = explained(log().noisy(3, grade), gyro, accel)
     assert len(found.distrust) == 1
     assert words in found.distrust[0]

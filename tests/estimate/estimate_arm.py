@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -24,6 +25,7 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, Track
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
@@ -49,8 +51,7 @@ MEMS = (300e-6 * GRAVITY, float(np.radians(0.014)))
 INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
 """One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz)."""
 GRADES = {"mems": MEMS, "industrial": INDUSTRIAL}
-UNLIKELY = float(chi2.ppf(0.999, 6))
-"""A larger squared pose error, in stated sigmas, comes by chance once in a thousand logs."""
+BOTH_GRADES = pytest.mark.parametrize("grade", slow_after(1, GRADES))
 NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
@@ -219,11 +220,12 @@ class Log:
     def noisy(
         self,
         seed: int,
-        densities: tuple[float, float] = MEMS,
+        grade: str | tuple[float, float] = "mems",
         accel_bias: Triple = (0.1, -0.05, 0.08),
         gyro_bias: Triple = (0.01, -0.02, 0.005),
     ) -> Log:
-        """White noise and constant biases on the IMU."""
+        """White noise of a grade, or of two densities, and constant biases on the IMU."""
+        densities = GRADES[grade] if isinstance(grade, str) else grade
         rng = np.random.default_rng(seed)
         root = np.sqrt(0.5 / np.median(np.diff(self.imu.t)))
         noise = rng.normal(size=(2, len(self.imu.t), 3)) * root
@@ -351,6 +353,11 @@ class Solved(Estimate):
     def nees(self) -> float:
         """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
         return float(self.error @ np.linalg.solve(self.P, self.error))
+
+    @property
+    def covered(self) -> bool:
+        """Whether the error is as the covariance says; by chance it is not, once in 1000 logs."""
+        return self.nees < float(chi2.ppf(0.999, 6))
 
     @property
     def codes(self) -> list[str]:

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.signals.dead_reckoning import dead_reckon
-from tests.estimate.estimate_arm import GRAVITY, UNLIKELY, solve
+from tests.estimate.estimate_arm import GRAVITY, solve
 from tests.estimate.estimate_walk import BASE, Walk, logged, readings_of
 from tests.slow import slow_after
 
@@ -68,7 +68,7 @@ def test_stamps_of_three_clocks() -> None:
     assert base == pytest.approx(0.006, abs=5 * std)
     assert found.time_offset == pytest.approx(-0.011, abs=5 * (found.time_offset_std or 0.0))
     assert std < 1e-3
-    assert found.nees < UNLIKELY
+    assert found.covered
 
 
 def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
@@ -82,7 +82,7 @@ def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
         (value,), (std,) = found.parameter(name)
         assert value == pytest.approx(true, abs=4 * std)
         assert std < most
-    assert found.nees < UNLIKELY
+    assert found.covered
 
 
 def test_a_gap_in_the_base_imu_is_a_gap() -> None:
@@ -94,13 +94,13 @@ def test_a_gap_in_the_base_imu_is_a_gap() -> None:
     whole = floating(Walk(noisy=True))
     assert found.residuals.gaps == 1
     assert found.residuals.windows_used < 0.95 * whole.residuals.windows_used
-    assert found.nees < UNLIKELY
+    assert found.covered
 
 
 def test_two_imus_on_one_body_are_calibrated_against_each_other() -> None:
     found = floating(Walk(axes=(), noisy=True))
     assert found.trusted
-    assert found.nees < UNLIKELY
+    assert found.covered
     assert found.distance < 1e-3
     assert found.angle < np.radians(0.05)
 
@@ -110,7 +110,7 @@ def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_shows() -> N
     walk = Walk(noisy=True, base_off=(5e-3, 0.03))
     found = floating(walk)
     assert "unknown.found" in found.codes
-    assert found.nees < UNLIKELY
+    assert found.covered
     assert floating(walk, base_std=(0.0,) * 6).nees > 100.0
 
 
@@ -126,7 +126,7 @@ def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> Non
     """The thigh's zero is off by 0.8 deg."""
     walk = Walk(seed=1, noisy=True, axes=LEG, zero=0.01)
     found = floating(walk)
-    assert found.nees < UNLIKELY
+    assert found.covered
     (zero,) = (each for each in found.findings if each.values["name"] == "joint_zero")
     assert zero.values["like"] == "origin between two joints (j2 x)"
     j1 = next(each for each in found.parameters if each.label == "j1")
@@ -149,7 +149,7 @@ def test_gravity_shows_the_scale_that_both_accelerometers_share() -> None:
     """It cancels between the two, and the lengths, which are wrong too, would follow the scale."""
     walk = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015, length=5e-4)
     with_gravity, without = (floating(walk, gravity_norm=norm) for norm in (GRAVITY, 0.0))
-    assert with_gravity.nees < UNLIKELY
+    assert with_gravity.covered
     assert with_gravity.distance < 3e-4
     assert without.distance > 8e-4
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from tests.estimate.estimate_arm import (
-    GRADES,
-    INDUSTRIAL,
+    BOTH_GRADES,
     MOUNT,
     Flaws,
     Log,
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 MOVES = Moves(seed=3, seconds=32.0)
-BOTH_GRADES = pytest.mark.parametrize("grade", slow_after(1, GRADES))
 
 
 @cache
@@ -50,7 +49,7 @@ def agreement(found: Solved) -> Consistency:
 @BOTH_GRADES
 @pytest.mark.parametrize("seed", slow_after(1, range(2)))
 def test_a_log_of_one_piece_is_of_one_piece(seed: int, grade: str) -> None:
-    found = solve(clean(replace(MOVES, seed=10 + seed)).noisy(seed, GRADES[grade]))
+    found = solve(clean(replace(MOVES, seed=10 + seed)).noisy(seed, grade))
     assert found.trusted
     parts = agreement(found)
     assert parts.folds == 12
@@ -95,7 +94,7 @@ def test_halves_agree_with_two_calibrations(grade: str) -> None:
     R = Rotation.from_rotvec([1e-3, -2e-3, 1e-3]).as_matrix() @ MOUNT.R
     moved = Mount(R=R, t=MOUNT.t + np.array([4e-4, -3e-4, 5e-4]))
     flaws = Flaws(mount_after=(MOVES.seconds / 2, moved))
-    log = clean(MOVES, flaws).noisy(5, GRADES[grade])
+    log = clean(MOVES, flaws).noisy(5, grade)
     parts = agreement(solve_exact(log))
     apart, _ = halves_of(log)
     off = parts.halves_difference - apart
@@ -114,12 +113,22 @@ def test_halves_of_noise_agree_with_two_calibrations() -> None:
     assert np.all(np.abs(agreement(solve_exact(log)).halves_difference - apart) < 0.5 * sigma)
 
 
+def test_coloured_noise_is_seen_in_whiteness() -> None:
+    log = clean().noisy(1)
+    white = np.random.default_rng(1).normal(size=log.imu.accel.shape)
+    # First-order, 2 s long: five times the sensor's own noise in a window.
+    slow = lfilter([0.03], [1.0, -0.995], white, axis=0)
+    accel, gyro = agreement(solve(log.with_imu(accel=log.imu.accel + slow))).whiteness
+    assert accel > 5.0
+    assert gyro < 3.0
+
+
 def test_normalised_residuals_are_one_in_noise_and_more_beyond_it() -> None:
     white = solve(clean().noisy(1)).residuals
     for normalised in (white.accel_normalised, white.gyro_normalised):
         assert normalised is not None
         np.testing.assert_allclose(normalised, 1.0, atol=0.15)
-    zeros = make_log(MOVES, imu_rate=100.0, zeros=0.02).noisy(1, INDUSTRIAL)
+    zeros = make_log(MOVES, imu_rate=100.0, zeros=0.02).noisy(1, "industrial")
     wrong = solve_exact(zeros).residuals.accel_normalised
     assert wrong is not None
     assert wrong.max() > 3.0

@@ -6,7 +6,6 @@ Which directions are hidden is geometry: the axis of all rotation, from pinocchi
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -44,9 +43,8 @@ def log_of(amplitude: tuple[float, ...], *, noisy: bool = True) -> Log:
 
 def turning_axis(amplitude: tuple[float, ...]) -> Floats:
     """The one axis the parent link turns about, in its own frame."""
-    omega = parent_motion(
-        Moves(amplitude=amplitude, seconds=30.0), np.arange(0.5, 29.0, 0.13)
-    ).omega
+    moves = Moves(amplitude=amplitude, seconds=30.0)
+    omega = parent_motion(moves, np.arange(0.5, 29.0, 0.13)).omega
     axis = omega[np.argmax(np.linalg.norm(omega, axis=1))]
     axis = axis / np.linalg.norm(axis)
     np.testing.assert_allclose(np.cross(omega, axis), 0.0, atol=1e-12)
@@ -81,44 +79,15 @@ def test_standing_still_shows_nothing(noisy: bool) -> None:
     assert_covers(found)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Hidden:
-    """What a motion about parallel axes hides."""
-
-    amplitude: tuple[float, ...]
-    translations: int
-    rotations: int
-    known: slice
-    """Components that are known across the axis."""
-    std: float
-    """Their largest sigma, m or rad."""
-    motion: str
-    """Regular expression for the advice."""
-
-
+PLACE, TURN = slice(0, 3), slice(3, 6)
 HIDDEN = {
     # The shift across the axis depends on the turn about it, and z is what the log has already.
-    "wrist": Hidden(
-        amplitude=WRIST,
-        translations=3,
-        rotations=1,
-        known=slice(3, 6),
-        std=5e-4,
-        motion="about its x (or|and) y ax[ie]s",
-    ),
+    "wrist": (WRIST, (3, 1), TURN, 5e-4, "about its x (or|and) y ax[ie]s"),
     # The zeros of five joints that stand still are in sigma.
-    "pan": Hidden(
-        amplitude=PAN, translations=3, rotations=1, known=slice(3, 6), std=4e-3, motion=""
-    ),
-    "three joints in a plane": Hidden(
-        amplitude=PLANAR,
-        translations=1,
-        rotations=0,
-        known=slice(0, 3),
-        std=5e-3,
-        motion="rotate the parent link about its y or z axis",
-    ),
+    "pan": (PAN, (3, 1), TURN, 4e-3, ""),
+    "plane": (PLANAR, (1, 0), PLACE, 5e-3, "rotate the parent link about its y or z axis"),
 }
+"""Motion, hidden translations and rotations, what is known across the axis and how well, advice."""
 
 
 @NOISY
@@ -127,24 +96,23 @@ def test_one_axis_hides_the_shift_along_it_and_perhaps_the_turn_about_it(
     which: str, noisy: bool
 ) -> None:
     """Gravity's tilt about a single axis and the IMU's turn about it are one unknown."""
-    case, found = HIDDEN[which], solve(log_of(HIDDEN[which].amplitude, noisy=noisy))
-    axis = turning_axis(case.amplitude)
+    amplitude, counts, known, std, motion = HIDDEN[which]
+    found, axis = solve(log_of(amplitude, noisy=noisy)), turning_axis(amplitude)
     translations, rotations = of_kind(found, "translation"), of_kind(found, "rotation")
     assert not found.trusted
-    assert (len(translations), len(rotations)) == (case.translations, case.rotations)
+    assert (len(translations), len(rotations)) == counts
     for direction in (translations[0], *rotations):
         assert_along(direction, axis)
     assert translations[0].std is None
-    assert all(re.search(case.motion, each.motion) for each in found.unobservable)
+    assert all(re.search(motion, each.motion) for each in found.unobservable)
     assert_covers(found)
     # Across the axis the error is small and the stated covariance covers it.
     across = np.linalg.svd(axis[None])[2][1:]
-    P = across @ found.P[case.known, case.known] @ across.T
-    assert np.sqrt(np.linalg.eigvalsh(P)[-1]) < case.std
-    if case.known == slice(0, 3):
-        error = across @ found.error[case.known]
-        assert error @ np.linalg.solve(P, error) < 16.0
+    P = across @ found.P[known, known] @ across.T
+    assert np.sqrt(np.linalg.eigvalsh(P)[-1]) < std
     if not rotations:
+        error = across @ found.error[:3]
+        assert error @ np.linalg.solve(P, error) < 16.0
         assert found.sigma[3:].max() < 2e-3
         assert np.all(np.abs(found.error[3:]) < 4 * found.sigma[3:] + 1e-6)
 

@@ -157,7 +157,8 @@ def test_both_streams_sampled_at_uneven_instants_are_read_as_stamped() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stream", "seed", "metres", "angle"), [("imu", 1, 2.0, 2 * ANGLE), ("robot", 3, 5.0, 3 * ANGLE)]
+    ("stream", "seed", "metres", "angle"),
+    [("imu", 1, 2.0, 2 * ANGLE), ("robot", 3, 5.0, 3 * ANGLE)],
 )
 def test_stamps_that_jitter_are_read_as_ticks(
     stream: str, seed: int, metres: float, angle: float

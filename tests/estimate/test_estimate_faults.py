@@ -5,7 +5,8 @@ Each fault is exact: the motion is evaluated at the instants at which the flawed
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, field, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,16 +16,14 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
-from imucalib_cli.findings import Severity
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.simulate.load import load_grade
 from tests.estimate.estimate_arm import (
+    BOTH_GRADES,
     GRADES,
     GRAVITY,
-    INDUSTRIAL,
     LINKS,
     MOUNT,
-    UNLIKELY,
     Flaws,
     Log,
     Mount,
@@ -42,8 +41,8 @@ if TYPE_CHECKING:
     from tests.estimate.estimate_arm import Solved
 
 Floats = NDArray[np.float64]
+approx = pytest.approx
 
-BOTH_GRADES = pytest.mark.parametrize("grade", slow_after(1, GRADES))
 SHORT, LONG = Moves(seconds=24.0), Moves(seed=3, seconds=32.0)
 OTHER, LONGEST = Moves(seed=4, seconds=24.0), Moves(seconds=40.0)
 SCALE, TURN = (1.01, 0.99, 1.005), (0.005, -0.01, 0.008)
@@ -70,7 +69,7 @@ def moved_by(share: float) -> Mount:
 def assert_covered(found: Solved, mount: Mount | None = None) -> None:
     """The result is trusted, and its covariance is true."""
     assert found.trusted, found.distrust
-    assert replace(found, mount=mount or found.mount).nees < UNLIKELY
+    assert replace(found, mount=mount or found.mount).covered
 
 
 SENSOR_FAULTS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, ...]]]] = {
@@ -114,7 +113,7 @@ IDEAL = {"accel_scale": 1.0, "gyro_scale": 1.0, "gravity_norm": GRAVITY}
 def test_faults_of_the_sensor_are_found_sized_and_corrected(which: str, grade: str) -> None:
     given, sizes = SENSOR_FAULTS[which]
     alone = len(sizes) == 1
-    found = solve(log_of(**given).noisy(1 if alone else 2, GRADES[grade]))
+    found = solve(log_of(**given).noisy(1 if alone else 2, grade))
     assert found.named == set(sizes)
     assert not alone or found.codes == ["unknown.found"]
     for name, size in sizes.items():
@@ -146,54 +145,10 @@ def test_sigma_is_true_with_a_fault_found() -> None:
 
 
 def test_the_drift_is_stated_in_milliseconds_of_the_log() -> None:
-    (words,) = solve(log_of(Flaws(drift=2e-4)).noisy(1, INDUSTRIAL)).warnings
+    (words,) = solve(log_of(Flaws(drift=2e-4)).noisy(1, "industrial")).warnings
     # 24 s of 200 µs/s.
     assert "gains 199." in words
     assert "µs a second on the robot's, 4.8 ms over the log" in words
-
-
-@pytest.mark.parametrize("flaws", [Flaws(accel_scale=SCALE), Flaws(drift=2e-4)])
-def test_a_sensor_that_is_stated_to_be_ideal_has_no_fault(flaws: Flaws) -> None:
-    found = solve(log_of(flaws).noisy(1), sensor_model="ideal")
-    assert found.corrections == ()
-    assert found.named.isdisjoint(
-        each.name
-        for each in TABLE
-        if isinstance(each.effect, (Reading, Clock)) or "gravity" in each.name
-    )
-
-
-def test_a_stated_time_offset_leaves_the_drift_free() -> None:
-    found = solve(log_of(Flaws(drift=2e-4)).noisy(1), time_offset=0.0)
-    assert found.time_offset == 0.0
-    assert set(found.corrected) == {"clock_drift"}
-    assert found.trusted
-
-
-def test_a_stated_gravity_is_not_estimated() -> None:
-    log = log_of(gravity_world=(0.0, 0.0, -9.78)).noisy(1)
-    found = solve(log, gravity_norm=9.78, gravity_std=0.0)
-    assert found.corrections == ()
-    assert np.linalg.norm(found.gravity_world) == pytest.approx(9.78, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("name", "flaws"),
-    slow_after(
-        1,
-        [
-            ("gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0))),
-            ("gyro_misalignment", Flaws(gyro_turn=(0.0, 0.0, 0.1))),
-        ],
-    ),
-)
-def test_more_than_a_working_sensor_errs_is_not_trusted(name: str, flaws: Flaws) -> None:
-    found = solve(log_of(flaws).noisy(1))
-    (reason,) = (each for each in found.findings if each.severity is Severity.UNTRUSTED)
-    assert (reason.code, reason.values["name"]) == ("unknown.implausible", name)
-    assert found.named == set()  # nothing else is blamed
-    # The pose is right all the same.
-    assert found.nees < UNLIKELY
 
 
 def test_axes_that_are_off_square_are_found_and_which_is_the_frame_is_in_sigma() -> None:
@@ -204,15 +159,6 @@ def test_axes_that_are_off_square_are_found_and_which_is_the_frame_is_in_sigma()
     assert std.max() < 2e-4
     assert_covered(found)
     assert found.sigma[3:].max() < 2e-3
-
-
-@BOTH_GRADES
-@pytest.mark.parametrize("seed", slow_after(1, range(4)))
-def test_an_ideal_sensor_has_no_fault(seed: int, grade: str) -> None:
-    found = solve(log_of(moves=Moves(seed=seed, seconds=18.0)).noisy(seed, GRADES[grade]))
-    assert found.corrections == ()
-    assert found.warnings == ()
-    assert found.trusted
 
 
 @BOTH_GRADES
@@ -228,9 +174,9 @@ def test_a_wrong_robot_is_no_fault_of_the_sensor(seed: int, grade: str) -> None:
         (log_of(moves=moves, zeros=zeros), Mount(R=last @ MOUNT.R, t=last @ MOUNT.t)),
         (log_of(moves=moves, links=links), Mount(R=MOUNT.R, t=MOUNT.t - longer)),
     ):
-        found = solve(wrong.noisy(seed, GRADES[grade]))
+        found = solve(wrong.noisy(seed, grade))
         assert found.named <= {"joint_zero", "origin"}
-        assert replace(found, mount=mount).nees < UNLIKELY
+        assert replace(found, mount=mount).covered
 
 
 def change_in(found: Solved, kind: str, instant: float) -> dict[str, Any]:
@@ -249,24 +195,16 @@ def test_a_mount_that_moves_is_found_with_time_and_size(
     instant: float, share: float | None, grade: str
 ) -> None:
     """Near an end, the longer part gives the pose, and the shorter one gets no weight."""
-    log = log_of(Flaws(mount_after=(instant, moved_by(1.0))), LONG).noisy(1, GRADES[grade])
+    log = log_of(Flaws(mount_after=(instant, moved_by(1.0))), LONG).noisy(1, grade)
     found = solve(log)
     assert not found.trusted
     change = change_in(found, "mount", instant)
     for what, truth in zip(("translation", "rotation"), MOVED, strict=True):
         size = float(np.linalg.norm(truth))
         allowed = max(3.0 * change[f"{what}_std"], 0.15 * size)
-        assert change[what] == pytest.approx(size, abs=allowed)
+        assert change[what] == approx(size, abs=allowed)
     assert found.corrections == ()
-    assert share is None or replace(found, mount=moved_by(share)).nees < UNLIKELY
-
-
-@BOTH_GRADES
-def test_a_mount_that_moves_by_a_hair_is_covered_and_not_called_a_fault(grade: str) -> None:
-    after = moved_by(0.01)
-    found = solve(log_of(Flaws(mount_after=(16.0, after)), LONG).noisy(1, GRADES[grade]))
-    for mount in (MOUNT, after):
-        assert_covered(found, mount)
+    assert share is None or replace(found, mount=moved_by(share)).covered
 
 
 @pytest.mark.parametrize(
@@ -289,22 +227,15 @@ def test_a_mount_that_moves_by_a_hair_is_covered_and_not_called_a_fault(grade: s
 def test_a_clock_that_is_set_is_found_with_time_and_size(
     instant: float, jump: float, grade: str
 ) -> None:
-    found = solve(log_of(Flaws(clock_jump=(instant, jump)), LONG).noisy(1, GRADES[grade]))
-    assert change_in(found, "clock", instant)["size"] == pytest.approx(jump, rel=0.2)
+    found = solve(log_of(Flaws(clock_jump=(instant, jump)), LONG).noisy(1, grade))
+    assert change_in(found, "clock", instant)["size"] == approx(jump, rel=0.2)
     # A step looks like a drift, which is not reported beside it.
     assert found.named == set()
-    assert found.nees < UNLIKELY
-
-
-def test_a_stretch_that_is_left_out_is_named() -> None:
-    log = log_of(Flaws(clock_jump=(28.5, 0.03)), LONG).noisy(1, INDUSTRIAL)
-    left_out = solve(log).finding("windows.left_out")
-    assert abs(left_out["start"] - 28.5) <= 1.5
-    assert abs(left_out["end"] - LONG.seconds) <= 2.5
+    assert found.covered
 
 
 def test_a_clock_that_is_set_moves_a_pose_of_which_a_part_is_held() -> None:
-    log = make_log(OTHER).noisy(1, INDUSTRIAL)
+    log = make_log(OTHER).noisy(1, "industrial")
     stepped = log.with_imu(np.where(log.imu.t > 14.0, log.imu.t + 0.05, log.imu.t))
     part = solve(stepped, pose=prior(tz=0.0))
     assert "change.clock" in part.codes
@@ -321,39 +252,11 @@ def test_a_bias_that_steps_is_found_with_time_and_size(
     kind: str, gyro: tuple[float, ...], accel: tuple[float, ...], instant: float, grade: str
 ) -> None:
     flaws = Flaws(bias_step=(instant, gyro, accel))  # type: ignore[arg-type]
-    found = solve(log_of(flaws, LONG).noisy(1, GRADES[grade]))
+    found = solve(log_of(flaws, LONG).noisy(1, grade))
     size = np.linalg.norm([*gyro, *accel])
     # The part in which it happened belongs to neither side.
-    assert change_in(found, kind, instant)["size"] == pytest.approx(size, rel=0.3)
-    assert found.nees < UNLIKELY
-
-
-def walking(log: Log, seed: int, *, gyro: float, accel: float) -> Log:
-    """The log with biases that walk, rad/s/√s and m/s²/√s."""
-    root = np.sqrt(np.median(np.diff(log.imu.t)))
-    steps = np.random.default_rng(seed).normal(size=(2, *log.imu.accel.shape))
-    walk = np.cumsum(root * steps, axis=1)
-    return log.with_imu(gyro=log.imu.gyro + gyro * walk[0], accel=log.imu.accel + accel * walk[1])
-
-
-@BOTH_GRADES
-@pytest.mark.parametrize("seed", range(2))
-def test_biases_that_walk_are_no_step(seed: int, grade: str) -> None:
-    usual = load_grade(grade)
-    log = walking(
-        log_of(moves=LONG).noisy(seed, GRADES[grade]),
-        seed,
-        gyro=usual.gyro_bias_walk,
-        accel=usual.accel_bias_walk,
-    )
-    assert solve(log).distrust == ()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("seed", "gyro"), [(1, 3e-5), (2, 3e-5), (2, 1e-4)])
-def test_a_bias_that_walks_far_is_no_step(seed: int, gyro: float) -> None:
-    log = log_of(moves=Moves(seed=3, seconds=240.0)).noisy(seed)
-    assert solve(walking(log, seed, gyro=gyro, accel=10.0 * gyro)).distrust == ()
+    assert change_in(found, kind, instant)["size"] == approx(size, rel=0.3)
+    assert found.covered
 
 
 def stretched(link: int) -> tuple[tuple[float, float, float], ...]:
@@ -366,7 +269,7 @@ def stretched(link: int) -> tuple[tuple[float, float, float], ...]:
 @pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_a_link_one_percent_long_is_found(link: int, seed: int) -> None:
     moves = replace(LONGEST, seed=seed)
-    right = make_log(moves).noisy(seed, INDUSTRIAL)
+    right = make_log(moves).noisy(seed, "industrial")
     wrong = replace(right, path=make_log(moves, links=stretched(link)).path)
     found, honest, believed = solve(wrong), solve(right), solve_exact(wrong)
     for each in (found, honest):
@@ -384,29 +287,19 @@ def test_a_link_one_percent_long_is_found(link: int, seed: int) -> None:
     assert believed.distance < 4 * np.linalg.norm(believed.sigma[:3])
 
 
-def test_a_joint_zero_off_is_found_and_covered() -> None:
-    found = solve(make_log(LONGEST, zeros=0.01 * np.eye(6)[3]).noisy(3, INDUSTRIAL))
-    assert_covered(found)
-    assert found.codes == ["unknown.found"]
-    zero = found.finding("unknown.found")
-    assert (zero["name"], zero["labels"]) == ("joint_zero", ("j3",))
-    # True less reported.
-    assert zero["values"] == pytest.approx((-0.01,), rel=0.02)
-
-
 @pytest.mark.parametrize("seed", slow_after(1, range(4)))
 def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     """They turn the estimated mount, and no log shows them without their motion."""
     zeros = np.array([0.0, *1e-3 * np.random.default_rng(seed).normal(size=5)])
     wrong, right = (
-        make_log(STILL_WRIST, zeros=each).noisy(seed, INDUSTRIAL) for each in (zeros, 0.0)
+        make_log(STILL_WRIST, zeros=each).noisy(seed, "industrial") for each in (zeros, 0.0)
     )
     found = solve(wrong)
     assert found.finding("robot.joints_still")["joints"] == ("j3", "j4", "j5")
-    assert found.nees < UNLIKELY
+    assert found.covered
     exact = solve(right, robot="exact")
     assert "robot.joints_still" not in exact.codes
-    assert exact.nees < UNLIKELY
+    assert exact.covered
 
 
 def test_no_log_separates_hidden_errors_from_the_mount_however_sharp_it_is() -> None:
@@ -426,7 +319,7 @@ def test_no_log_separates_hidden_errors_from_the_mount_however_sharp_it_is() -> 
 
 def test_joints_that_are_stamped_tens_of_milliseconds_apart_are_not_trusted() -> None:
     """Each is found with its size, but the model is of first order, which no longer is enough."""
-    log = make_log(OTHER).noisy(1, INDUSTRIAL)
+    log = make_log(OTHER).noisy(1, "industrial")
     lead = np.array([0.02, 0.05, 0.03, 0.06, 0.02, 0.04])
     (track,) = log.path.tracks
     shifted = [lagrange(track.t, track.values, track.t + late)[:, k] for k, late in enumerate(lead)]
@@ -437,35 +330,7 @@ def test_joints_that_are_stamped_tens_of_milliseconds_apart_are_not_trusted() ->
     for each in values:
         # The mean of all is the time offset, and the rest is the joint's own.
         own = lead.mean() - lead[int(str(each["label"])[1:])]
-        assert each["value"] == pytest.approx(own, abs=5e-3)
-
-
-def held(log: Log) -> Log:
-    """Joint states that repeat each value ten times."""
-    values = log.path.tracks[0].values
-    return log.with_joints(values=values[(np.arange(len(values)) // 10) * 10])
-
-
-def stamped_zero(log: Log) -> Log:
-    """One stamp of zero where all others are of today."""
-    t = log.imu.t + 1.7e9
-    t[1000] = 0.0
-    return log.with_imu(t).with_joints(t=log.path.tracks[0].t + 1.7e9)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [(held, "held"), (stamped_zero, "1 with stamps far from the log")],
-    ids=["joints are held", "one stamp is zero"],
-)
-def test_a_defect_of_the_log_is_reported_and_costs_little(
-    spoil: Callable[[Log], Log], words: str
-) -> None:
-    found = solve(spoil(make_log(LONGEST).noisy(3, INDUSTRIAL)))
-    assert any(words in each for each in found.warnings)
-    assert found.distance < 5e-4
-    if spoil is stamped_zero:
-        assert_covered(found)
+        assert each["value"] == approx(own, abs=5e-3)
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
@@ -483,135 +348,274 @@ def test_a_contact_drops_out(seed: int) -> None:
     assert whole.residuals.windows_dropped <= 2
 
 
-@pytest.mark.parametrize(
-    ("apart", "size", "many"), [(1.0, 90.0, True), (10.0, 90.0, False), (1.0, 20.0, False)]
-)
-def test_strikes_are_reported_where_they_are_many_and_far_above_the_rest(
-    apart: float, size: float, many: bool
-) -> None:
-    log = make_log().noisy(1)
-    accel = log.imu.accel.copy()
-    starts = np.flatnonzero(np.diff(np.floor(log.imu.t / apart)) > 0)[:-1]
-    for start in starts:
-        accel[start : start + 6] += size * np.array([0.0, 0.6, 0.8]) * np.hanning(8)[1:-1, None]
-    found = solve_exact(log.with_imu(accel=accel))
-    assert ("imu.strikes" in found.codes) == many
-    if many:
-        strikes = found.finding("imu.strikes")
-        assert (strikes["count"], strikes["topic"]) == (len(starts), log.imu.topic)
+@BOTH_GRADES
+@pytest.mark.parametrize("size", slow_after(1, [0.02, 0.1]))
+def test_a_bias_that_is_there_only_while_the_link_turns_is_covered(size: float, grade: str) -> None:
+    log = log_of(moves=Moves(seed=3, seconds=48.0)).noisy(2, grade)
+    turning = np.linalg.norm(log.imu.gyro, axis=1) > 0.1
+    assert 0.2 < turning.mean() < 0.9
+    offset = turning[:, None] * size * np.array([0.6, -0.5, 0.62])
+    found, clean = solve(log.with_imu(accel=log.imu.accel + offset)), solve(log)
+    assert found.covered
+    assert clean.findings == ()
+    assert found.distance > clean.distance
 
 
-def test_coloured_noise_is_seen_in_whiteness() -> None:
-    log = log_of(moves=LONG).noisy(1)
-    white = np.random.default_rng(1).normal(size=log.imu.accel.shape)
-    # First-order, 2 s long: five times the sensor's own noise in a window.
-    slow = lfilter([0.03], [1.0, -0.995], white, axis=0)
-    consistency = solve(log.with_imu(accel=log.imu.accel + slow)).consistency
-    assert consistency is not None
-    accel, gyro = consistency.whiteness
-    assert accel > 5.0
-    assert gyro < 3.0
+def test_a_base_that_is_not_as_level_as_stated_is_reported() -> None:
+    gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
+    log = make_log(OTHER, gravity_world=gravity).noisy(1, "industrial")
+    found = solve(log, tilt_std=1e-3).finding("prior.contradicted")
+    assert found["option"] == "--tilt-std"
+    assert abs(found["step"]) == approx(0.03, abs=1e-4)
+    assert solve(log, tilt_std=0.03).trusted
 
 
-def sprung(log: Log, rate: float, damping: float = 0.05) -> Log:
-    """The log of an IMU on a spring, which follows the link as a resonance does."""
+def sprung(rate: float, damping: float = 0.05) -> Log:
+    """An IMU on a spring, which follows the link as a resonance does."""
+    amplitude = (0.25, 0.2, 0.25, 0.45, 0.45, 0.6)
+    log = make_log(Moves(seed=1, seconds=40.0, move=0.8, pause=0.5, amplitude=amplitude))
     w, k = 2.0 * np.pi * rate, 2.0 / float(np.median(np.diff(log.imu.t)))
     # Bilinear transform of w² / (s² + 2 d w s + w²), which passes rest unchanged.
     b = np.array([1.0, 2.0, 1.0]) * w**2
     friction = 2 * damping * w * k
     a = np.array([k**2 + friction + w**2, 2 * (w**2 - k**2), k**2 - friction + w**2])
     rest = log.imu.accel[0]
-    return log.with_imu(accel=rest + lfilter(b / a[0], a / a[0], log.imu.accel - rest, axis=0))
+    swung = log.with_imu(accel=rest + lfilter(b / a[0], a / a[0], log.imu.accel - rest, axis=0))
+    return swung.noisy(1, "industrial")
 
 
-@pytest.mark.parametrize(("rate", "seen"), slow_after(1, [(4.0, True), (8.0, False)]))
-def test_a_mount_that_rings_is_covered_and_reported_where_it_is_slow(
-    rate: float, seen: bool
-) -> None:
-    """Delay and curvature of the resonance are those of a filter, which is found and corrected."""
-    amplitude = (0.25, 0.2, 0.25, 0.45, 0.45, 0.6)
-    quick = Moves(seed=1, seconds=40.0, move=0.8, pause=0.5, amplitude=amplitude)
-    found = solve(sprung(make_log(quick), rate).noisy(1, INDUSTRIAL))
-    assert found.nees < UNLIKELY
-    assert ("residual.beyond_noise" in found.codes) == seen
+def struck(apart: float, size: float) -> Log:
+    """Bursts of force, s apart and of this size, m/s²."""
+    log = make_log().noisy(1)
+    accel = log.imu.accel.copy()
+    for start in np.flatnonzero(np.diff(np.floor(log.imu.t / apart)) > 0)[:-1]:
+        accel[start : start + 6] += size * np.array([0.0, 0.6, 0.8]) * np.hanning(8)[1:-1, None]
+    return log.with_imu(accel=accel)
 
 
-@BOTH_GRADES
-@pytest.mark.parametrize("size", slow_after(1, [0.02, 0.1]))
-def test_a_bias_that_is_there_only_while_the_link_turns_is_covered(size: float, grade: str) -> None:
-    log = log_of(moves=Moves(seed=3, seconds=48.0)).noisy(2, GRADES[grade])
-    turning = np.linalg.norm(log.imu.gyro, axis=1) > 0.1
-    assert 0.2 < turning.mean() < 0.9
-    offset = turning[:, None] * size * np.array([0.6, -0.5, 0.62])
-    found, clean = solve(log.with_imu(accel=log.imu.accel + offset)), solve(log)
-    assert found.nees < UNLIKELY
-    assert clean.findings == ()
-    assert found.distance > clean.distance
+def walking(log: Log, seed: int, *, gyro: float, accel: float) -> Log:
+    """Biases that walk, rad/s/√s and m/s²/√s."""
+    root = np.sqrt(np.median(np.diff(log.imu.t)))
+    steps = np.random.default_rng(seed).normal(size=(2, *log.imu.accel.shape))
+    walk = np.cumsum(root * steps, axis=1)
+    return log.with_imu(gyro=log.imu.gyro + gyro * walk[0], accel=log.imu.accel + accel * walk[1])
 
 
-@pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_the_window_moves_nothing_on_a_sound_log(seed: int) -> None:
-    found = solve(make_log(replace(LONGEST, seed=seed)).noisy(seed, INDUSTRIAL))
-    assert "window.dependent" not in found.codes
+def walking_as_usual(seed: int, grade: str) -> Log:
+    usual, log = load_grade(grade), log_of(moves=LONG).noisy(seed, grade)
+    return walking(log, seed, gyro=usual.gyro_bias_walk, accel=usual.accel_bias_walk)
 
 
-def test_a_pose_of_the_wrong_link_is_not_trusted() -> None:
-    """The IMU sits on the flange, and the path ends at the forearm."""
+def walking_far(seed: int, gyro: float) -> Log:
+    log = log_of(moves=Moves(seed=3, seconds=240.0)).noisy(seed)
+    return walking(log, seed, gyro=gyro, accel=10.0 * gyro)
+
+
+def held(log: Log) -> Log:
+    """Joint states that repeat each value ten times."""
+    values = log.path.tracks[0].values
+    return log.with_joints(values=values[(np.arange(len(values)) // 10) * 10])
+
+
+def stamped_zero(log: Log) -> Log:
+    """One stamp of zero where all others are of today."""
+    t = log.imu.t + 1.7e9
+    t[1000] = 0.0
+    return log.with_imu(t).with_joints(t=log.path.tracks[0].t + 1.7e9)
+
+
+def with_gaps(period: float, gap: float) -> Log:
+    log = sound(OTHER)
+    return log.kept(log.imu.t % period > gap)
+
+
+def sound(moves: Moves, seed: int = 1, **others: Any) -> Log:
+    return make_log(moves, **others).noisy(seed, "industrial")
+
+
+def at_the_forearm() -> Log:
+    """The path ends at the forearm, and the IMU sits on the flange."""
     log = make_log().noisy(0)
-    found = solve(replace(log, path=replace(log.path, steps=log.path.steps[:6])))
-    assert any("does not explain the gyroscope" in reason for reason in found.distrust)
+    return replace(log, path=replace(log.path, steps=log.path.steps[:6]))
 
 
-def test_a_wrong_unit_of_acceleration_is_not_trusted() -> None:
+def in_g() -> Log:
     log = make_log().noisy(0)
-    assert not solve(log.with_imu(accel=log.imu.accel / GRAVITY)).trusted
+    return log.with_imu(accel=log.imu.accel / GRAVITY)
 
 
-STATED: dict[str, tuple[dict[str, Any], str, float]] = {
-    "gravity": ({"gravity_norm": 9.7, "gravity_std": 0.0}, "--gravity", GRAVITY - 9.7),
-    "offset": ({"time_offset": 0.012}, "--time-offset", -0.012),
-    "bias": ({"accel_bias_std": 0.0}, "--accel-bias", 0.1),
-    "bias within": ({"accel_bias_std": 3e-3}, "--accel-bias", 0.1),
+@dataclass(frozen=True, eq=False)
+class Row:
+    """A log, and what its estimate must say."""
+
+    log: Callable[[int, str], Log]
+    """By seed and grade."""
+    options: dict[str, Any] = field(default_factory=dict)
+    has: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Findings that are there, once each, and some of their values."""
+    _: KW_ONLY
+    lacks: tuple[str, ...] = ()
+    """Beginnings of codes that no other finding has."""
+    corrected: set[str] | None = None
+    """All corrections."""
+    words: str = ""
+    """In a warning, or in a reason not to trust the result."""
+    trusted: bool | None = None
+    within: tuple[Mount, ...] = ()
+    """Mounts that the covariance covers."""
+    most: float = np.inf
+    """Largest error of the translation, m."""
+    seeds: int = 1
+    grades: tuple[str, ...] = ("industrial",)
+    slow: bool = False
+
+
+def stating(option: str, step: float, *, slow: bool = True, **stated: Any) -> Row:
+    """A stated value that is wrong is contradicted, and nothing else is blamed."""
+    has = {"prior.contradicted": {"option": option, "step": step}}
+    return Row(lambda *_: sound(OTHER), stated, has, lacks=("unknown.",), trusted=False, slow=slow)
+
+
+def implausible(name: str, flaws: Flaws, *, slow: bool = False) -> Row:
+    """A sensor that errs more than any sound one is blamed alone, and the pose is still right."""
+    return Row(
+        lambda *_: log_of(flaws).noisy(1),
+        has={"unknown.implausible": {"name": name}},
+        lacks=("unknown.", "prior.", "change."), trusted=False, within=HERE,
+        slow=slow,
+    )
+
+
+HERE = (MOUNT,)
+BOTH = tuple(GRADES)
+IDEAL_SENSOR = {"sensor_model": "ideal"}
+TRUE_VALUES = {"gravity": "fixed", "gravity_std": 0.0, "time_offset": 0.0}
+STATED_G = {"gravity_norm": 9.7, "gravity_std": 0.0}
+LEFT_OUT = {"start": approx(28.5, abs=1.5), "end": approx(32.0, abs=2.5)}
+# True less reported.
+ZERO = {"name": "joint_zero", "labels": ("j3",), "values": approx((-0.01,), rel=0.02)}
+ROWS: dict[str, Row] = {
+    "ideal sensor": Row(
+        lambda seed, grade: log_of(moves=Moves(seed=seed, seconds=18.0)).noisy(seed, grade),
+        lacks=("",),
+        corrected=set(),
+        trusted=True,
+        seeds=4,
+        grades=BOTH,
+    ),
+    "scale of a sensor that is stated to be ideal": Row(
+        lambda *_: log_of(Flaws(accel_scale=SCALE)).noisy(1), IDEAL_SENSOR, corrected=set()
+    ),
+    "drift of a clock that is stated to be ideal": Row(
+        lambda *_: log_of(Flaws(drift=2e-4)).noisy(1), IDEAL_SENSOR, corrected=set()
+    ),
+    "drift about a stated offset": Row(
+        lambda *_: log_of(Flaws(drift=2e-4)).noisy(1),
+        {"time_offset": 0.0},
+        corrected={"clock_drift"},
+        trusted=True,
+    ),
+    "stated gravity": Row(
+        lambda *_: log_of(gravity_world=(0.0, 0.0, -9.78)).noisy(1),
+        {"gravity_norm": 9.78, "gravity_std": 0.0},
+        corrected=set(),
+    ),
+    "huge scale": implausible("gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0))),
+    "huge turn": implausible("gyro_misalignment", Flaws(gyro_turn=(0.0, 0.0, 0.1)), slow=True),
+    "mount that moves by a hair": Row(
+        lambda _, g: log_of(Flaws(mount_after=(16.0, moved_by(0.01))), LONG).noisy(1, g),
+        trusted=True,
+        within=(MOUNT, moved_by(0.01)),
+        grades=BOTH,
+    ),
+    "biases that walk as usual": Row(walking_as_usual, trusted=True, seeds=2, grades=BOTH),
+    "biases that walk far": Row(
+        lambda seed, _: walking_far(seed + 1, 3e-5), trusted=True, seeds=2, slow=True
+    ),
+    "biases that walk farther": Row(lambda *_: walking_far(2, 1e-4), trusted=True, slow=True),
+    "stretch that is left out": Row(
+        lambda *_: log_of(Flaws(clock_jump=(28.5, 0.03)), LONG).noisy(1, "industrial"),
+        has={"windows.left_out": LEFT_OUT},
+    ),
+    "joint zero": Row(
+        lambda *_: sound(LONGEST, 3, zeros=0.01 * np.eye(6)[3]),
+        has={"unknown.found": ZERO},
+        lacks=("",),
+        trusted=True,
+        within=HERE,
+    ),
+    "joint states that are held": Row(lambda *_: held(sound(LONGEST, 3)), words="held", most=5e-4),
+    "stamp of zero": Row(
+        lambda *_: stamped_zero(sound(SHORT, 3)),
+        words="1 with stamps far from the log",
+        trusted=True,
+        within=HERE,
+    ),
+    "strikes": Row(lambda *_: struck(1.0, 90.0), has={"imu.strikes": {"count": 18, "topic": ""}}),
+    "strikes that are few": Row(lambda *_: struck(10.0, 90.0), lacks=("imu.strikes",)),
+    "strikes that are weak": Row(lambda *_: struck(1.0, 20.0), lacks=("imu.strikes",)),
+    # Delay and curvature of the resonance are those of a filter, which is found and corrected.
+    "mount that rings slowly": Row(
+        lambda *_: sprung(4.0), has={"residual.beyond_noise": {}}, within=HERE
+    ),
+    "mount that rings fast": Row(
+        lambda *_: sprung(8.0), lacks=("residual.beyond_noise",), within=HERE, slow=True
+    ),
+    "sound log": Row(
+        lambda s, _: sound(replace(LONGEST, seed=s), s), lacks=("window.dependent",), seeds=3
+    ),
+    "wrong link": Row(
+        lambda *_: at_the_forearm(), words="does not explain the gyroscope", trusted=False
+    ),
+    "wrong unit of acceleration": Row(lambda *_: in_g(), trusted=False),
+    "wrong gravity": stating("--gravity", GRAVITY - 9.7, slow=False, **STATED_G),
+    "wrong offset": stating("--time-offset", -0.012, time_offset=0.012),
+    "wrong bias": stating("--accel-bias", 0.1, accel_bias_std=0.0),
+    "wrong prior of a bias": stating("--accel-bias", 0.1, accel_bias_std=3e-3),
+    "wrong gravity, clocks far apart": Row(
+        lambda *_: sound(OTHER, time_offset=6.0),
+        {**STATED_G, "max_offset": 10.0},
+        {"prior.contradicted": {"step": approx(GRAVITY - 9.7, abs=2e-3)}},
+        slow=True,
+    ),
+    "true values": Row(
+        lambda s, _: sound(OTHER, s), TRUE_VALUES, trusted=True, within=HERE, seeds=3
+    ),
+    "short gaps": Row(lambda *_: with_gaps(0.45, 0.05), lacks=("windows.between_gaps",)),
+    "long gaps": Row(lambda *_: with_gaps(0.8, 0.4), has={"windows.between_gaps": {}}),
 }
-"""Options that state what is not true, the option to blame, and true less stated."""
+SENSORS = {
+    each.name
+    for each in TABLE
+    if isinstance(each.effect, (Reading, Clock)) or "gravity" in each.name
+}
 
 
-@pytest.mark.parametrize("what", slow_after(1, STATED))
-def test_a_wrong_value_is_contradicted_with_its_size_and_nothing_else_is_blamed(what: str) -> None:
-    stated, option, step = STATED[what]
-    found = solve(make_log(OTHER).noisy(1, INDUSTRIAL), **stated)
-    assert not found.trusted
-    contradicted = found.finding("prior.contradicted")
-    assert contradicted["option"] == option
-    assert contradicted["step"] == pytest.approx(step, abs=4.0 * contradicted["std"])
-    assert not {"unknown.found", "unknown.implausible"} & set(found.codes)
-
-
-@pytest.mark.slow
-def test_a_wrong_value_is_sized_where_the_clocks_are_far_apart() -> None:
-    log = make_log(OTHER, time_offset=6.0).noisy(1, INDUSTRIAL)
-    found = solve(log, gravity_norm=9.7, gravity_std=0.0, max_offset=10.0)
-    step = found.finding("prior.contradicted")["step"]
-    assert step == pytest.approx(GRAVITY - 9.7, abs=2e-3)
-
-
-def test_a_base_that_is_not_as_level_as_stated_is_reported() -> None:
-    gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
-    log = make_log(OTHER, gravity_world=gravity).noisy(1, INDUSTRIAL)
-    found = solve(log, tilt_std=1e-3).finding("prior.contradicted")
-    assert found["option"] == "--tilt-std"
-    assert abs(found["step"]) == pytest.approx(0.03, abs=1e-4)
-    assert solve(log, tilt_std=0.03).trusted
-
-
-@pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_true_values_are_believed(seed: int) -> None:
-    log = make_log(OTHER).noisy(seed, INDUSTRIAL)
-    assert_covered(solve(log, gravity="fixed", gravity_std=0.0, time_offset=0.0))
-
-
-def test_short_gaps_between_windows_are_no_loss() -> None:
-    log = make_log(OTHER).noisy(1, INDUSTRIAL)
-    for period, gap, lost in ((0.45, 0.05, False), (0.8, 0.4, True)):
-        found = solve(log.kept(log.imu.t % period > gap))
-        assert ("windows.between_gaps" in found.codes) == lost
+@pytest.mark.parametrize(
+    ("name", "seed", "grade"),
+    [
+        each
+        for name, row in ROWS.items()
+        for each in slow_after(1 - row.slow, product([name], range(row.seeds), row.grades))
+    ],
+)
+def test_the_estimate_says_what_its_row_says(name: str, seed: int, grade: str) -> None:
+    row = ROWS[name]
+    found = solve(row.log(seed, grade), **row.options)
+    for code, values in row.has.items():
+        finding = found.finding(code)
+        for key, value in values.items():
+            near = approx(value, abs=4.0 * finding["std"]) if isinstance(value, float) else value
+            assert finding[key] == near
+    assert not [c for c in found.codes if c not in row.has and c.startswith(row.lacks)]
+    assert row.corrected in (None, set(found.corrected))
+    assert any(row.words in each for each in (*found.distrust, *found.warnings, ""))
+    assert row.trusted in (None, found.trusted), found.distrust
+    assert all(replace(found, mount=mount).covered for mount in row.within)
+    assert found.distance < row.most
+    if row.options.get("sensor_model") == "ideal":
+        assert found.named.isdisjoint(SENSORS)
+    assert found.time_offset == row.options.get("time_offset", found.time_offset)
+    if row.options.get("gravity_std") == 0.0:
+        norm = row.options.get("gravity_norm", GRAVITY)
+        assert np.linalg.norm(found.gravity_world) == approx(norm, abs=1e-12)

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import (
     GRAVITY,
-    INDUSTRIAL,
     MOUNT,
     NAMES,
     Log,
@@ -173,7 +172,7 @@ def test_a_fix_closes_what_the_motion_leaves_open() -> None:
     The vertical is known: a tilt of the base would look like a turn about the axis.
     """
     one = Moves(seed=2, seconds=16.0, amplitude=(0, 0, 0, 0, 1.8, 0))
-    wrist = make_log(one, imu_rate=100.0).noisy(1, INDUSTRIAL)
+    wrist = make_log(one, imu_rate=100.0).noisy(1, "industrial")
     omega = parent_motion(one, np.arange(0.0, 16.0, 0.01)).omega
     axis = np.linalg.eigh(omega.T @ omega)[1][:, 2]
     (hidden,) = solve_exact(wrist, gravity="fixed").unobservable

@@ -6,10 +6,10 @@ which other tests compare with pinocchio's truth.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pytest
@@ -126,8 +126,7 @@ def _reckoned_log() -> Log:
     return replace(log, path=replace(path, steps=steps, tracks=(imu, joints)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
+class Case(NamedTuple):
     """A model and its true state."""
 
     model: Model
@@ -149,7 +148,7 @@ def case(robot: str) -> Case:
     x[layout.part("time_offset")] = log.time_offset
     gravity = np.array([0.0, 0.0, 0.0 if floats else -GRAVITY])
     state = State(log.mount.R, log.mount.t, gravity, x)
-    return Case(model=Model(windowing, layout), state=state)
+    return Case(Model(windowing, layout), state)
 
 
 @ROBOTS
