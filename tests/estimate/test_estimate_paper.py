@@ -83,7 +83,7 @@ def minimised(differences: Callable[[Floats], Floats], *, components: bool) -> F
         return np.asarray(error.ravel() if components else np.abs(error).sum(axis=1))
 
     start = np.r_[NEAR["t_initial"], Rotation.from_matrix(NEAR["R_initial"]).as_rotvec()]
-    tolerances = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-10)
+    tolerances: Any = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-10)
     return np.asarray(least_squares(residuals, start, x_scale="jac", **tolerances).x)
 
 
