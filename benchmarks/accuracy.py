@@ -2,10 +2,9 @@
 
     python -m benchmarks.accuracy
 
-The physics engine is the truth. What is left of the matched method is the error of integrating
-samples, as robot, sensor and gravity are exact and told to be; of the published one, the truncation
-of its filters. The published method is given the true pose as its initial guess and no sample is
-excluded.
+The physics engine is the truth. Robot, sensor and gravity are exact and taken as such, so the error
+of the matched method is that of integrating samples, and the published one's the truncation of its
+filters. The published method starts at the true pose, and no sample is excluded.
 """
 
 from __future__ import annotations

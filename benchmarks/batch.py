@@ -221,8 +221,8 @@ def on_paper(folder: Path, task: Task) -> None:
 def start_of_a_process(task: Task) -> tuple[float, float]:
     """Seconds to start and end a worker that does nothing, and of the first with its imports."""
     starter = [sys.executable, "-c", STARTER, str(STARTS), *preloaded(task)]
-    told = subprocess.run(starter, check=True, capture_output=True, text=True).stdout
-    first, *others = map(float, told.split())
+    printed = subprocess.run(starter, check=True, capture_output=True, text=True).stdout
+    first, *others = map(float, printed.split())
     return min(others), first
 
 

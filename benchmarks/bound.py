@@ -6,7 +6,7 @@
 The bound of a log is the covariance of the same unknowns where the standard deviations that their
 errors were drawn with are known (robots.py), and what was not drawn is known to be zero: the
 estimator has to learn how good robot and sensor are, the bound does not. A second bound of the
-rotation is not told that the gyroscope's axes are the accelerometer's. Errors are those of the
+rotation does not know that the gyroscope's axes are the accelerometer's. Errors are those of the
 sweep, root mean squares over the same logs.
 """
 
@@ -77,9 +77,9 @@ def bound(line: Line) -> tuple[float, float, float]:
     for each in layout.placed:
         if each.unknown.name not in FREE:
             std[each.part] = max(drawn.get(each.unknown.name, 0.0), KNOWN)
-    told = _least(fit, std)
+    known = _least(fit, std)
     std[layout.part("gyro_misalignment")] = SCALES["sensor_axes"].high
-    return *told, _least(fit, std)[1]
+    return *known, _least(fit, std)[1]
 
 
 def _least(fit: Fit, std: Floats) -> tuple[float, float]:

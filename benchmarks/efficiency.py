@@ -4,7 +4,7 @@
 
 Truth is the physics engine's. The bound is that of the same log with white IMU noise alone and
 an exact robot and sensor, whose unknowns are both biases, tilt and time offset; with --exact the
-estimator is told so, else it looks for all that may be wrong. NEES is the mean over seeds of the
+estimator knows this, else it estimates all possible errors. NEES is the mean over seeds of the
 squared pose error in units of the stated covariance: 6 if the covariance is true. Beside it: the
 same for the time offset and the two biases (1 each), and how often the result was trusted, as all
 of these should be.

@@ -1,8 +1,8 @@
-"""Faults of robot and log, each told to the estimator, and what it says of them.
+"""Faults of robot and log, one at a time, and what the diagnosis says of them.
 
     python -m benchmarks.faults [SEEDS [KIND...]]
 
-RiHIBot and BarBot are simulated, a fault is put into what the estimator is told (URDF, joint names,
+RiHIBot and BarBot are simulated, a fault is put into the estimator's inputs (URDF, joint names,
 clock, poses) or into the mount, and the result is judged: which cause is named, whether the names
 and figures are right, and whether a pose that is off by more than three sigma was ever called ok.
 Faults of the IMU itself stand below: none of the causes looked for here may be blamed for them.
@@ -128,10 +128,10 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
 
 def _learnt(estimate: Estimate, fault: Fault) -> Finding | None:
     """What the fit itself found of the joint at fault, and corrected."""
-    told = (each for each in estimate.findings if each.code.startswith("unknown."))
+    found = (each for each in estimate.findings if each.code.startswith("unknown."))
     if fault.kind == "ringing":
-        return next((each for each in told if each.values["name"] == "mount_give"), None)
-    return next((each for each in told if _owner(each) in fault.names), None)
+        return next((each for each in found if each.values["name"] == "mount_give"), None)
+    return next((each for each in found if _owner(each) in fault.names), None)
 
 
 def _owner(finding: Finding) -> str:

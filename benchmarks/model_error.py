@@ -5,7 +5,7 @@
 RiHIBot is simulated with the true lengths and calibrated with one origin 1 % longer, by industrial
 and MEMS noise, for several mounts. Taken as exact, the error would be millimetres; the origins are
 found with the pose. An error along the last joint's axis (wrist_3_joint) shifts the IMU and nothing
-else: no data can tell.
+else: no data can show it.
 """
 
 from __future__ import annotations

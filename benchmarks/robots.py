@@ -1,16 +1,16 @@
 """Imperfect robots and sensors with a known truth: logs in memory for sweeps.py.
 
 Motions are analytic (quintic moves, pauses, a wobbling base) and accelerations are pinocchio's, so
-the truth owes nothing to the package. Errors are in what the estimator is told; the truth stays.
-Every kind of error is drawn for every seed and multiplied by the row's size, so that the rows of a
-seed share their motion, their mount and their draws.
+the truth owes nothing to the package. The errors are in the estimator's inputs. Every kind of error
+is drawn for every seed and multiplied by the row's size, so that the rows of a seed share their
+motion, their mount and their draws.
 
-Not everything that is wrong can be found by anyone, and what cannot is told correctly:
+No log shows some errors, and the inputs have none of these:
 
 - the zero of the last joint, the flange after it and the part of its origin along its axis are the
   same as another mount;
-- the zero of the first joint is the same as another heading of the world (on a moving base it
-  could be found; it is told correctly there too, so that the robots compare).
+- the zero of the first joint is the same as another heading of the world (with a moving base it
+  could be found, but has no error there either, so that the robots compare).
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ Driver = Callable[[float], tuple[Floats, Floats]]
 """A filter: from the rate, Hz, to numerator and denominator."""
 
 GRAVITY = 9.80665
-"""m/s², CGPM 1901: what the estimator takes it to be."""
+"""m/s², CGPM 1901: the estimator's mean."""
 MEMS = (300e-6 * GRAVITY, float(np.radians(0.014)))
 INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
-"""One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz): a consumer's
-MEMS IMU and an ADIS1649x, by their data sheets."""
+"""One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz) and rad/s/sqrt(Hz), of a
+consumer's MEMS IMU and of an ADIS1649x, by their data sheets."""
 ACCEL_BIAS, GYRO_BIAS = 0.1, 0.01
 """1 sigma of the constant biases, m/s² and rad/s: ten milli-g, half a degree per second."""
 MOUNT_RADIUS = 0.15
@@ -131,44 +131,26 @@ ROBOTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """How large the errors are: 1 sigma, unless it says otherwise; an exact robot by default."""
+    """Sizes of the errors: 1 sigma unless stated otherwise; an exact robot by default."""
 
-    noise: tuple[float, float] = (0.0, 0.0)
-    """Densities of accelerometer and gyroscope."""
-    scale: float = 0.0
-    """Of each axis of both sensors, measured over true less one."""
-    gyro_delay: float = 0.0
-    """The gyroscope's stamps are later than the accelerometer's by so much, s."""
-    zero: float = 0.0
-    """Of each joint, rad."""
-    origin: float = 0.0
-    """Of each component of each joint's origin, m."""
-    gravity: float = 0.0
-    """Of the local norm about the standard one, m/s²."""
-    gravity_between: tuple[float, float] | None = None
-    """The local norm is uniform between these instead, m/s²."""
-    encoder: float = 0.0
-    """White noise of each joint sample, rad."""
-    eccentricity: float = 0.0
-    """Of the reading's error that goes as sin q, and of that as cos q, rad."""
-    lag: float = 0.0
-    """Of each joint's reading behind the joint, s."""
-    play: float = 0.0
-    """Of the reading's error that changes sign with the direction of motion, rad."""
-    track_noise: tuple[float, float] = (0.0, 0.0)
-    """White, of each component of a tracked base's position, m, and orientation, rad."""
-    track_scale: float = 0.0
-    """Of the tracker's lengths."""
-    long_link: float = 0.0
-    """One joint's origin is longer by exactly this share."""
-    gross_zero: float = 0.0
-    """One joint's zero is off by exactly this, rad, either way."""
-    driver: Driver | None = None
-    """Filter of the IMU's driver."""
-    ramp: tuple[float, float] = (0.0, 0.0)
-    """How far the biases drift over the log in a random direction, m/s² and rad/s, exactly."""
-    walk: tuple[float, float] = (0.0, 0.0)
-    """Of the biases' random walks, m/s²/sqrt(s) and rad/s/sqrt(s)."""
+    noise: tuple[float, float] = (0.0, 0.0)  # densities of accelerometer and gyroscope
+    scale: float = 0.0  # of each axis of both sensors, measured over true less one
+    gyro_delay: float = 0.0  # s, the gyroscope's stamps less the accelerometer's
+    zero: float = 0.0  # of each joint, rad
+    origin: float = 0.0  # of each component of each joint's origin, m
+    gravity: float = 0.0  # of the local norm about the standard one, m/s²
+    gravity_between: tuple[float, float] | None = None  # m/s², the norm is uniform instead
+    encoder: float = 0.0  # white noise of each joint sample, rad
+    eccentricity: float = 0.0  # of errors of the reading as sin q, and as cos q, rad
+    lag: float = 0.0  # of each joint's reading behind the joint, s
+    play: float = 0.0  # of the error that changes sign with the direction of motion, rad
+    track_noise: tuple[float, float] = (0.0, 0.0)  # of a tracked base's components, m and rad
+    track_scale: float = 0.0  # of the tracker's lengths
+    long_link: float = 0.0  # one joint's origin is longer by exactly this share
+    gross_zero: float = 0.0  # one joint's zero has exactly this error, rad, either way
+    driver: Driver | None = None  # filter of the IMU's driver
+    ramp: tuple[float, float] = (0.0, 0.0)  # exact drift of the biases, m/s² and rad/s a log
+    walk: tuple[float, float] = (0.0, 0.0)  # of the biases, m/s²/sqrt(s) and rad/s/sqrt(s)
 
 
 def _exponential(alpha: float) -> Driver:
@@ -238,7 +220,7 @@ def robot_of(name: str, seed: int) -> Robot:
     count = int(rng.integers(3, 8))
     origins = []
     for index in range(count):
-        # Where the last two axes are parallel, what no log tells of the last it tells of neither.
+        # With parallel last axes, errors that no log shows of the last one are hidden of both.
         parallel = rng.uniform() < 0.2 and index < count - 1
         roll = 0.0 if parallel else rng.choice([_RIGHT, -_RIGHT])
         length = rng.uniform(0.0, 0.5) if index == 1 or rng.uniform() < 0.7 else 0.0
@@ -397,13 +379,13 @@ class Truth:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """What an estimator is given, and what is true."""
+    """Input of an estimator, and the truth."""
 
     imu: ImuSamples
     path: KinematicPath
-    """As told: wrong constants, read tracks."""
+    """The estimator's: wrong constants, and tracks as read."""
     true_path: KinematicPath
-    """The right constants and the tracks as they were, at the same stamps."""
+    """Right constants and true tracks, at the same stamps."""
     R: Floats
     """(3, 3), R_parent_imu."""
     t: Floats
@@ -411,7 +393,7 @@ class Case:
     time_offset: float
     """Of the accelerometer, s; without the delay of a driver's filter."""
     drawn: dict[str, Any] = field(default_factory=dict)
-    """The errors by name, in SI units: lists and numbers, as JSON has them."""
+    """Errors by name, in SI units: lists and numbers, as in JSON."""
 
 
 def make_case(
@@ -447,13 +429,13 @@ def make_case(
     imu, sensor = _imu(
         truth, motion, sizes, [*key, 2], np.arange(-LEAD + phase, seconds, 1 / imu_rate)
     )
-    told, joints = _told(true, sizes, [*key, 3])
+    wrong, joints = _described(true, sizes, [*key, 3])
     tracks, exact, reading = _tracks(
         truth, motion, sizes, [*key, 4], seconds=seconds, rate=joint_rate, zeros=joints["zero"]
     )
     return Case(
         imu=replace(imu, t=imu.t + time_offset),
-        path=_path(told, tracks),
+        path=_path(wrong, tracks),
         true_path=_path(true, exact),
         R=R,
         t=t,
@@ -511,8 +493,8 @@ def _direction(rng: np.random.Generator) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _told(true: Robot, row: Row, key: list[int]) -> tuple[Robot, dict[str, Any]]:
-    """The robot with wrong constants, and what was drawn; zeros are told by the joints' tracks."""
+def _described(true: Robot, row: Row, key: list[int]) -> tuple[Robot, dict[str, Any]]:
+    """The robot with wrong constants, and all draws; errors of zeros go into the joints' tracks."""
     rng, count = np.random.default_rng(key), len(true.origins)
     errors = row.origin * rng.normal(size=(count, 3))
     zeros = row.zero * rng.normal(size=count)
@@ -570,16 +552,16 @@ def _tracks(
     read += row.encoder * noise_rng.normal(size=q.shape)
     names = tuple(f"j{index}" for index in range(count))
     joints = Track(name="/joint_states", kind="joints", t=t, values=read, names=names)
-    told, exact = (joints,), (replace(joints, values=q),)
+    read_tracks, exact = (joints,), (replace(joints, values=q),)
     if not truth.base:
-        return told, exact, drawn
+        return read_tracks, exact, drawn
     t = np.arange(0.0, seconds, 1 / TRACK_RATE)
     R, p = truth.base_poses(motion, t)
     true = Track(name="/base", kind="pose", t=t, values=_pose_values(R, p))
     shift, turn = noise_rng.normal(size=(2, len(t), 3)) * np.array(row.track_noise)[:, None, None]
     R = Rotation.from_rotvec(turn).as_matrix() @ R
     p = p * (1.0 + drawn["track_scale"]) + shift
-    return (*told, replace(true, values=_pose_values(R, p))), (*exact, true), drawn
+    return (*read_tracks, replace(true, values=_pose_values(R, p))), (*exact, true), drawn
 
 
 def _pose_values(R: Floats, p: Floats) -> Floats:

@@ -92,8 +92,8 @@ def spent(command: list[str]) -> tuple[float, float]:
     meter = [sys.executable, "-c", METER, *command]
     # Modules are compiled once, as those of an installed package are.
     env = os.environ | {"PYTHONDONTWRITEBYTECODE": ""}
-    told = subprocess.run(meter, check=True, capture_output=True, text=True, env=env).stdout
-    cpu, mb = told.split()[-2:]
+    printed = subprocess.run(meter, check=True, capture_output=True, text=True, env=env).stdout
+    cpu, mb = printed.split()[-2:]
     return float(cpu), float(mb)
 
 

@@ -46,7 +46,7 @@ FIVE_SIGMA = 5.7e-7
 """Probability of a normal deviate beyond five sigma, either way."""
 
 Line = dict[str, Any]
-"""What is kept of one log, as JSON has it."""
+"""Record of one log, as in JSON."""
 
 
 @dataclass(frozen=True, kw_only=True)

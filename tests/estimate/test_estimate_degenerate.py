@@ -13,15 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.estimate.estimate_arm import (
-    GRAVITY,
-    Log,
-    Moves,
-    Solved,
-    make_log,
-    parent_motion,
-    solve,
-)
+from tests.estimate.estimate_arm import GRAVITY, Log, Moves, Solved, make_log, parent_motion, solve
 from tests.slow import slow_after
 
 if TYPE_CHECKING:

@@ -128,10 +128,6 @@ def test_free_errors_of_robot_and_sensor_cost_little(seed: int) -> None:
     assert found.warnings == ()
 
 
-def test_a_wrong_stated_offset_moves_the_pose() -> None:
-    assert solve_exact(make_log(time_offset=0.1234), time_offset=0.1).distance > 1e-3
-
-
 def test_an_offset_beyond_the_search_is_not_trusted() -> None:
     found = solve_exact(make_log(time_offset=1.02), max_offset=0.5)
     assert not found.trusted
@@ -234,8 +230,8 @@ def test_holes_are_bridged_or_left_out(
     assert found.residuals.gaps == gaps
     assert found.residuals.windows_dropped == 0
     assert found.residuals.accel_rms.max() < 1e-3
-    told = any("1 with repeated stamps, 1 not finite" in each for each in found.warnings)
-    assert told == (spoil is disorder)
+    reported = any("1 with repeated stamps, 1 not finite" in each for each in found.warnings)
+    assert reported == (spoil is disorder)
 
 
 def test_a_log_that_is_too_short_or_apart_is_refused_in_words() -> None:

@@ -104,7 +104,7 @@ SENSOR_FAULTS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, ...]]]] = 
         {"gyro_delay": (4e-3,), "gravity_norm": (9.86,)},
     ),
 }
-"""A log, and what is to be found of which size."""
+"""Arguments of a log, and the corrections with their sizes."""
 IDEAL = {"accel_scale": 1.0, "gyro_scale": 1.0, "gravity_norm": GRAVITY}
 
 
@@ -481,7 +481,9 @@ def implausible(name: str, flaws: Flaws, *, slow: bool = False) -> Row:
     return Row(
         lambda *_: log_of(flaws).noisy(1),
         has={"unknown.implausible": {"name": name}},
-        lacks=("unknown.", "prior.", "change."), trusted=False, within=HERE,
+        lacks=("unknown.", "prior.", "change."),
+        trusted=False,
+        within=HERE,
         slow=slow,
     )
 

@@ -12,12 +12,7 @@ import pytest
 import yaml
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.signals.imu.data_sheet import (
-    ImuModel,
-    imu_assumptions,
-    imu_names,
-    load_imu_model,
-)
+from imucalib_cli.signals.imu.data_sheet import ImuModel, imu_assumptions, imu_names, load_imu_model
 
 ROOT = Path(__file__).parents[2]
 REQUIRED = {"adis16495", "adis16448", "bmi088", "icm20948", "mpu6050", "xsens_mti"}

@@ -219,7 +219,7 @@ def joint_names(placed: list[Placed]) -> list[str]:
 
 
 def test_what_no_log_can_tell_is_not_looked_for() -> None:
-    """The first joint's zero is the base's turn; the last one's, and all after it, the mount's."""
+    """The first joint's zero is a turn of the base; the last one's, and all after it, the mount."""
     layout = case("ur10e").layout
     joints = owners(layout, JointCurve)
     assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4"]
@@ -228,7 +228,7 @@ def test_what_no_log_can_tell_is_not_looked_for() -> None:
     # Steps are joint, origin, joint, origin, ...; the last is the flange.
     assert [each.index for each in origins] == [1, 3, 5, 7, 9]
     assert [each.part.stop - each.part.start for each in origins] == [3, 3, 3, 3, 2]
-    # What is left of the last one is across the last joint's axis, as its frame has it.
+    # The last one is across the last joint's axis, in its frame.
     last = origins[-1].directions
     # Named "z", it is z and not -z.
     assert (last[[0, 1], np.abs(last).argmax(axis=1)] > 0.0).all()
@@ -256,7 +256,7 @@ def test_a_joint_that_stands_still_is_a_link() -> None:
     assert joint_names(joints["joint_lag"]) == ["j0", "j1", "j3", "j4"]
     # Behind the first that moves, its zero turns all that follows.
     assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4", "j5"]
-    # Behind the last that moves, and of that one, no log tells them from the mount.
+    # No log separates those of the last moving joint and behind it from the mount.
     assert layout.still == ("j5",)
     hidden = [each.labels for each in layout.placed if each.hidden]
     assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z")]
@@ -267,9 +267,9 @@ def test_options_take_entries_out() -> None:
     exact = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
     names = {each.unknown.name for each in lay_out(trajectory, exact).placed}
     assert names == {each.name for each in LEAN if not each.name.startswith("base_")}
-    told = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
-    np.testing.assert_array_equal(told.std[told.part("joint_zero")], 1e-3)
-    np.testing.assert_array_equal(told.std[told.part("origin")], 2e-4)
+    known = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
+    np.testing.assert_array_equal(known.std[known.part("joint_zero")], 1e-3)
+    np.testing.assert_array_equal(known.std[known.part("origin")], 2e-4)
 
 
 def _cross_axis(samples: Samples) -> Floats:
