@@ -195,8 +195,7 @@ def test_a_mount_that_moves_is_found_with_time_and_size(
     instant: float, share: float | None, grade: str
 ) -> None:
     """Near an end, the longer part gives the pose, and the shorter one gets no weight."""
-    log = log_of(Flaws(mount_after=(instant, moved_by(1.0))), LONG).noisy(1, grade)
-    found = solve(log)
+    found = solve(log_of(Flaws(mount_after=(instant, moved_by(1.0))), LONG).noisy(1, grade))
     assert not found.trusted
     change = change_in(found, "mount", instant)
     for what, truth in zip(("translation", "rotation"), MOVED, strict=True):
@@ -207,30 +206,37 @@ def test_a_mount_that_moves_is_found_with_time_and_size(
     assert share is None or replace(found, mount=moved_by(share)).covered
 
 
+NEAR_END = pytest.mark.xfail(strict=True, reason="found as a moved mount near the end")
+NONE = (0.0, 0.0, 0.0)
+STEPS = [
+    *(("gyro_bias", at, ((0.01, 0.0, -0.005), NONE), g) for g in GRADES for at in (11.0, 20.0)),
+    *(("accel_bias", at, (NONE, (0.1, 0.2, -0.1)), g) for g in GRADES for at in (11.0, 20.0)),
+    *(("clock", 12.0, 0.01, grade) for grade in GRADES),
+    *(("clock", 19.0, -0.02, grade) for grade in GRADES),
+    ("clock", 28.5, 0.03, "mems"),
+    pytest.param("clock", 28.5, 0.03, "industrial", marks=NEAR_END),
+]
+FAST_STEPS = (0, 4, 8)
+
+
 @pytest.mark.parametrize(
-    ("instant", "jump", "grade"),
-    slow_after(
-        1,
-        [
-            (12.0, 0.01, "mems"),
-            (28.5, 0.03, "mems"),
-            (19.0, -0.02, "mems"),
-            (12.0, 0.01, "industrial"),
-            (19.0, -0.02, "industrial"),
-            pytest.param(
-                *(28.5, 0.03, "industrial"),
-                marks=pytest.mark.xfail(strict=True, reason="found as a moved mount near the end"),
-            ),
-        ],
-    ),
+    ("kind", "instant", "step", "grade"),
+    [each for k, row in enumerate(STEPS) for each in slow_after(k in FAST_STEPS, [row])],
 )
-def test_a_clock_that_is_set_is_found_with_time_and_size(
-    instant: float, jump: float, grade: str
+def test_a_clock_or_a_bias_that_steps_is_found_with_time_and_size(
+    kind: str, instant: float, step: Any, grade: str
 ) -> None:
-    found = solve(log_of(Flaws(clock_jump=(instant, jump)), LONG).noisy(1, grade))
-    assert change_in(found, "clock", instant)["size"] == approx(jump, rel=0.2)
-    # A step looks like a drift, which is not reported beside it.
-    assert found.named == set()
+    clock = kind == "clock"
+    flaws = Flaws(clock_jump=(instant, step)) if clock else Flaws(bias_step=(instant, *step))
+    found = solve(log_of(flaws, LONG).noisy(1, grade))
+    change = change_in(found, kind, instant)
+    if clock:
+        assert change["size"] == approx(step, rel=0.2)
+        # A step looks like a drift, which is not reported beside it.
+        assert found.named == set()
+    else:
+        # The part in which it happened belongs to neither side.
+        assert change["size"] == approx(np.linalg.norm(step), rel=0.3)
     assert found.covered
 
 
@@ -240,23 +246,6 @@ def test_a_clock_that_is_set_moves_a_pose_of_which_a_part_is_held() -> None:
     part = solve(stepped, pose=prior(tz=0.0))
     assert "change.clock" in part.codes
     np.testing.assert_array_less(0.5 * solve(stepped).sigma[3:], part.sigma[3:])
-
-
-@BOTH_GRADES
-@pytest.mark.parametrize("instant", slow_after(1, [11.0, 20.0]))
-@pytest.mark.parametrize(
-    ("kind", "gyro", "accel"),
-    [("gyro_bias", (0.01, 0.0, -0.005), (0.0,) * 3), ("accel_bias", (0.0,) * 3, (0.1, 0.2, -0.1))],
-)
-def test_a_bias_that_steps_is_found_with_time_and_size(
-    kind: str, gyro: tuple[float, ...], accel: tuple[float, ...], instant: float, grade: str
-) -> None:
-    flaws = Flaws(bias_step=(instant, gyro, accel))  # type: ignore[arg-type]
-    found = solve(log_of(flaws, LONG).noisy(1, grade))
-    size = np.linalg.norm([*gyro, *accel])
-    # The part in which it happened belongs to neither side.
-    assert change_in(found, kind, instant)["size"] == approx(size, rel=0.3)
-    assert found.covered
 
 
 def stretched(link: int) -> tuple[tuple[float, float, float], ...]:
