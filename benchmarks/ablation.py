@@ -1,4 +1,4 @@
-"""What each group of unknowns buys on imperfect robots, and costs on exact ones.
+"""The benefit of each group of unknowns on imperfect robots, and its cost on exact ones.
 
     python -m benchmarks.ablation --robot ur10e --seeds 16
 

@@ -164,7 +164,7 @@ def records_in(folder: Path) -> list[Record]:
 
 
 def task_of(urdf: Path) -> Task:
-    """What the command makes of its options."""
+    """The task that the command makes of its options."""
     request = CalibrationRequest(logs=(), urdf=urdf)
     return Task(
         request=request,

@@ -85,11 +85,11 @@ NAMED = {
     "base": "base_moves",
     "handed": "axes",
 }
-"""What a finding calls a fault, where it is another word."""
+"""Names of faults in findings, where they differ."""
 
 
 class Verdict(NamedTuple):
-    """What was reported of one recording."""
+    """The judgement of one recording."""
 
     fault: Fault
     grade: str
@@ -127,7 +127,7 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
 
 
 def _learnt(estimate: Estimate, fault: Fault) -> Finding | None:
-    """What the fit itself found of the joint at fault, and corrected."""
+    """The error of the joint at fault that the fit itself found and corrected."""
     found = (each for each in estimate.findings if each.code.startswith("unknown."))
     if fault.kind == "ringing":
         return next((each for each in found if each.values["name"] == "mount_give"), None)

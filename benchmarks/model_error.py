@@ -1,4 +1,4 @@
-"""What wrong kinematics do to the answer, and whether the stated sigma covers it.
+"""Errors of the answer by wrong kinematics, and whether the stated sigma covers them.
 
     python -m benchmarks.model_error
 

@@ -44,7 +44,7 @@ def bag_chunks(path: Path, topics: Collection[str]) -> int:
 
 
 def row(name: str, path: Path, topics: Collection[str], wanted: int) -> tuple[object, ...]:
-    """What reading some topics of a log takes."""
+    """Bytes, requests and times of reading some topics of a log."""
 
     def seconds(read: Callable[[], object]) -> float:
         start = time.perf_counter()

@@ -59,7 +59,7 @@ print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 
 def in_turn(calls: Mapping[str, Callable[[], T]], rounds: int) -> dict[str, list[T]]:
-    """What each call gives, round by round; the first round compiles, and does not count."""
+    """Results of each call, round by round; the first round compiles, and does not count."""
     found = [{name: call() for name, call in calls.items()} for _ in range(rounds + 1)][1:]
     return {name: [each[name] for each in found] for name in calls}
 

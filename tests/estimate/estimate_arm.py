@@ -170,7 +170,7 @@ def arm_path(
 
 @dataclass(frozen=True, kw_only=True)
 class Flaws:
-    """What is wrong with an IMU; nothing by default. Each flaw is exact, none is interpolated."""
+    """Errors of an IMU, none by default. Each is exact, none is interpolated."""
 
     drift: float = 0.0
     """Seconds that the IMU's clock gains in a second of the robot's."""

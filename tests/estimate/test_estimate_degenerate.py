@@ -1,4 +1,4 @@
-"""What a motion does not show is named; what it shows keeps its sigma.
+"""Directions that a motion does not show are named; the others keep their sigma.
 
 Which directions are hidden is geometry: the axis of all rotation, from pinocchio.
 """

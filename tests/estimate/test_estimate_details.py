@@ -1,4 +1,4 @@
-"""What a report draws: against pinocchio's readings, the noise put in, and where the log moves."""
+"""The data of a report, against pinocchio's readings, the noise put in, and the motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of the pose beforehand: held, weighed in, and contradicted where the data do."""
+"""Prior knowledge of the pose: held, weighed in, and contradicted where the data do so."""
 
 from __future__ import annotations
 
