@@ -16,7 +16,7 @@ from imucalib_cli.signals.imu.data_sheet import ImuModel, imu_assumptions, imu_n
 
 ROOT = Path(__file__).parents[2]
 REQUIRED = {"adis16495", "adis16448", "bmi088", "icm20948", "mpu6050", "xsens_mti"}
-G, DEG = 9.80665, math.radians(1.0)
+G = 9.80665
 
 # Sane figures of what a robot may carry, from a tactical module to a hobbyist's chip; wrong units
 # are off by more.
@@ -65,9 +65,10 @@ def test_every_imu_has_sources_and_sane_figures(name: str) -> None:
 
 def test_units_are_those_of_sheets() -> None:
     model = load_imu_model("adis16448")
-    for sensor, unit, noise, bias in (("accel", G, 230e-6, 0.020), ("gyro", DEG, 0.0135, 0.5)):
-        assert model.noise(sensor) == pytest.approx(noise * unit)
-        assert model.bias_sigma(sensor) == pytest.approx(bias * unit)
+    assert model.noise("accel") == pytest.approx(230e-6 * G)
+    assert model.noise("gyro") == pytest.approx(math.radians(0.0135))
+    assert model.bias_sigma("accel") == pytest.approx(0.020 * G)
+    assert model.bias_sigma("gyro") == pytest.approx(math.radians(0.5))
     assert model.ranges("accel") == pytest.approx([18.0 * G])
     assert model.bandwidth("gyro") == 330.0
     # A limit is several sigma of the parts that are sold.
