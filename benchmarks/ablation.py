@@ -1,4 +1,4 @@
-"""What each group of unknowns buys on imperfect robots, and costs on exact ones.
+"""The benefit of each group of unknowns on imperfect robots, and its cost on exact ones.
 
     python -m benchmarks.ablation --robot ur10e --seeds 16
 
@@ -9,15 +9,13 @@ in mm and in degrees, and the mean NEES, 6 where the stated covariance is true.
 
 from __future__ import annotations
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks import sweeps
-from benchmarks.common import table
+from benchmarks.common import arguments, parallel, table
 from benchmarks.robots import ROBOTS, ROWS
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.unknowns import TABLE, Unknown
@@ -63,29 +61,27 @@ def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float, floa
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description="What each group of unknowns buys and costs.")
-    parser.add_argument("--robot", choices=ROBOTS, default="ur10e")
-    parser.add_argument(
-        "--rows", nargs="+", choices=ROWS, default=["exact-mems", "quiet", "everyday", "worn"]
+    rows = ["exact-mems", "quiet", "everyday", "worn"]
+    asked = arguments(
+        __doc__,
+        robot={"choices": ROBOTS, "default": "ur10e"},
+        rows={"choices": ROWS, "default": rows},
+        groups={"choices": GROUPS, "default": list(GROUPS)},
+        seeds=16,
+        workers=2,
     )
-    parser.add_argument("--groups", nargs="+", choices=GROUPS, default=list(GROUPS))
-    parser.add_argument("--seeds", type=int, default=16)
-    parser.add_argument("--workers", type=int, default=2)
-    asked = parser.parse_args()
     line = table("left out", *(f"{row}: mm, deg, NEES" for row in asked.rows))
-    with ProcessPoolExecutor(asked.workers) as pool:
-        for group in asked.groups:
-            jobs = [
-                (asked.robot, row, group, seed)
-                for row, seed in product(asked.rows, range(asked.seeds))
-            ]
-            found = np.array(list(pool.map(run, *zip(*jobs, strict=True))))
-            found = found.reshape(len(asked.rows), asked.seeds, 3).mean(axis=1)
-            cells = (
+    for group in asked.groups:
+        seeds = product([asked.robot], asked.rows, [group], range(asked.seeds))
+        found = np.array(parallel(run, list(seeds), asked.workers))
+        means = found.reshape(len(asked.rows), asked.seeds, 3).mean(axis=1)
+        line(
+            group,
+            *(
                 f"{1e3 * shift**0.5:.3f}, {np.degrees(turn**0.5):.4f}, {nees:.3g}"
-                for shift, turn, nees in found
-            )
-            line(group, *cells)
+                for shift, turn, nees in means
+            ),
+        )
 
 
 if __name__ == "__main__":

@@ -2,10 +2,9 @@
 
     python -m benchmarks.accuracy
 
-The physics engine is the truth. What is left of the matched method is the error of integrating
-samples, as robot, sensor and gravity are exact and told to be; of the published one, the truncation
-of its filters. The published method is given the true pose as its initial guess and no sample is
-excluded.
+The physics engine is the truth. Robot, sensor and gravity are exact and taken as such, so the error
+of the matched method is that of integrating samples, and the published one's the truncation of its
+filters. The published method starts at the true pose, and no sample is excluded.
 """
 
 from __future__ import annotations
@@ -33,34 +32,22 @@ def main() -> None:
         imu, path = streams_of(clean)
         norm = float(np.linalg.norm(clean.gravity_world))
         print(f"\n{system}, {rate:.0f} Hz")
-        line = table("window s", "matched mm", "matched deg", "paper mm", "paper deg")
+        line = table(
+            *("window s", "matched mm|.6f", "matched deg|.7f", "paper mm|.4f", "paper deg|.5f")
+        )
         for seconds in WINDOWS:
             window = WindowChoice(seconds=seconds)
-            ours = error_of(
-                calibrate_matched(imu, path, replace(exact_system(norm), window=window)),
-                clean,
+            ours = calibrate_matched(imu, path, replace(exact_system(norm), window=window))
+            paper = PaperOptions(
+                window=window,
+                exclusion_threshold=0.0,
+                R_initial=clean.R_parent_imu,
+                t_initial=clean.t_parent_imu,
+                gravity_norm=norm,
             )
-            theirs = error_of(
-                calibrate_paper(
-                    imu,
-                    path,
-                    PaperOptions(
-                        window=window,
-                        exclusion_threshold=0.0,
-                        R_initial=clean.R_parent_imu,
-                        t_initial=clean.t_parent_imu,
-                        gravity_norm=norm,
-                    ),
-                ),
-                clean,
-            )
-            line(
-                seconds,
-                f"{ours.translation_norm * 1e3:.6f}",
-                f"{np.degrees(ours.rotation_angle):.7f}",
-                f"{theirs.translation_norm * 1e3:.4f}",
-                f"{np.degrees(theirs.rotation_angle):.5f}",
-            )
+            errors = (error_of(e, clean) for e in (ours, calibrate_paper(imu, path, paper)))
+            cells = ((1e3 * e.translation_norm, np.degrees(e.rotation_angle)) for e in errors)
+            line(seconds, *(number for pair in cells for number in pair))
 
 
 if __name__ == "__main__":

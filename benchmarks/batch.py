@@ -10,7 +10,6 @@ for each log, one after the other. That 16 workers share a memory bus and a disk
 
 from __future__ import annotations
 
-import argparse
 import heapq
 import math
 import os
@@ -27,7 +26,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from benchmarks.common import rihibot_log, table
+from benchmarks.common import arguments, rihibot_log, table
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, urdf_hash
 from imucalib_cli.batch.local import preloaded
@@ -62,34 +61,35 @@ for _ in range(int(sys.argv[1])):
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--logs", type=int, default=24)
-    parser.add_argument("--seconds", type=float, default=60.0, help="of each log")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
-    arguments = parser.parse_args()
+    asked = arguments(
+        __doc__, logs=24, seconds={"default": 60.0, "help": "of each log"}, workers=[1, 2]
+    )
     prepare_to_compute()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        urdf = make_logs(folder / "logs", arguments.logs, arguments.seconds)
+        urdf = make_logs(folder / "logs", asked.logs, asked.seconds)
         megabytes = sum(path.stat().st_size for path in (folder / "logs").iterdir()) / 1e6
-        print(f"{arguments.logs} logs of {arguments.seconds:g} s, {megabytes:.0f} MB\n")
+        print(f"{asked.logs} logs of {asked.seconds:g} s, {megabytes:.0f} MB\n")
         best: dict[int, tuple[float, ...]] = {}
         for _ in range(ROUNDS):  # in turn, so that what else the machine does is shared
-            for workers in arguments.workers:
+            for workers in asked.workers:
                 measured = timed(folder, urdf, "--workers", workers, "--fresh")
                 each = statistics.median(record.seconds for record in records_in(folder))
                 best[workers] = min(best.get(workers, (math.inf,)), (*measured, each))
-        line = table("workers", "s", "logs a minute", "median s a log", "MB a worker", "MB in all")
+        line = table(
+            *("workers", "s|.1f", "logs a minute|.1f", "median s a log|.2f"),
+            *("MB a worker|.0f", "MB in all|.0f"),
+        )
         for workers, (seconds, worker, whole, each) in best.items():
-            rate = f"{60.0 * arguments.logs / seconds:.1f}"
-            line(workers, f"{seconds:.1f}", rate, f"{each:.2f}", f"{worker:.0f}", f"{whole:.0f}")
+            line(workers, seconds, 60.0 * asked.logs / seconds, each, worker, whole)
         task = task_of(urdf)
         print()
-        finished = f"{arguments.logs} finished logs once more"
-        line = table(finished, "whole command, s", "CPU ms a log")
+        line = table(
+            f"{asked.logs} finished logs once more", "whole command, s|.2f", "CPU ms a log|.2f"
+        )
         for words, rehash in {"by size and time": False, "`--rehash`": True}.items():
             seconds, _, _ = timed(folder, urdf, *(["--rehash"] if rehash else []))
-            line(words, f"{seconds:.2f}", f"{1e3 * resumed(folder, task, rehash=rehash):.2f}")
+            line(words, seconds, 1e3 * resumed(folder, task, rehash=rehash))
         on_paper(folder, task)
 
 
@@ -164,7 +164,7 @@ def records_in(folder: Path) -> list[Record]:
 
 
 def task_of(urdf: Path) -> Task:
-    """What the command makes of its options."""
+    """The task that the command makes of its options."""
     request = CalibrationRequest(logs=(), urdf=urdf)
     return Task(
         request=request,
@@ -212,17 +212,17 @@ def on_paper(folder: Path, task: Task) -> None:
     line(f"each further process, the least of {STARTS}", f"{start:.4f}")
     line(f"the command itself, for each log, the least of {REPEATS}", f"{own:.4f}")
     print()
-    line = table(f"cores, {ON_PAPER} logs on paper", "minutes", "logs a minute")
+    line = table(f"cores, {ON_PAPER} logs on paper", "minutes|.1f", "logs a minute|.0f")
     for cores in (1, 2, 4, 8, CORES, 32):
         whole = first + simulated(seconds, start, own, cores)
-        line(cores, f"{whole / 60.0:.1f}", f"{60.0 * ON_PAPER / whole:.0f}")
+        line(cores, whole / 60.0, 60.0 * ON_PAPER / whole)
 
 
 def start_of_a_process(task: Task) -> tuple[float, float]:
     """Seconds to start and end a worker that does nothing, and of the first with its imports."""
     starter = [sys.executable, "-c", STARTER, str(STARTS), *preloaded(task)]
-    told = subprocess.run(starter, check=True, capture_output=True, text=True).stdout
-    first, *others = map(float, told.split())
+    printed = subprocess.run(starter, check=True, capture_output=True, text=True).stdout
+    first, *others = map(float, printed.split())
     return min(others), first
 
 

@@ -6,22 +6,20 @@
 The bound of a log is the covariance of the same unknowns where the standard deviations that their
 errors were drawn with are known (robots.py), and what was not drawn is known to be zero: the
 estimator has to learn how good robot and sensor are, the bound does not. A second bound of the
-rotation is not told that the gyroscope's axes are the accelerometer's. Errors are those of the
+rotation does not know that the gyroscope's axes are the accelerometer's. Errors are those of the
 sweep, root mean squares over the same logs.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections import defaultdict
-from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.common import rms, table
+from benchmarks.common import arguments, parallel, rms, table
 from benchmarks.robots import ANY, ROBOTS, ROWS, Row, row_of
 from benchmarks.sweeps import Job, Line, read
 from imucalib_cli.estimate.matched import best_attempt
@@ -42,8 +40,8 @@ FREE = ("translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction
 
 HEADER = (
     *("robot", "row", "logs"),
-    *("RMS mm", "bound mm", "over it"),
-    *("RMS deg", "bound deg", "over it", "axes unknown", "over it"),
+    *("RMS mm|.3f", "bound mm|.3f", "over it|.2f"),
+    *("RMS deg|.4f", "bound deg|.4f", "over it|.2f", "axes unknown|.4f", "over it|.2f"),
 )
 
 
@@ -79,9 +77,9 @@ def bound(line: Line) -> tuple[float, float, float]:
     for each in layout.placed:
         if each.unknown.name not in FREE:
             std[each.part] = max(drawn.get(each.unknown.name, 0.0), KNOWN)
-    told = _least(fit, std)
+    known = _least(fit, std)
     std[layout.part("gyro_misalignment")] = SCALES["sensor_axes"].high
-    return *told, _least(fit, std)[1]
+    return *known, _least(fit, std)[1]
 
 
 def _least(fit: Fit, std: Floats) -> tuple[float, float]:
@@ -93,36 +91,29 @@ def _least(fit: Fit, std: Floats) -> tuple[float, float]:
 
 def main() -> None:
     """Print the table of errors over bounds."""
-    parser = argparse.ArgumentParser(description="Errors of a sweep over the least possible.")
-    parser.add_argument("sweep", type=Path, help="JSON lines of sweeps.py")
-    parser.add_argument("--logs", type=int, default=40, help="of each robot and row")
-    parser.add_argument("--workers", type=int, default=2)
-    asked = parser.parse_args()
+    asked = arguments(
+        __doc__,
+        sweep={"flags": ("sweep",), "type": Path, "help": "JSON lines of sweeps.py"},
+        logs={"default": 40, "help": "of each robot and row"},
+        workers=2,
+    )
     groups: dict[tuple[str, str], list[Line]] = defaultdict(list)
     for each in read(asked.sweep).values():
         if "failed" not in each:
             groups[each["robot"], each["row"]].append(each)
     line = table(*HEADER)
-    with ProcessPoolExecutor(asked.workers) as pool:
-        for key in product((*ROBOTS, ANY), (*ROWS, ANY)):
-            lines = sorted(groups[key], key=lambda each: each["seed"])[: asked.logs]
-            if not lines:
-                continue
-            least = np.sqrt(np.mean(list(pool.map(bound, lines)), axis=0))
-            errors = np.array([each["error"] for each in lines])
-            place, turn = rms(errors[:, :3]), rms(errors[:, 3:])
-            line(
-                *key,
-                len(lines),
-                f"{1e3 * place:.3f}",
-                f"{1e3 * least[0]:.3f}",
-                f"{place / least[0]:.2f}",
-                f"{np.degrees(turn):.4f}",
-                f"{np.degrees(least[1]):.4f}",
-                f"{turn / least[1]:.2f}",
-                f"{np.degrees(least[2]):.4f}",
-                f"{turn / least[2]:.2f}",
-            )
+    for key in product((*ROBOTS, ANY), (*ROWS, ANY)):
+        lines = sorted(groups[key], key=lambda each: each["seed"])[: asked.logs]
+        if not lines:
+            continue
+        bounds = parallel(bound, [(each,) for each in lines], asked.workers)
+        place_least, *turn_least = np.sqrt(np.mean(bounds, axis=0))
+        errors = np.array([each["error"] for each in lines])
+        place, turn = rms(errors[:, :3]), rms(errors[:, 3:])
+        cells = [1e3 * place, 1e3 * place_least, place / place_least, np.degrees(turn)]
+        for least in turn_least:
+            cells += [np.degrees(least), turn / least]
+        line(*key, len(lines), *cells)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,16 @@
-"""What the benchmarks share: tables that grow line by line, scores of poses, IMU grades."""
+"""Shared parts of the benchmarks: arguments, tables that grow line by line, scores, logs."""
 
 from __future__ import annotations
 
+import argparse
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
@@ -16,15 +18,56 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.options import NoiseOptions
 
 
+def arguments(doc: str | None, **options: Any) -> Any:
+    """Parse the command line.
+
+    Args:
+        doc: Of the script; its first line is the help.
+        options: Default of each option by name, which gives its type; a list takes several
+            values. Or a dictionary of arguments for argparse.
+    """
+    parser = argparse.ArgumentParser(description=(doc or "").splitlines()[0])
+    for name, option in options.items():
+        given = dict(option) if isinstance(option, dict) else {"default": option}
+        flags = given.pop("flags", ("--" + name.replace("_", "-"),))
+        default = given.get("default")
+        if isinstance(default, bool):
+            given["action"] = "store_true"
+        elif isinstance(default, list):
+            given |= {"nargs": "+", "type": given.get("type", type(default[0]))}
+        elif default is not None:
+            given["type"] = type(default)
+        parser.add_argument(*flags, **given)
+    return parser.parse_args()
+
+
 def table(*header: str) -> Callable[..., None]:
-    """Print a header; what is returned prints a line of cells."""
+    """Print a header; the returned function prints a line of cells.
+
+    A heading may end in the format of its cells, as in "mm|.3f"; texts stay as they are.
+    """
+    names, formats = zip(*(each.partition("|")[::2] for each in header), strict=True)
 
     def line(*cells: object) -> None:
-        print(f"| {' | '.join(map(str, cells))} |", flush=True)
+        texts = (
+            cell if isinstance(cell, str) else format(cell, form)
+            for cell, form in zip(cells, formats, strict=True)
+        )
+        print(f"| {' | '.join(texts)} |", flush=True)
 
-    line(*header)
+    print(f"| {' | '.join(names)} |", flush=True)
     print("|---" * len(header) + "|")
     return line
+
+
+def parallel(
+    function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], workers: int | None = None
+) -> list[Any]:
+    """Results of a function over tuples of its arguments, computed by several processes."""
+    from imucalib_cli.process import prepare_to_compute
+
+    with ProcessPoolExecutor(workers, initializer=prepare_to_compute) as pool:
+        return list(pool.map(function, *zip(*jobs, strict=True)))
 
 
 def rms(errors: ArrayLike) -> float:
@@ -34,7 +77,7 @@ def rms(errors: ArrayLike) -> float:
 
 @dataclass
 class Scores:
-    """Errors of poses, and how they compare with what is stated."""
+    """Errors of poses, and how they compare with the stated covariance."""
 
     errors: list[NDArray[np.float64]] = field(default_factory=list)
     """(6,) each, m and rad."""
@@ -42,11 +85,14 @@ class Scores:
     """Squared error in units of the stated covariance: 6 where that is true."""
     trusted: int = 0
 
-    def add(self, error: NDArray[np.float64], covariance: ArrayLike, *, trusted: bool) -> None:
-        """One estimate."""
-        self.errors.append(error)
-        self.nees.append(float(error @ np.linalg.solve(covariance, error)))
-        self.trusted += trusted
+    def add(
+        self, error: NDArray[np.float64], covariance: ArrayLike | None, *, trusted: bool
+    ) -> None:
+        """One estimate; without a covariance it does not count."""
+        if covariance is not None:
+            self.errors.append(error)
+            self.nees.append(float(error @ np.linalg.solve(covariance, error)))
+            self.trusted += trusted
 
     @property
     def mm(self) -> float:

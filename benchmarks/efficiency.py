@@ -4,7 +4,7 @@
 
 Truth is the physics engine's. The bound is that of the same log with white IMU noise alone and
 an exact robot and sensor, whose unknowns are both biases, tilt and time offset; with --exact the
-estimator is told so, else it looks for all that may be wrong. NEES is the mean over seeds of the
+estimator knows this, else it estimates all possible errors. NEES is the mean over seeds of the
 squared pose error in units of the stated covariance: 6 if the covariance is true. Beside it: the
 same for the time offset and the two biases (1 each), and how often the result was trusted, as all
 of these should be.
@@ -12,18 +12,14 @@ of these should be.
 
 from __future__ import annotations
 
-import argparse
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from benchmarks.common import Scores, grade, rms, table
+from benchmarks.common import Scores, arguments, grade, parallel, rms, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.process import prepare_to_compute
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.study.bound import cramer_rao
@@ -36,20 +32,9 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.options import NoiseOptions
 
 HEADER = (
-    "case",
-    "mm",
-    "ratio",
-    "deg",
-    "ratio",
-    "offset ratio",
-    "NEES",
-    "NEES offset",
-    "accel bias",
-    "gyro bias",
-    "trusted",
+    *("case", "mm|.4f", "ratio|.2f", "deg|.5f", "ratio|.2f", "offset ratio|.2f", "NEES"),
+    *("NEES offset|.2f", "accel bias|.2f", "gyro bias|.2f", "trusted|.1%"),
 )
-
-
 P125 = PhysicsOptions(imu_rate=200, robot_rate=125)
 
 
@@ -104,16 +89,15 @@ def cases() -> list[Case]:
     ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trial:
+class Trial(NamedTuple):
     """One seed's outcome."""
 
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    trusted: bool
     offset: float
     squares: tuple[float, float, float]
-    """Of the errors of time offset and biases, in units of what is stated."""
-    trusted: bool
+    """Of the errors of time offset and biases, in units of the stated variances."""
 
 
 def run_trial(case: Case, seed: int) -> Trial:
@@ -136,11 +120,12 @@ def run_trial(case: Case, seed: int) -> Trial:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=400)
-    parser.add_argument("--only", default="", help="cases whose name contains this")
-    parser.add_argument("--exact", action="store_true", help="robot, sensor and gravity are exact")
-    asked = parser.parse_args()
+    asked = arguments(
+        __doc__,
+        seeds=400,
+        only={"default": "", "help": "cases whose name contains this"},
+        exact={"default": False, "help": "robot, sensor and gravity are exact"},
+    )
     print(f"{asked.seeds} seeds; ratios are RMS error / bound")
     line = table(*HEADER)
     for case in cases():
@@ -149,22 +134,17 @@ def main() -> None:
         clean = clean_recording(case.system, case.physics)
         bound = cramer_rao(clean, *white_std(case.noise, clean.imu))
         exact = replace(case.options, robot="exact", sensor_model="ideal", gravity_std=0.0)
-        run = partial(run_trial, replace(case, options=exact if asked.exact else case.options))
-        with ProcessPoolExecutor(initializer=prepare_to_compute) as pool:
-            trials = list(pool.map(run, range(asked.seeds), chunksize=4))
+        tried = replace(case, options=exact if asked.exact else case.options)
+        trials = parallel(run_trial, [(tried, seed) for seed in range(asked.seeds)])
         scores = Scores()
         for trial in trials:
             scores.add(trial.pose, trial.covariance, trusted=trial.trusted)
         line(
-            case.name,
-            f"{scores.mm:.4f}",
-            f"{scores.mm / (1e3 * bound.translation):.2f}",
-            f"{scores.degrees:.5f}",
-            f"{scores.degrees / np.degrees(bound.rotation):.2f}",
-            f"{rms([trial.offset for trial in trials]) / bound.time_offset:.2f}",
-            scores.honesty,
-            *(f"{square:.2f}" for square in np.mean([t.squares for t in trials], axis=0)),
-            f"{scores.trusted / len(trials):.1%}",
+            *(case.name, scores.mm, scores.mm / (1e3 * bound.translation)),
+            *(scores.degrees, scores.degrees / np.degrees(bound.rotation)),
+            *(rms([trial.offset for trial in trials]) / bound.time_offset, scores.honesty),
+            *np.mean([trial.squares for trial in trials], axis=0),
+            scores.trusted / len(trials),
         )
 
 

@@ -8,7 +8,6 @@ workers and no dashboard, runs one task that does nothing, and stops; whole proc
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import subprocess
 import tempfile
@@ -17,7 +16,7 @@ import venv
 from pathlib import Path
 
 from benchmarks.batch import family, megabytes
-from benchmarks.common import table
+from benchmarks.common import arguments, table
 
 REPEATS = 3
 SCRIPTS = {
@@ -44,11 +43,10 @@ if __name__ == "__main__":
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--keep", type=Path, help="folder of the environments, to use them again")
-    arguments = parser.parse_args()
+    words = "folder of the environments, to use them again"
+    keep = arguments(__doc__, keep={"type": Path, "help": words}).keep
     with tempfile.TemporaryDirectory() as temporary:
-        folder = arguments.keep or Path(temporary)
+        folder = keep or Path(temporary)
         pythons = {name: installed(folder / f"v_{name}", name) for name in SCRIPTS}
         measured: dict[str, list[tuple[float, float, float, int]]] = {name: [] for name in SCRIPTS}
         for _ in range(REPEATS):
@@ -57,14 +55,12 @@ def main() -> None:
                     started(python, Path(temporary) / f"start_{name}.py", SCRIPTS[name])
                 )
         line = table(
-            *("", "packages", "MB installed", "s to the first answer", "s to stop"),
-            *("MB", "processes"),
+            *("", "packages", "MB installed|.0f", "s to the first answer|.2f", "s to stop|.2f"),
+            *("MB|.0f", "processes|.0f"),
         )
         for name, python in pythons.items():
-            ready, stop, size, processes = map(statistics.median, zip(*measured[name], strict=True))
-            packages, weight = weight_of(python)
-            times = f"{ready:.2f}", f"{stop:.2f}", f"{size:.0f}", f"{processes:.0f}"
-            line(f"{name} {version_of(python, name)}", packages, f"{weight:.0f}", *times)
+            medians = map(statistics.median, zip(*measured[name], strict=True))
+            line(f"{name} {version_of(python, name)}", *weight_of(python), *medians)
 
 
 def installed(folder: Path, name: str) -> Path:

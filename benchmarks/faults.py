@@ -1,8 +1,8 @@
-"""Faults of robot and log, each told to the estimator, and what it says of them.
+"""Faults of robot and log, one at a time, and what the diagnosis says of them.
 
     python -m benchmarks.faults [SEEDS [KIND...]]
 
-RiHIBot and BarBot are simulated, a fault is put into what the estimator is told (URDF, joint names,
+RiHIBot and BarBot are simulated, a fault is put into the estimator's inputs (URDF, joint names,
 clock, poses) or into the mount, and the result is judged: which cause is named, whether the names
 and figures are right, and whether a pose that is off by more than three sigma was ever called ok.
 Faults of the IMU itself stand below: none of the causes looked for here may be blamed for them.
@@ -12,17 +12,14 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.common import grade, table
-from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
+from benchmarks.common import grade, parallel, table
+from imucalib_cli.diagnose.diagnose import needs_diagnosis
 from imucalib_cli.errors import ImucalibError
-from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
@@ -41,6 +38,11 @@ PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=125)
 OFFSET = 0.0125
 LEAST = (1e-5, 1e-5)
 """m and rad: without noise sigma is less than the quadrature errs."""
+SENSOR = (
+    Fault(kind="accel scale", size=0.02),
+    Fault(kind="gyro scale", size=0.02),
+    Fault(kind="handed"),
+)
 ARM = (
     Fault(kind="none"),
     *(Fault(kind="link", names=(link,)) for link in LINKS),
@@ -59,22 +61,23 @@ ARM = (
     *(Fault(kind="ringing", size=size) for size in (6.0, 11.8)),
     Fault(kind="base", size=0.2),
     Fault(kind="hum", size=11.0),
-    Fault(kind="accel scale", size=0.02),
-    Fault(kind="gyro scale", size=0.02),
-    Fault(kind="handed"),
+    *SENSOR,
 )
 BODY = (
-    Fault(kind="none"),
-    Fault(kind="inverse"),
-    Fault(kind="quaternion"),
-    Fault(kind="conjugate"),
-    Fault(kind="millimetres"),
+    *(Fault(kind=kind) for kind in ("none", "inverse", "quaternion", "conjugate", "millimetres")),
     Fault(kind="publishers", size=0.2),
     Fault(kind="offset", size=9.0),
-    Fault(kind="accel scale", size=0.02),
-    Fault(kind="gyro scale", size=0.02),
-    Fault(kind="handed"),
+    *SENSOR,
 )
+SYSTEMS: dict[str, tuple[tuple[Fault, ...], MatchedOptions, dict[str, float]]] = {
+    "rihibot": (ARM, MatchedOptions(), {"encoder_noise": 2e-5}),
+    "barbot": (
+        BODY,
+        MatchedOptions(gravity="none"),
+        {"pose_noise": 1e-5, "pose_noise_rotation": 2e-5},
+    ),
+}
+"""Faults, options of the estimator, and noise of the robot."""
 NAMED = {
     "degrees": "unit",
     "millimetres": "unit",
@@ -82,12 +85,11 @@ NAMED = {
     "base": "base_moves",
     "handed": "axes",
 }
-"""What a finding calls a fault, where it is another word."""
+"""Names of faults in findings, where they differ."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Verdict:
-    """What was said of one recording."""
+class Verdict(NamedTuple):
+    """The judgement of one recording."""
 
     fault: Fault
     grade: str
@@ -103,54 +105,33 @@ class Verdict:
 
 def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
     """One recording with one fault."""
-    extra = (
-        {"encoder_noise": 2e-5}
-        if system == "rihibot"
-        else {"pose_noise": 1e-5, "pose_noise_rotation": 2e-5}
-    )
+    _, options, extra = SYSTEMS[system]
     clean = with_faulty_sensor(clean_recording(system, PHYSICS), fault)
     noisy = corrupt(clean, grade(noise, time_offset=OFFSET, **extra), seed)
-    told = misdescribed(noisy, fault)
-    options = MatchedOptions(gravity="none") if system == "barbot" else MatchedOptions()
     try:
-        estimate = calibrate_matched(told.imu, told.path, options)
-    except ImucalibError as error:
-        return Verdict(
-            fault=fault,
-            grade=noise,
-            named="refused",
-            right=True,
-            trusted=False,
-            wrong_ok=False,
-            sentence=str(error),
-        )
-    asked = needs_diagnosis(estimate)
-    findings = diagnose(told.poor_fit(estimate, options))
-    estimate = explained(estimate, findings)
+        case = misdescribed(noisy, fault).judged(options)
+    except ImucalibError as refusal:
+        return Verdict(fault, noise, "refused", True, False, False, str(refusal))
+    estimate, asked = case.explained, needs_diagnosis(case.plain)
     error, covariance = error_of(estimate, noisy), np.asarray(estimate.covariance)
     shift, turn = (np.sqrt(np.trace(covariance[part, part])) for part in (slice(3), slice(3, 6)))
     off = (
         error.translation_norm > 3 * shift + LEAST[0] or error.rotation_angle > 3 * turn + LEAST[1]
     )
-    finding = findings[0] if findings else _learnt(estimate, fault)
+    finding = case.found[0] if case.found else _learnt(estimate, fault)
     named = finding.code.removeprefix("cause.") if finding else "-" if asked else "not asked"
-    return Verdict(
-        fault=fault,
-        grade=noise,
-        named=named,
-        right=finding is not None and _right(fault, finding),
-        trusted=estimate.trusted,
-        wrong_ok=estimate.trusted and bool(off),
-        sentence=finding.message if finding else "; ".join(estimate.distrust[:1]),
-    )
+    right = finding is not None and _right(fault, finding)
+    sentence = finding.message if finding else "; ".join(estimate.distrust[:1])
+    wrong = estimate.trusted and bool(off)
+    return Verdict(fault, noise, named, right, estimate.trusted, wrong, sentence)
 
 
 def _learnt(estimate: Estimate, fault: Fault) -> Finding | None:
-    """What the fit itself found of the joint at fault, and corrected."""
-    told = (each for each in estimate.findings if each.code.startswith("unknown."))
+    """The error of the joint at fault that the fit itself found and corrected."""
+    found = (each for each in estimate.findings if each.code.startswith("unknown."))
     if fault.kind == "ringing":
-        return next((each for each in told if each.values["name"] == "mount_give"), None)
-    return next((each for each in told if _owner(each) in fault.names), None)
+        return next((each for each in found if each.values["name"] == "mount_give"), None)
+    return next((each for each in found if _owner(each) in fault.names), None)
 
 
 def _owner(finding: Finding) -> str:
@@ -187,19 +168,18 @@ def _right(fault: Fault, finding: Finding) -> bool:
 
 
 def main() -> None:
-    """Print the table of what was told against what was named, and what went wrong."""
+    """Print the table of faults against what was named, and what went wrong."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 1
     kinds = sys.argv[2:]
     cases = [
         (system, fault, noise, seed)
-        for system, faults in (("rihibot", ARM), ("barbot", BODY))
+        for system, (faults, _, _) in SYSTEMS.items()
         for fault in faults
         if fault.kind in kinds or not kinds
         for noise in ("ideal", "industrial", "mems")
         for seed in range(seeds)
     ]
-    with ProcessPoolExecutor() as pool:
-        verdicts = list(pool.map(judge, *zip(*cases, strict=True)))
+    verdicts: list[Verdict] = parallel(judge, cases)
     line = table(
         "told", "named", "names and figures right", "untrusted", "ok though off by 3 sigma"
     )
@@ -214,18 +194,13 @@ def main() -> None:
             sum(v.wrong_ok for v in own),
         )
     print()
-    for verdict in verdicts:
-        fault = verdict.fault
+    for fault, noise, named_as, right, _, wrong_ok, sentence in verdicts:
         expected = NAMED.get(fault.kind, fault.kind)
-        missed = verdict.named not in (expected, "not asked")
-        if (
-            (missed and fault.kind not in ("none", "hum"))
-            or verdict.wrong_ok
-            or (verdict.named == expected and not verdict.right)
-        ):
+        missed = named_as not in (expected, "not asked") and fault.kind not in ("none", "hum")
+        if missed or wrong_ok or (named_as == expected and not right):
             print(
-                f"{fault.kind} {', '.join(fault.names)} {fault.size:.4g}, {verdict.grade}: "
-                f"{verdict.named}; ok though off: {verdict.wrong_ok}; {verdict.sentence}"
+                f"{fault.kind} {', '.join(fault.names)} {fault.size:.4g}, {noise}: "
+                f"{named_as}; ok though off: {wrong_ok}; {sentence}"
             )
 
 

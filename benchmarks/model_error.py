@@ -1,11 +1,11 @@
-"""What wrong kinematics do to the answer, and whether the stated sigma covers it.
+"""Errors of the answer by wrong kinematics, and whether the stated sigma covers them.
 
     python -m benchmarks.model_error
 
 RiHIBot is simulated with the true lengths and calibrated with one origin 1 % longer, by industrial
 and MEMS noise, for several mounts. Taken as exact, the error would be millimetres; the origins are
 found with the pose. An error along the last joint's axis (wrist_3_joint) shifts the IMU and nothing
-else: no data can tell.
+else: no data can show it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ MOUNTS = ((-0.0225, 0.1, 0.0), (0.05, 0.02, 0.03), (0.0, -0.08, 0.06), (0.1, 0.1
 def main() -> None:
     """Print a line for each wrong length."""
     robot = robot_of(load_system("rihibot"))
-    line = table("origin 1 % long", "noise", "error mm", "stated mm", "NEES", "trusted")
+    line = table(
+        *("origin 1 % long", "noise", "error mm|.3f", "stated mm|.3f", "NEES|.1f", "trusted")
+    )
     for name, noise in product(JOINTS, ("industrial", "mems")):
         wrong = replace(
             robot,
@@ -48,14 +50,8 @@ def main() -> None:
             covariance = np.asarray(estimate.covariance)
             stated.append(np.sqrt(np.diag(covariance)[:3]))
             scores.add(error_of(estimate, noisy).pose, covariance, trusted=estimate.trusted)
-        line(
-            name,
-            noise,
-            f"{scores.mm:.3f}",
-            f"{1e3 * rms(stated):.3f}",
-            f"{np.mean(scores.nees):.1f}",
-            f"{scores.trusted} of {len(MOUNTS)}",
-        )
+        trusted = f"{scores.trusted} of {len(MOUNTS)}"
+        line(name, noise, scores.mm, 1e3 * rms(stated), np.mean(scores.nees), trusted)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ with buffers that are used again. AnyReader is rosbags' reader, message by messa
 
 from __future__ import annotations
 
-import argparse
 import bz2
 import resource
 import sys
@@ -27,7 +26,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader
 
-from benchmarks.common import table
+from benchmarks.common import arguments, table
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import (
     ROS1,
@@ -132,58 +131,51 @@ def read_anyreader(path: Path) -> None:
         connections = [each for each in reader.connections if each.topic in TOPICS]
         for connection, ns, raw in reader.messages(connections=connections):
             message: Any = reader.deserialize(raw, connection.msgtype)
-            if connection.topic == "/imu/data":
-                w, a, at = (
-                    message.angular_velocity,
-                    message.linear_acceleration,
-                    message.header.stamp,
-                )
-                rows["/imu/data"].append((ns, at.sec, at.nanosec, w.x, w.y, w.z, a.x, a.y, a.z))
-            elif connection.topic == "/joint_states":
-                at = message.header.stamp
-                rows["/joint_states"].append((ns, at.sec, at.nanosec, *message.position))
-            else:
-                for each in message.transforms:
-                    t, q, at = (
-                        each.transform.translation,
-                        each.transform.rotation,
-                        each.header.stamp,
-                    )
-                    rows["/tf"].append((ns, at.sec, at.nanosec, t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+            for each in getattr(message, "transforms", [message]):
+                at = each.header.stamp
+                if connection.topic == "/imu/data":
+                    w, a = each.angular_velocity, each.linear_acceleration
+                    numbers = (w.x, w.y, w.z, a.x, a.y, a.z)
+                elif connection.topic == "/joint_states":
+                    numbers = each.position
+                else:
+                    t, q = each.transform.translation, each.transform.rotation
+                    numbers = (t.x, t.y, t.z, q.x, q.y, q.z, q.w)
+                rows[connection.topic].append((ns, at.sec, at.nanosec, *numbers))
     for values in rows.values():
         np.array(values)
 
 
 def typical(runs: list[Callable[[], None]], repeats: int) -> list[float]:
     """Median of several runs of each, in turn so that a busy machine is busy for all, s."""
-    times = []
-    for _ in range(repeats):
-        row = []
-        for run in runs:
-            start = time.perf_counter()
-            run()
-            row.append(time.perf_counter() - start)
-        times.append(row)
+
+    def seconds(run: Callable[[], None]) -> float:
+        start = time.perf_counter()
+        run()
+        return time.perf_counter() - start
+
+    times = [[seconds(run) for run in runs] for _ in range(repeats)]
     return [float(each) for each in np.median(times, axis=0)]
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--image-bytes", type=int, default=100_000)
-    parser.add_argument("--storage", choices=STORAGES, action="append")
-    parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--no-anyreader", action="store_true")
-    parser.add_argument("--folder", type=Path, help="keep the logs here and use them again")
-    options = parser.parse_args()
+    options = arguments(
+        __doc__,
+        seconds=120.0,
+        image_bytes=100_000,
+        storage={"choices": STORAGES, "action": "append"},
+        repeats=9,
+        no_anyreader=False,
+        folder={"type": Path, "help": "keep the logs here and use them again"},
+    )
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         messages: list[Said] = []
         line = table(
-            *("storage", "MB", "floor s", "ours s", "ours / floor"),
-            *(() if options.no_anyreader else ("AnyReader s", "AnyReader / ours")),
+            *("storage", "MB|.0f", "floor s|.3f", "ours s|.3f", "ours / floor|.2f"),
+            *(() if options.no_anyreader else ("AnyReader s|.2f", "AnyReader / ours|.1f")),
         )
         for storage in options.storage or STORAGES:
             suffix = {"db3": ""}.get(storage, "." + storage.partition("-")[0])
@@ -195,11 +187,11 @@ def main() -> None:
                 path = next(path.glob("*.db3"))
             repeats = 1 if storage == "bag-bz2" else options.repeats
             ours, floor = typical([partial(read_ours, path), floor_of(path, storage)], repeats)
-            cells = [f"{floor:.3f}", f"{ours:.3f}", f"{ours / floor:.2f}"]
+            cells = [floor, ours, ours / floor]
             if not options.no_anyreader:
                 slow, *_ = typical([partial(read_anyreader, path)], 1 if repeats == 1 else 3)
-                cells += [f"{slow:.2f}", f"{slow / ours:.1f}"]
-            line(storage, f"{path.stat().st_size / 1e6:.0f}", *cells)
+                cells += [slow, slow / ours]
+            line(storage, path.stat().st_size / 1e6, *cells)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"\npeak memory of everything above: {peak:.0f} MiB", file=sys.stderr)
 

@@ -11,7 +11,6 @@ as over a long line.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from rosbags.rosbag1 import Reader as BagReader
 
-from benchmarks.common import table
+from benchmarks.common import arguments, table
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.remote.file import RemoteFile
 from tests.logs.logs_remote import wanted_bytes, with_images
@@ -45,7 +44,7 @@ def bag_chunks(path: Path, topics: Collection[str]) -> int:
 
 
 def row(name: str, path: Path, topics: Collection[str], wanted: int) -> tuple[object, ...]:
-    """What reading some topics of a log takes."""
+    """Bytes, requests and times of reading some topics of a log."""
 
     def seconds(read: Callable[[], object]) -> float:
         start = time.perf_counter()
@@ -58,21 +57,18 @@ def row(name: str, path: Path, topics: Collection[str], wanted: int) -> tuple[ob
         sent, requests = web.sent, len(web.asked)
         web.behaviour.seconds_per_request = LINE_S
         slow = seconds(lambda: open_log([RemoteFile(web.url(path.name))]).read(topics))
-    sizes = f"{path.stat().st_size / 1e6:.0f}", f"{wanted / 1e6:.1f}", f"{sent / 1e6:.1f}"
-    times = (f"{each:.2f}" for each in (local, fast, slow))
-    return name, *sizes, f"{sent / wanted:.3f}", requests, *times
+    sizes = (each / 1e6 for each in (path.stat().st_size, wanted, sent))
+    return name, *sizes, sent / wanted, requests, local, fast, slow
 
 
 def main() -> None:
     """Print the table of docs/performance.md."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--megabytes", type=int, default=1024, help="of images")
-    size = parser.parse_args().megabytes << 20
+    size = arguments(__doc__, megabytes={"default": 1024, "help": "of images"}).megabytes << 20
     rihibot = SAMPLES / "rihibot.mcap"
     topics = ("/imu/data", "/joint_states")
     line = table(
-        *("log", "MB", "wanted chunks, MB", "read, MB", "read / wanted", "requests"),
-        *("s, on disk", "s, server", "s, server after 50 ms"),
+        *("log", "MB|.0f", "wanted chunks, MB|.1f", "read, MB|.1f", "read / wanted|.3f"),
+        *("requests", "s, on disk|.2f", "s, server|.2f", "s, server after 50 ms|.2f"),
     )
     with tempfile.TemporaryDirectory() as folder:
         for name, apart in (

@@ -1,27 +1,28 @@
 """Imperfect robots and sensors with a known truth: logs in memory for sweeps.py.
 
 Motions are analytic (quintic moves, pauses, a wobbling base) and accelerations are pinocchio's, so
-the truth owes nothing to the package. Errors are in what the estimator is told; the truth stays.
-Every kind of error is drawn for every seed and multiplied by the row's size, so that the rows of a
-seed share their motion, their mount and their draws.
+the truth owes nothing to the package. The errors are in the estimator's inputs. Every kind of error
+is drawn for every seed and multiplied by the row's size, so that the rows of a seed share their
+motion, their mount and their draws.
 
-Not everything that is wrong can be found by anyone, and what cannot is told correctly:
+No log shows some errors, and the inputs have none of these:
 
 - the zero of the last joint, the flange after it and the part of its origin along its axis are the
   same as another mount;
-- the zero of the first joint is the same as another heading of the world (on a moving base it
-  could be found; it is told correctly there too, so that the robots compare).
+- the zero of the first joint is the same as another heading of the world (with a moving base it
+  could be found, but has no error there either, so that the robots compare).
 """
 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
@@ -29,16 +30,18 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseSte
 from imucalib_cli.signals.samples import ImuSamples
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 Floats = NDArray[np.float64]
+Driver = Callable[[float], tuple[Floats, Floats]]
+"""A filter: from the rate, Hz, to numerator and denominator."""
 
 GRAVITY = 9.80665
-"""m/s², CGPM 1901: what the estimator takes it to be."""
+"""m/s², CGPM 1901: the estimator's mean."""
 MEMS = (300e-6 * GRAVITY, float(np.radians(0.014)))
 INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
-"""One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz): a consumer's
-MEMS IMU and an ADIS1649x, by their data sheets."""
+"""One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz) and rad/s/sqrt(Hz), of a
+consumer's MEMS IMU and of an ADIS1649x, by their data sheets."""
 ACCEL_BIAS, GYRO_BIAS = 0.1, 0.01
 """1 sigma of the constant biases, m/s² and rad/s: ten milli-g, half a degree per second."""
 MOUNT_RADIUS = 0.15
@@ -128,51 +131,33 @@ ROBOTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """How large the errors are: 1 sigma, unless it says otherwise; an exact robot by default."""
+    """Sizes of the errors: 1 sigma unless stated otherwise; an exact robot by default."""
 
-    noise: tuple[float, float] = (0.0, 0.0)
-    """Densities of accelerometer and gyroscope."""
-    scale: float = 0.0
-    """Of each axis of both sensors, measured over true less one."""
-    gyro_delay: float = 0.0
-    """The gyroscope's stamps are later than the accelerometer's by so much, s."""
-    zero: float = 0.0
-    """Of each joint, rad."""
-    origin: float = 0.0
-    """Of each component of each joint's origin, m."""
-    gravity: float = 0.0
-    """Of the local norm about the standard one, m/s²."""
-    gravity_between: tuple[float, float] | None = None
-    """The local norm is uniform between these instead, m/s²."""
-    encoder: float = 0.0
-    """White noise of each joint sample, rad."""
-    eccentricity: float = 0.0
-    """Of the reading's error that goes as sin q, and of that as cos q, rad."""
-    lag: float = 0.0
-    """Of each joint's reading behind the joint, s."""
-    play: float = 0.0
-    """Of the reading's error that changes sign with the direction of motion, rad."""
-    track_noise: tuple[float, float] = (0.0, 0.0)
-    """White, of each component of a tracked base's position, m, and orientation, rad."""
-    track_scale: float = 0.0
-    """Of the tracker's lengths."""
-    long_link: float = 0.0
-    """One joint's origin is longer by exactly this share."""
-    gross_zero: float = 0.0
-    """One joint's zero is off by exactly this, rad, either way."""
-    driver: Callable[[float], tuple[Floats, Floats]] | None = None
-    """Filter of the IMU's driver: from its rate to numerator and denominator."""
-    ramp: tuple[float, float] = (0.0, 0.0)
-    """How far the biases drift over the log in a random direction, m/s² and rad/s, exactly."""
-    walk: tuple[float, float] = (0.0, 0.0)
-    """Of the biases' random walks, m/s²/sqrt(s) and rad/s/sqrt(s)."""
+    noise: tuple[float, float] = (0.0, 0.0)  # densities of accelerometer and gyroscope
+    scale: float = 0.0  # of each axis of both sensors, measured over true less one
+    gyro_delay: float = 0.0  # s, the gyroscope's stamps less the accelerometer's
+    zero: float = 0.0  # of each joint, rad
+    origin: float = 0.0  # of each component of each joint's origin, m
+    gravity: float = 0.0  # of the local norm about the standard one, m/s²
+    gravity_between: tuple[float, float] | None = None  # m/s², the norm is uniform instead
+    encoder: float = 0.0  # white noise of each joint sample, rad
+    eccentricity: float = 0.0  # of errors of the reading as sin q, and as cos q, rad
+    lag: float = 0.0  # of each joint's reading behind the joint, s
+    play: float = 0.0  # of the error that changes sign with the direction of motion, rad
+    track_noise: tuple[float, float] = (0.0, 0.0)  # of a tracked base's components, m and rad
+    track_scale: float = 0.0  # of the tracker's lengths
+    long_link: float = 0.0  # one joint's origin is longer by exactly this share
+    gross_zero: float = 0.0  # one joint's zero has exactly this error, rad, either way
+    driver: Driver | None = None  # filter of the IMU's driver
+    ramp: tuple[float, float] = (0.0, 0.0)  # exact drift of the biases, m/s² and rad/s a log
+    walk: tuple[float, float] = (0.0, 0.0)  # of the biases, m/s²/sqrt(s) and rad/s/sqrt(s)
 
 
-def _exponential(alpha: float) -> Callable[[float], tuple[Floats, Floats]]:
+def _exponential(alpha: float) -> Driver:
     return lambda _rate: (np.array([alpha]), np.array([1.0, alpha - 1.0]))
 
 
-def _moving_average(samples: int) -> Callable[[float], tuple[Floats, Floats]]:
+def _moving_average(samples: int) -> Driver:
     return lambda _rate: (np.full(samples, 1.0 / samples), np.array([1.0]))
 
 
@@ -235,7 +220,7 @@ def robot_of(name: str, seed: int) -> Robot:
     count = int(rng.integers(3, 8))
     origins = []
     for index in range(count):
-        # Where the last two axes are parallel, what no log tells of the last it tells of neither.
+        # With parallel last axes, errors that no log shows of the last one are hidden of both.
         parallel = rng.uniform() < 0.2 and index < count - 1
         roll = 0.0 if parallel else rng.choice([_RIGHT, -_RIGHT])
         length = rng.uniform(0.0, 0.5) if index == 1 or rng.uniform() < 0.7 else 0.0
@@ -283,111 +268,70 @@ def row_of(name: str, seed: int) -> Row:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Moves:
-    """Quintic moves from posture to posture, at rest in between."""
+Motion = Callable[[Floats], tuple[Floats, Floats, Floats]]
+"""From instants (N,) to positions, rates and accelerations, (N, coordinates) each."""
 
-    start: Floats
-    """(M,), s."""
-    duration: Floats
-    """(M,), s."""
-    postures: Floats
-    """(M + 1, J)."""
 
-    @classmethod
-    def drawn(
-        cls,
-        rng: np.random.Generator,
-        *,
-        seconds: float,
-        home: Floats,
-        amplitude: Floats,
-        moves: tuple[float, float],
-    ) -> Moves:
-        """Random postures about home, durations and pauses until the log ends."""
-        start, duration, postures = [], [], [home]
-        now = EDGE
-        longest_pause = rng.uniform(0.2, 1.0)
-        while now + (length := rng.uniform(*moves)) < seconds - EDGE:
-            start.append(now)
-            duration.append(length)
-            postures.append(home + rng.uniform(-1, 1, len(home)) * amplitude)
-            now += length + rng.uniform(0.1, longest_pause)
-        return cls(start=np.array(start), duration=np.array(duration), postures=np.array(postures))
+def _moves(
+    rng: np.random.Generator,
+    seconds: float,
+    home: ArrayLike,
+    amplitude: ArrayLike,
+    lengths: tuple[float, float],
+) -> Motion:
+    """Quintic moves between random postures about home, at rest in between."""
+    first, scale = np.asarray(home, dtype=float), np.asarray(amplitude)
+    starts, durations, postures = [], [], [first]
+    now = EDGE
+    longest_pause = rng.uniform(0.2, 1.0)
+    while now + (length := rng.uniform(*lengths)) < seconds - EDGE:
+        starts.append(now)
+        durations.append(length)
+        postures.append(first + rng.uniform(-1, 1, len(first)) * scale)
+        now += length + rng.uniform(0.1, longest_pause)
+    start, duration, posture = np.array(starts), np.array(durations), np.array(postures)
 
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Positions, rates and accelerations, (N, J) each."""
-        move = np.clip(np.searchsorted(self.start, t, side="right") - 1, 0, None)
-        T = self.duration[move][:, None]
-        s = np.clip((t - self.start[move])[:, None] / T, 0.0, 1.0)
-        step = self.postures[move + 1] - self.postures[move]
-        q = self.postures[move] + step * s**3 * (10 - 15 * s + 6 * s**2)
+    def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+        move = np.clip(np.searchsorted(start, t, side="right") - 1, 0, None)
+        T = duration[move][:, None]
+        s = np.clip((t - start[move])[:, None] / T, 0.0, 1.0)
+        step = posture[move + 1] - posture[move]
+        q = posture[move] + step * s**3 * (10 - 15 * s + 6 * s**2)
         v = step * 30 * s**2 * (1 - s) ** 2 / T
-        a = step * 60 * s * (1 - s) * (1 - 2 * s) / T**2
+        return q, v, step * 60 * s * (1 - s) * (1 - 2 * s) / T**2
+
+    return at
+
+
+def _wobble(rng: np.random.Generator, coordinates: int) -> Motion:
+    """Two sines a coordinate that never rest: a cart on soft wheels."""
+    shape = (2, coordinates)
+    amplitude = rng.uniform(0.005, 0.02, shape)
+    rate = 2 * np.pi * rng.uniform(0.3, 1.5, shape)
+    phase = rng.uniform(0.0, 2 * np.pi, shape)
+
+    def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+        angle = rate * t[:, None, None] + phase
+        sine, cosine = amplitude * np.sin(angle), amplitude * np.cos(angle)
+        return sine.sum(axis=1), (rate * cosine).sum(axis=1), (-(rate**2) * sine).sum(axis=1)
+
+    return at
+
+
+def _motion(robot: Robot, seed: list[int], seconds: float) -> Motion:
+    """Of x, y, yaw, pitch and roll of a moving base, then of the joints."""
+    rng = np.random.default_rng(seed)
+    arm = _moves(rng, seconds, robot.home, robot.amplitude, robot.moves)
+    if not robot.moving_base:
+        return arm
+    drive = _moves(rng, seconds, np.zeros(3), (0.6, 0.6, 1.0), (2.0, 4.0))
+    parts = (drive, _wobble(rng, 2), arm)
+
+    def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+        q, v, a = (np.hstack(each) for each in zip(*(part(t) for part in parts), strict=True))
         return q, v, a
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Wobble:
-    """Sums of sines that never rest."""
-
-    amplitude: Floats
-    """(K, J), rad."""
-    rate: Floats
-    """(K, J), rad/s."""
-    phase: Floats
-    """(K, J), rad."""
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator, coordinates: int) -> Wobble:
-        """Two sines a coordinate: a cart on soft wheels."""
-        shape = (2, coordinates)
-        return cls(
-            amplitude=rng.uniform(0.005, 0.02, shape),
-            rate=2 * np.pi * rng.uniform(0.3, 1.5, shape),
-            phase=rng.uniform(0.0, 2 * np.pi, shape),
-        )
-
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Positions, rates and accelerations, (N, J) each."""
-        angle = self.rate * t[:, None, None] + self.phase
-        sine, cosine = self.amplitude * np.sin(angle), self.amplitude * np.cos(angle)
-        q, v, a = sine, self.rate * cosine, -(self.rate**2) * sine
-        return q.sum(axis=1), v.sum(axis=1), a.sum(axis=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """Of all coordinates: x, y, yaw, pitch and roll of a moving base, then the joints."""
-
-    parts: tuple[Moves | Wobble, ...]
-
-    @classmethod
-    def drawn(cls, robot: Robot, seed: list[int], seconds: float) -> Motion:
-        """Of a robot, by a seed."""
-        rng = np.random.default_rng(seed)
-        arm = Moves.drawn(
-            rng,
-            seconds=seconds,
-            home=np.array(robot.home),
-            amplitude=np.array(robot.amplitude),
-            moves=robot.moves,
-        )
-        if not robot.moving_base:
-            return cls(parts=(arm,))
-        drive = Moves.drawn(
-            rng,
-            seconds=seconds,
-            home=np.zeros(3),
-            amplitude=np.array([0.6, 0.6, 1.0]),
-            moves=(2.0, 4.0),
-        )
-        return cls(parts=(drive, Wobble.drawn(rng, 2), arm))
-
-    def at(self, t: Floats) -> tuple[Floats, Floats, Floats]:
-        """Positions, rates and accelerations, (N, coordinates) each."""
-        q, v, a = zip(*(part.at(t) for part in self.parts), strict=True)
-        return np.hstack(q), np.hstack(v), np.hstack(a)
+    return at
 
 
 class Truth:
@@ -410,7 +354,8 @@ class Truth:
 
     def gyro(self, motion: Motion, t: Floats) -> Floats:
         """(N, 3), rad/s, IMU frame."""
-        return np.array([self._imu_velocity().angular for _ in self._along(motion, t)])
+        args = (self._model, self._data, self._imu, pin.LOCAL)
+        return np.array([pin.getFrameVelocity(*args).angular for _ in self._along(motion, t)])
 
     def accel(self, motion: Motion, t: Floats, gravity: float) -> Floats:
         """(N, 3), specific force, m/s², IMU frame."""
@@ -426,24 +371,21 @@ class Truth:
         poses = [self._data.oMi[self.base].copy() for _ in self._along(motion, t)]
         return np.array([pose.rotation for pose in poses]), np.array([p.translation for p in poses])
 
-    def _imu_velocity(self) -> Any:
-        return pin.getFrameVelocity(self._model, self._data, self._imu, pin.LOCAL)
-
     def _along(self, motion: Motion, t: Floats) -> Iterator[None]:
         """Take the model to each instant."""
-        for q, v, a in zip(*motion.at(t), strict=True):
+        for q, v, a in zip(*motion(t), strict=True):
             yield pin.forwardKinematics(self._model, self._data, q, v, a)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """What an estimator is given, and what is true."""
+    """Input of an estimator, and the truth."""
 
     imu: ImuSamples
     path: KinematicPath
-    """As told: wrong constants, read tracks."""
+    """The estimator's: wrong constants, and tracks as read."""
     true_path: KinematicPath
-    """The right constants and the tracks as they were, at the same stamps."""
+    """Right constants and true tracks, at the same stamps."""
     R: Floats
     """(3, 3), R_parent_imu."""
     t: Floats
@@ -451,7 +393,7 @@ class Case:
     time_offset: float
     """Of the accelerometer, s; without the delay of a driver's filter."""
     drawn: dict[str, Any] = field(default_factory=dict)
-    """The errors by name, in SI units: lists and numbers, as JSON has them."""
+    """Errors by name, in SI units: lists and numbers, as in JSON."""
 
 
 def make_case(
@@ -475,7 +417,7 @@ def make_case(
     """
     true, sizes = robot_of(robot, seed), row_of(row, seed) if isinstance(row, str) else row
     key = [zlib.crc32(robot.encode()), seed]
-    motion = Motion.drawn(true, [*key, 0], seconds)
+    motion = _motion(true, [*key, 0], seconds)
     rng = np.random.default_rng([*key, 1])
     R = np.asarray(Rotation.random(rng=rng).as_matrix())
     direction = rng.normal(size=3)
@@ -487,13 +429,13 @@ def make_case(
     imu, sensor = _imu(
         truth, motion, sizes, [*key, 2], np.arange(-LEAD + phase, seconds, 1 / imu_rate)
     )
-    told, joints = _told(true, sizes, [*key, 3])
+    wrong, joints = _described(true, sizes, [*key, 3])
     tracks, exact, reading = _tracks(
         truth, motion, sizes, [*key, 4], seconds=seconds, rate=joint_rate, zeros=joints["zero"]
     )
     return Case(
         imu=replace(imu, t=imu.t + time_offset),
-        path=_path(told, tracks),
+        path=_path(wrong, tracks),
         true_path=_path(true, exact),
         R=R,
         t=t,
@@ -551,8 +493,8 @@ def _direction(rng: np.random.Generator) -> Floats:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _told(true: Robot, row: Row, key: list[int]) -> tuple[Robot, dict[str, Any]]:
-    """The robot with wrong constants, and what was drawn; zeros are told by the joints' tracks."""
+def _described(true: Robot, row: Row, key: list[int]) -> tuple[Robot, dict[str, Any]]:
+    """The robot with wrong constants, and all draws; errors of zeros go into the joints' tracks."""
     rng, count = np.random.default_rng(key), len(true.origins)
     errors = row.origin * rng.normal(size=(count, 3))
     zeros = row.zero * rng.normal(size=count)
@@ -596,7 +538,7 @@ def _tracks(
     """Tracks as read, as they were, and what was drawn."""
     rng, noise_rng = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
     t = np.arange(0.0, seconds, 1 / rate)
-    q, v, _ = (values[:, truth.base :] for values in motion.at(t))
+    q, v, _ = (values[:, truth.base :] for values in motion(t))
     count = q.shape[1]
     drawn: dict[str, Any] = {
         "eccentricity": row.eccentricity * rng.normal(size=(2, count)),
@@ -610,16 +552,16 @@ def _tracks(
     read += row.encoder * noise_rng.normal(size=q.shape)
     names = tuple(f"j{index}" for index in range(count))
     joints = Track(name="/joint_states", kind="joints", t=t, values=read, names=names)
-    told, exact = (joints,), (replace(joints, values=q),)
+    read_tracks, exact = (joints,), (replace(joints, values=q),)
     if not truth.base:
-        return told, exact, drawn
+        return read_tracks, exact, drawn
     t = np.arange(0.0, seconds, 1 / TRACK_RATE)
     R, p = truth.base_poses(motion, t)
     true = Track(name="/base", kind="pose", t=t, values=_pose_values(R, p))
     shift, turn = noise_rng.normal(size=(2, len(t), 3)) * np.array(row.track_noise)[:, None, None]
     R = Rotation.from_rotvec(turn).as_matrix() @ R
     p = p * (1.0 + drawn["track_scale"]) + shift
-    return (*told, replace(true, values=_pose_values(R, p))), (*exact, true), drawn
+    return (*read_tracks, replace(true, values=_pose_values(R, p))), (*exact, true), drawn
 
 
 def _pose_values(R: Floats, p: Floats) -> Floats:

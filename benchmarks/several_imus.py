@@ -9,7 +9,6 @@ IMUs of `imucalib simulate walker --grade mems --duration 30`, whose feet strike
 
 from __future__ import annotations
 
-import argparse
 import subprocess
 import sys
 import tempfile
@@ -21,17 +20,17 @@ import numpy as np
 import yaml
 from scipy.spatial.transform import Rotation
 
-from benchmarks.common import Scores, table
+from benchmarks.common import Scores, arguments, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.several_imus import together
 from tests.estimate.estimate_arm import Mount, pose_error
-from tests.estimate.estimate_walk import FOOT, SHANK, Walk
+from tests.estimate.estimate_walk import Walk, logged
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from imucalib_cli.estimate.estimate import Estimate
 
@@ -48,12 +47,14 @@ def walks(name: str, walk: Walk, seeds: int) -> Iterator[Row]:
     options = MatchedOptions(gravity="none")
     for seed in range(seeds):
         each = replace(walk, seed=seed)
-        logs = {"shank": each.shank(), "foot": each.log()}
-        alone = [(n, calibrate_matched(*log, options), log[1]) for n, log in logs.items()]
-        mounts = each.seen(SHANK, 2), FOOT
-        for (imu, found, _), both, mount in zip(alone, together(alone), mounts, strict=True):
-            yield f"{name}: {imu}", "alone", found, mount
-            yield f"{name}: {imu}", "together", both, mount
+        logs = {"shank": each.shank(), "foot": logged(each)}
+        alone = [
+            (imu, calibrate_matched(log.imu, log.path, options), log.path)
+            for imu, log in logs.items()
+        ]
+        for (imu, found, _), both in zip(alone, together(alone), strict=True):
+            yield f"{name}: {imu}", "alone", found, logs[imu].mount
+            yield f"{name}: {imu}", "together", both, logs[imu].mount
 
 
 def walkers(count: int) -> Iterator[Row]:
@@ -87,28 +88,19 @@ def walkers(count: int) -> Iterator[Row]:
             yield f"walker: {imu}", "together", each.estimate, mount
 
 
-def report(rows: Iterator[Row], line: Callable[..., None]) -> None:
-    """Print a line for each IMU and way."""
-    found: dict[tuple[str, str], Scores] = {}
-    for name, way, estimate, mount in rows:
-        if estimate.covariance is not None:
+def main() -> None:
+    """Print two lines for each IMU."""
+    asked = arguments(__doc__, seeds=60, walkers=6)
+    line = table("log and IMU", "solved", "logs", "mm|.3f", "deg|.4f", "NEES")
+    logs = [walks(name, walk, asked.seeds) for name, walk in WALKS.items()]
+    for rows in (*logs, walkers(asked.walkers)):
+        found: dict[tuple[str, str], Scores] = {}
+        for name, way, estimate, mount in rows:
             scores = found.setdefault((name, way), Scores())
             error = pose_error(estimate, mount)
             scores.add(error, estimate.covariance, trusted=estimate.trusted)
-    for key, s in found.items():
-        line(*key, len(s.nees), f"{s.mm:.3f}", f"{s.degrees:.4f}", s.honesty)
-
-
-def main() -> None:
-    """Print two lines for each IMU."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=60)
-    parser.add_argument("--walkers", type=int, default=6)
-    asked = parser.parse_args()
-    line = table("log and IMU", "solved", "logs", "mm", "deg", "NEES")
-    for name, walk in WALKS.items():
-        report(walks(name, walk, asked.seeds), line)
-    report(walkers(asked.walkers), line)
+        for key, s in found.items():
+            line(*key, len(s.nees), s.mm, s.degrees, s.honesty)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ counts on a shared machine.
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import subprocess
@@ -23,7 +22,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rosbags.highlevel import AnyReader
 
-from benchmarks.common import rihibot_log, table
+from benchmarks.common import arguments, rihibot_log, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.logs.clock import choose_clock
@@ -31,7 +30,7 @@ from imucalib_cli.logs.log import open_log
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import Track
 from imucalib_cli.robot.urdf import load_robot
-from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -60,7 +59,7 @@ print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 
 def in_turn(calls: Mapping[str, Callable[[], T]], rounds: int) -> dict[str, list[T]]:
-    """What each call gives, round by round; the first round compiles, and does not count."""
+    """Results of each call, round by round; the first round compiles, and does not count."""
     found = [{name: call() for name, call in calls.items()} for _ in range(rounds + 1)][1:]
     return {name: [each[name] for each in found] for name in calls}
 
@@ -74,17 +73,18 @@ def timed(call: Callable[[], object]) -> float:
 
 def main() -> None:
     """Print times, their ratios, and the memory of whole runs."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, help="of the simulated log")
-    parser.add_argument("log", nargs="?", type=Path)
-    parser.add_argument("urdf", nargs="?", type=Path)
-    arguments = parser.parse_args()
+    asked = arguments(
+        __doc__,
+        seconds={"type": float, "help": "of the simulated log"},
+        log={"flags": ("log",), "nargs": "?", "type": Path},
+        urdf={"flags": ("urdf",), "nargs": "?", "type": Path},
+    )
     with tempfile.TemporaryDirectory() as folder:
-        if arguments.log is None:
-            made = rihibot_log(Path(folder), arguments.seconds, "industrial")
-            arguments.log, arguments.urdf = made
-        measure(arguments.log, arguments.urdf)
-        measure_runs(arguments.log, arguments.urdf)
+        log, urdf = asked.log, asked.urdf
+        if log is None:
+            log, urdf = rihibot_log(Path(folder), asked.seconds, "industrial")
+        measure(log, urdf)
+        measure_runs(log, urdf)
 
 
 def spent(command: list[str]) -> tuple[float, float]:
@@ -92,8 +92,8 @@ def spent(command: list[str]) -> tuple[float, float]:
     meter = [sys.executable, "-c", METER, *command]
     # Modules are compiled once, as those of an installed package are.
     env = os.environ | {"PYTHONDONTWRITEBYTECODE": ""}
-    told = subprocess.run(meter, check=True, capture_output=True, text=True, env=env).stdout
-    cpu, mb = told.split()[-2:]
+    printed = subprocess.run(meter, check=True, capture_output=True, text=True, env=env).stdout
+    cpu, mb = printed.split()[-2:]
     return float(cpu), float(mb)
 
 
@@ -108,10 +108,10 @@ def measure_runs(log: Path, urdf: Path) -> None:
     found = in_turn(calls, RUNS)
     theirs = statistics.median(cpu for cpu, _ in found["AnyReader, two topics"])
     print()
-    line = table("whole process", "median CPU s", "over AnyReader", "MB")
+    line = table("whole process", "median CPU s|.2f", "over AnyReader|.2f", "MB|.0f")
     for name, values in found.items():
         cpu = statistics.median(cpu for cpu, _ in values)
-        line(name, f"{cpu:.2f}", f"{cpu / theirs:.2f}", f"{max(mb for _, mb in values):.0f}")
+        line(name, cpu, cpu / theirs, max(mb for _, mb in values))
 
 
 def measure(path: Path, urdf: Path) -> None:
@@ -123,16 +123,16 @@ def measure(path: Path, urdf: Path) -> None:
     imu = data.imus[imu_topic]
     streams = [stream for name in joints for stream in data.joints[name]]
     clock = choose_clock([imu, *streams])
-    samples = ImuSamples(t=clock.seconds(imu), gyro=imu.gyro, accel=imu.accel)
+    samples = samples_of(imu, clock)
     tracks = [
         Track(
-            name=stream.topic,
+            name=each.topic,
             kind="joints",
-            t=clock.seconds(stream),
-            values=stream.position,
-            names=stream.names,
+            t=clock.seconds(each),
+            values=each.position,
+            names=each.names,
         )
-        for stream in streams
+        for each in streams
     ]
     kinematics = joint_path(load_robot(urdf), "wrist_3_link", tracks)
 
@@ -151,9 +151,9 @@ def measure(path: Path, urdf: Path) -> None:
     calls = {"estimate": estimate, "our reading": read_ours, "AnyReader, IMU topic": read_theirs}
     times = in_turn({name: partial(timed, call) for name, call in calls.items()}, REPEATS)
     medians = {name: statistics.median(values) for name, values in times.items()}
-    line = table("what", "median CPU s", "over AnyReader")
+    line = table("what", "median CPU s|.3f", "over AnyReader|.2f")
     for name, value in medians.items():
-        line(name, f"{value:.3f}", f"{value / medians['AnyReader, IMU topic']:.2f}")
+        line(name, value, value / medians["AnyReader, IMU topic"])
 
 
 if __name__ == "__main__":

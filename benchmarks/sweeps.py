@@ -16,7 +16,6 @@ result is trusted all the same.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -32,7 +31,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import imucalib_cli
-from benchmarks.common import rms, table
+from benchmarks.common import arguments, rms, table
 from benchmarks.robots import ANY, ROBOTS, ROWS, Case, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
@@ -47,7 +46,7 @@ FIVE_SIGMA = 5.7e-7
 """Probability of a normal deviate beyond five sigma, either way."""
 
 Line = dict[str, Any]
-"""What is kept of one log, as JSON has it."""
+"""Record of one log, as in JSON."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,14 +72,7 @@ class Job:
 
     def case(self) -> Case:
         """The log."""
-        return make_case(
-            self.robot,
-            self.row,
-            self.seed,
-            seconds=self.seconds,
-            imu_rate=self.imu_rate,
-            joint_rate=self.joint_rate,
-        )
+        return make_case(**asdict(self))
 
 
 def run(job: Job) -> Line:
@@ -115,14 +107,9 @@ Logs = list[Line]
 """Of one robot and row, those that gave a result."""
 
 
-def values(logs: Logs, name: str) -> list[float]:
-    """One number of each."""
-    return [float(line[name]) for line in logs]
-
-
-def errors(logs: Logs, part: slice) -> Floats:
-    """The translation's or the rotation's errors, (N, 3), m or rad."""
-    return np.array([line["error"][part] for line in logs])
+def values(logs: Logs, name: str) -> Floats:
+    """One quantity of each, (N,) or (N, 6)."""
+    return np.array([line[name] for line in logs])
 
 
 def wrong(logs: Logs) -> int:
@@ -130,23 +117,21 @@ def wrong(logs: Logs) -> int:
     return sum(line["trusted"] and not chi2.sf(line["nees"], 6) >= FIVE_SIGMA for line in logs)
 
 
-def worst(logs: Logs) -> float:
-    """Longest error of translation, m."""
-    return float(np.linalg.norm(errors(logs, _TRANSLATION), axis=1).max())
+def distances(logs: Logs) -> Floats:
+    """(N,), mm."""
+    return np.asarray(1e3 * np.linalg.norm(values(logs, "error")[:, :3], axis=1))
 
-
-_TRANSLATION, _ROTATION = slice(0, 3), slice(3, 6)
 
 COLUMNS: dict[str, Callable[[Logs], str]] = {
-    "RMS mm": lambda logs: f"{1e3 * rms(errors(logs, _TRANSLATION)):.3f}",
-    "worst mm": lambda logs: f"{1e3 * worst(logs):.3f}",
-    "RMS deg": lambda logs: f"{np.degrees(rms(errors(logs, _ROTATION))):.4f}",
-    "NEES mean": lambda logs: f"{np.mean(values(logs, 'nees')):.3g}",
+    "RMS mm": lambda logs: f"{rms(distances(logs)):.3f}",
+    "worst mm": lambda logs: f"{distances(logs).max():.3f}",
+    "RMS deg": lambda logs: f"{np.degrees(rms(values(logs, 'error')[:, 3:])):.4f}",
+    "NEES mean": lambda logs: f"{values(logs, 'nees').mean():.3g}",
     "median": lambda logs: f"{np.median(values(logs, 'nees')):.3g}",
-    "max": lambda logs: f"{max(values(logs, 'nees')):.3g}",
-    "trusted": lambda logs: f"{np.mean(values(logs, 'trusted')):.0%}",
+    "max": lambda logs: f"{values(logs, 'nees').max():.3g}",
+    "trusted": lambda logs: f"{values(logs, 'trusted').mean():.0%}",
     "wrong": lambda logs: str(wrong(logs)),
-    "CPU s": lambda logs: f"{np.mean(values(logs, 'cpu_seconds')):.2f}",
+    "CPU s": lambda logs: f"{values(logs, 'cpu_seconds').mean():.2f}",
 }
 """Of the table, after robot, row and logs."""
 
@@ -208,38 +193,30 @@ def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
 
 def main() -> None:
     """Run the sweeps that are asked for, or compare two that were run, and print the table."""
-    parser = argparse.ArgumentParser(description="How the estimator does on imperfect robots.")
-    parser.add_argument("--robots", nargs="+", choices=(*ROBOTS, ANY), default=list(ROBOTS))
-    parser.add_argument("--rows", nargs="+", choices=(*ROWS, ANY), default=list(ROWS))
-    parser.add_argument("--seeds", type=int, default=20, help="logs a row")
-    parser.add_argument("--first-seed", type=int, default=0)
-    parser.add_argument(
-        "--seconds", type=float, default=Job.seconds, help="length of a log, at least 10"
+    asked = arguments(
+        __doc__,
+        robots={"choices": (*ROBOTS, ANY), "default": list(ROBOTS)},
+        rows={"choices": (*ROWS, ANY), "default": list(ROWS)},
+        seeds={"default": 20, "help": "logs a row"},
+        first_seed=0,
+        seconds={"default": Job.seconds, "help": "length of a log, at least 10"},
+        imu_rate={"default": Job.imu_rate, "help": "Hz"},
+        joint_rate={"default": Job.joint_rate, "help": "Hz"},
+        output={"flags": ("-o", "--output"), "type": Path, "help": "JSON lines, continued"},
+        workers=2,
+        compare={"nargs": "+", "type": Path, "metavar": "FILE", "help": "run nothing"},
     )
-    parser.add_argument("--imu-rate", type=float, default=Job.imu_rate, help="Hz")
-    parser.add_argument("--joint-rate", type=float, default=Job.joint_rate, help="Hz")
-    parser.add_argument("-o", "--output", type=Path, help="JSON lines, continued if it exists")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--compare", nargs="+", type=Path, metavar="FILE", help="run nothing")
-    asked = parser.parse_args()
     if asked.compare:
         for file in asked.compare:
             if not file.exists():
-                parser.error(f"{file} does not exist")
+                sys.exit(f"{file} does not exist")
         show(*(read(file) for file in asked.compare))
         return
+    rates = {name: getattr(asked, name) for name in ("seconds", "imu_rate", "joint_rate")}
+    seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
     jobs = [
-        Job(
-            robot=robot,
-            row=row,
-            seed=seed,
-            seconds=asked.seconds,
-            imu_rate=asked.imu_rate,
-            joint_rate=asked.joint_rate,
-        )
-        for seed in range(asked.first_seed, asked.first_seed + asked.seeds)
-        for robot in asked.robots
-        for row in asked.rows
+        Job(robot=robot, row=row, seed=seed, **rates)
+        for seed, robot, row in product(seeds, asked.robots, asked.rows)
     ]
     # An editable install and PYTHONPATH may both offer one: say which it is.
     print(f"package: {imucalib_cli.__file__}", file=sys.stderr)

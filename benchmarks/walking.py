@@ -8,10 +8,9 @@ behind them; 60 s at 200 Hz. Everything that is wrong with it is drawn anew for 
 
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 
-from benchmarks.common import Scores, table
+from benchmarks.common import Scores, arguments, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import pose_error
@@ -34,25 +33,17 @@ ROWS = {
 
 def main() -> None:
     """Print one row for each robot."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=200)
-    seeds = parser.parse_args().seeds
-    line = table("what is wrong", "walks", "mm", "deg", "NEES", "trusted")
+    seeds = arguments(__doc__, seeds=200).seeds
+    line = table("what is wrong", "walks", "mm|.3f", "deg|.4f", "NEES", "trusted|.0%")
     for name, walk in ROWS.items():
         scores = Scores()
         for seed in range(seeds):
-            found = calibrate_matched(
-                *replace(walk, seed=seed).log(), MatchedOptions(gravity="none")
-            )
-            if found.covariance is not None:
-                scores.add(pose_error(found, FOOT), found.covariance, trusted=found.trusted)
+            log = replace(walk, seed=seed).log()
+            found = calibrate_matched(log.imu, log.path, MatchedOptions(gravity="none"))
+            scores.add(pose_error(found, FOOT), found.covariance, trusted=found.trusted)
         line(
-            name,
-            len(scores.nees),
-            f"{scores.mm:.3f}",
-            f"{scores.degrees:.4f}",
-            scores.honesty,
-            f"{100 * scores.trusted / seeds:.0f}%",
+            *(name, len(scores.nees), scores.mm, scores.degrees),
+            *(scores.honesty, scores.trusted / seeds),
         )
 
 

@@ -11,9 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import bilinear, lfilter
 
+from imucalib_cli.diagnose.diagnose import diagnose, explained
 from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rotvec
 from imucalib_cli.study.recordings import robot_of, streams_of
@@ -21,6 +24,7 @@ from imucalib_cli.study.recordings import robot_of, streams_of
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.findings import Finding
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
     from imucalib_cli.signals.samples import ImuSamples
@@ -44,12 +48,27 @@ class Fault:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Judged:
+    """An estimate, and what is wrong with it."""
+
+    plain: Estimate
+    """As the estimator returns it."""
+    found: tuple[Finding, ...]
+    """By the diagnosis."""
+
+    @property
+    def explained(self) -> Estimate:
+        """The estimate with the findings of the diagnosis."""
+        return explained(self.plain, self.found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EstimatorInputs:
     """Data and robot model that an estimator gets."""
 
     imu: ImuSamples
     path: KinematicPath
-    robot: Robot | None
+    robot: Robot | None = None
 
     def poor_fit(self, estimate: Estimate, options: MatchedOptions) -> PoorFit:
         """The question why an estimate is poor."""
@@ -62,6 +81,15 @@ class EstimatorInputs:
             frames=() if robot is None else robot.links,
             path_to=None if robot is None else lambda link: joint_path(robot, link, tracks),
         )
+
+    def judged(self, options: MatchedOptions) -> Judged:
+        """Estimate the pose and diagnose the fit.
+
+        Raises:
+            ImucalibError: The estimator refuses the data.
+        """
+        plain = calibrate_matched(self.imu, self.path, options)
+        return Judged(plain=plain, found=diagnose(self.poor_fit(plain, options)))
 
 
 def misdescribed(recording: Recording, fault: Fault) -> EstimatorInputs:
@@ -76,7 +104,7 @@ def misdescribed(recording: Recording, fault: Fault) -> EstimatorInputs:
     if fault.kind == "publishers":
         path = replace(path, tracks=tuple(_two_publishers(t, fault.size) for t in path.tracks))
     if recording.system.arm is None:
-        return EstimatorInputs(imu=imu, path=_poses(path, fault), robot=None)
+        return EstimatorInputs(imu=imu, path=_poses(path, fault.kind))
     robot, parent, tracks = robot_of(recording.system), recording.system.parent, path.tracks
     match fault.kind:
         case "link":
@@ -92,23 +120,22 @@ def misdescribed(recording: Recording, fault: Fault) -> EstimatorInputs:
 
 def _mistaken(robot: Robot, fault: Fault) -> Robot:
     """A URDF that is wrong: an axis reversed, an origin turned about its axis, or scaled."""
-    joints = []
-    for joint in robot.joints:
-        changed = joint
-        if joint.name in fault.names:
-            if fault.kind == "sign":
-                changed = replace(joint, axis=-joint.axis)
-            elif fault.kind == "zero":
-                turn = matrix_from_rotvec(fault.size * joint.axis)
-                changed = replace(joint, R_origin=joint.R_origin @ turn)
-            else:
-                changed = replace(joint, p_origin=joint.p_origin * (1.0 + fault.size))
-        joints.append(changed)
+    joints = list(robot.joints)
+    for index, joint in enumerate(joints):
+        if joint.name not in fault.names:
+            continue
+        if fault.kind == "sign":
+            joints[index] = replace(joint, axis=-joint.axis)
+        elif fault.kind == "zero":
+            turn = matrix_from_rotvec(fault.size * joint.axis)
+            joints[index] = replace(joint, R_origin=joint.R_origin @ turn)
+        else:
+            joints[index] = replace(joint, p_origin=joint.p_origin * (1.0 + fault.size))
     return replace(robot, joints=tuple(joints))
 
 
 def _two_publishers(track: Track, apart: float) -> Track:
-    """Half the messages of another publisher, whose first column is a constant off."""
+    """Half the messages of another publisher, whose first column has a constant offset."""
     values = track.values.copy()
     other = np.random.default_rng(len(values)).random(len(values)) < 0.5
     values[other, 0] += apart
@@ -117,31 +144,26 @@ def _two_publishers(track: Track, apart: float) -> Track:
 
 def _reordered(track: Track, names: tuple[str, ...]) -> Track:
     """Names of joints exchanged; without names, sorted, as one well-known driver has them."""
-    if not names:
-        return replace(track, names=tuple(sorted(track.names)))
-    a, b = (track.names.index(name) for name in names)
-    listed = list(track.names)
-    listed[a], listed[b] = listed[b], listed[a]
+    exchanged = dict(zip(names, names[::-1], strict=True))
+    listed = [exchanged.get(name, name) for name in track.names] if names else sorted(track.names)
     return replace(track, names=tuple(listed))
 
 
-def _poses(path: KinematicPath, fault: Fault) -> KinematicPath:
+def _poses(path: KinematicPath, kind: str) -> KinematicPath:
+    """A path whose tracked poses are wrong."""
     (track,) = path.tracks
     p, q = track.values[:, :3], track.values[:, 3:]
-    match fault.kind:
+    conjugate = q * np.array([-1.0, -1.0, -1.0, 1.0])
+    match kind:
         case "inverse":
-            conjugate = q * np.array([-1.0, -1.0, -1.0, 1.0])
-            R = matrix_from_quaternion(conjugate)
-            values = np.hstack([-np.einsum("nij,nj->ni", R, p), conjugate])
+            p, q = -np.einsum("nij,nj->ni", matrix_from_quaternion(conjugate), p), conjugate
         case "quaternion":
-            values = np.hstack([p, q[:, [3, 0, 1, 2]]])
+            q = q[:, [3, 0, 1, 2]]
         case "conjugate":
-            values = np.hstack([p, q * np.array([-1.0, -1.0, -1.0, 1.0])])
+            q = conjugate
         case "millimetres":
-            values = np.hstack([1e3 * p, q])
-        case _:
-            values = track.values
-    return replace(path, tracks=(replace(track, values=values),))
+            p = 1e3 * p
+    return replace(path, tracks=(replace(track, values=np.hstack([p, q])),))
 
 
 def with_faulty_sensor(recording: Recording, fault: Fault) -> Recording:
@@ -158,10 +180,13 @@ def with_faulty_sensor(recording: Recording, fault: Fault) -> Recording:
         case "handed":
             mirror = np.array([1.0, -1.0, 1.0])
             imu = replace(imu, accel=imu.accel * mirror, gyro=imu.gyro * mirror)
+        case "hum":
+            # A motor on the link that runs all the time.
+            hum = np.sin(2.0 * np.pi * fault.size * imu.t)[:, None]
+            accel, gyro = imu.accel + hum * [0.5, 0.2, 0.3], imu.gyro + hum * [0.01, 0.02, 0.01]
+            imu = replace(imu, accel=accel, gyro=gyro)
         case "ringing":
             imu = _ringing(recording, fault.size)
-        case "hum":
-            imu = _humming(imu, fault.size)
         case "base":
             imu = _on_turning_base(recording, fault.size)
     return replace(recording, imu=imu)
@@ -171,8 +196,7 @@ def _true_poses(recording: Recording) -> tuple[Floats, Floats]:
     """R_world_imu and p_world_imu at the IMU's samples, from the engine's own state."""
     if recording.system.arm is None:
         raise InputError("only an arm can ring or stand on a base that turns")
-    robot = robot_of(recording.system)
-    _, path = streams_of(recording, robot)
+    _, path = streams_of(recording, robot_of(recording.system))
     at = np.searchsorted(recording.state.t, recording.imu.t)
     position = recording.state.position[np.minimum(at, len(recording.state.t) - 1)]
     (track,) = path.tracks
@@ -183,8 +207,6 @@ def _true_poses(recording: Recording) -> tuple[Floats, Floats]:
 
 def _ringing(recording: Recording, frequency: float) -> ImuRecord:
     """An IMU on a spring, 4 % damped, alike to all sides: its sag rests in the world."""
-    from scipy.signal import bilinear, lfilter
-
     imu = recording.imu
     R, _ = _true_poses(recording)
     pushed = np.einsum("nij,nj->ni", R, imu.accel) + recording.gravity_world
@@ -199,26 +221,14 @@ def _ringing(recording: Recording, frequency: float) -> ImuRecord:
     return replace(imu, accel=imu.accel + swing, gyro=imu.gyro + turning[:, [1, 2, 0]])
 
 
-def _humming(imu: ImuRecord, frequency: float) -> ImuRecord:
-    """A motor on the link that runs all the time."""
-    hum = np.sin(2.0 * np.pi * frequency * imu.t)[:, None]
-    return replace(
-        imu,
-        accel=imu.accel + hum * np.array([0.5, 0.2, 0.3]),
-        gyro=imu.gyro + hum * np.array([0.01, 0.02, 0.01]),
-    )
-
-
 def _on_turning_base(recording: Recording, rate: float) -> ImuRecord:
     """An arm on a base that swings about the vertical, rad/s, once in seven seconds."""
     imu = recording.imu
     R, p = _true_poses(recording)
-    w = 2.0 * np.pi / 7.0
-    t = imu.t
-    z = np.array([0.0, 0.0, 1.0])
-    omega = rate * np.sin(w * t)[:, None] * z
-    alpha = rate * w * np.cos(w * t)[:, None] * z
-    v = np.gradient(p, t, axis=0)
+    w, z = 2.0 * np.pi / 7.0, np.array([0.0, 0.0, 1.0])
+    omega = rate * np.sin(w * imu.t)[:, None] * z
+    alpha = rate * w * np.cos(w * imu.t)[:, None] * z
+    v = np.gradient(p, imu.t, axis=0)
     more = np.cross(alpha, p) + np.cross(omega, np.cross(omega, p)) + 2.0 * np.cross(omega, v)
     # Seen in the IMU, the base's own angle drops out: gravity is along its axis.
     return replace(

@@ -1,4 +1,4 @@
-"""One fault told at a time: named rightly, nothing else blamed, never ok with a wrong pose."""
+"""One fault at a time: it is named, nothing else is blamed, and a wrong pose is never ok."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from imucalib_cli.diagnose.diagnose import GENERIC, diagnose, explained, needs_diagnosis
+from imucalib_cli.diagnose.diagnose import GENERIC, needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import single_faults
 from imucalib_cli.diagnose.publishers import find_rival_publishers
-from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.simulate.load import load_grade, load_system
@@ -24,10 +23,9 @@ from tools.errors import error_of
 from tools.faults import Fault, misdescribed, with_faulty_sensor
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.findings import Finding
     from imucalib_cli.simulate.recording import Recording
-    from tools.errors import Error
+    from tools.faults import Judged
 
 ARM, BODY = "rihibot", "barbot"
 
@@ -40,25 +38,18 @@ def clean(system: str) -> Recording:
 
 
 @cache
-def judged(system: str, fault: Fault) -> tuple[Estimate, Estimate, tuple[Finding, ...], Error]:
-    """The estimate as it comes, as it is told, what was found, and how far off it is."""
-    noise = load_grade("industrial")
-    noisy = corrupt(with_faulty_sensor(clean(system), fault), noise, seed=3)
-    told = misdescribed(noisy, fault)
+def noisy(system: str, fault: Fault) -> Recording:
+    return corrupt(with_faulty_sensor(clean(system), fault), load_grade("industrial"), seed=3)
+
+
+@cache
+def judged(system: str, fault: Fault) -> Judged:
     options = MatchedOptions(gravity="none" if system == BODY else "tilt")
-    plain = calibrate_matched(told.imu, told.path, options)
-    found = diagnose(told.poor_fit(plain, options))
-    return plain, explained(plain, found), found, error_of(plain, noisy)
+    return misdescribed(noisy(system, fault), fault).judged(options)
 
 
 def value(finding: Finding, name: str) -> Any:
     return finding.values[name]
-
-
-def sigmas(estimate: Estimate, error: Error) -> float:
-    """How far off the pose is in standard deviations, the worst of its six components."""
-    assert estimate.covariance is not None
-    return float(np.max(np.abs(error.pose) / np.sqrt(np.diag(estimate.covariance))))
 
 
 def flawed(kind: str, name: str = "", size: float = 0.0) -> Fault:
@@ -91,31 +82,32 @@ def test_a_gross_fault_is_named_first_and_alone(
     system: str, fault: Fault, code: str, named: str, size: float | None
 ) -> None:
     """The size is in degrees, or in those of a radian a second."""
-    plain, told, found, _ = judged(system, fault)
-    assert not told.trusted
-    assert [finding.code for finding in found] == [f"cause.{code}"]
-    assert told.distrust[0] == found[0].message
-    assert len(value(found[0], "ties")) == 1
-    assert "cannot tell which" not in found[0].message
+    case = judged(system, fault)
+    (cause,), explained = case.found, case.explained
+    assert not explained.trusted
+    assert cause.code == f"cause.{code}"
+    assert explained.distrust[0] == cause.message
+    assert len(value(cause, "ties")) == 1
+    assert "cannot tell which" not in cause.message
     if named:
-        assert named in value(found[0], "names")
+        assert named in value(cause, "names")
     if size is not None:
-        assert value(found[0], "sizes")[0] == pytest.approx(np.radians(size), abs=2e-3)
-    # What the cause explains is not said again, and advice on motion steps back.
-    assert not any(each.code in GENERIC for each in told.findings)
-    assert all("cause of the misfit" in direction.motion for direction in told.unobservable)
-    assert len(told.unobservable) == len(plain.unobservable)
+        assert value(cause, "sizes")[0] == pytest.approx(np.radians(size), abs=2e-3)
+    # Consequences of the cause are not reported again, and advice on motion steps back.
+    assert not any(each.code in GENERIC for each in explained.findings)
+    assert all("cause of the misfit" in direction.motion for direction in explained.unobservable)
+    assert len(explained.unobservable) == len(case.plain.unobservable)
 
 
 @pytest.mark.slow
-def test_what_the_log_cannot_tell_apart_is_told_so() -> None:
+def test_causes_that_the_log_cannot_tell_apart_are_all_named() -> None:
     """A pan joint turned over is, to the last digit, a lift joint turned by half a turn."""
-    _, told, found, _ = judged(ARM, flawed("sign", "shoulder_pan_joint"))
-    (cause,) = found
+    case = judged(ARM, flawed("sign", "shoulder_pan_joint"))
+    (cause,) = case.found
     assert cause.code == "cause.sign"
     kinds = {(tie[0], tie[1]) for tie in value(cause, "ties")}
     assert kinds == {("sign", ("shoulder_pan_joint",)), ("zero", ("shoulder_lift_joint",))}
-    assert "the log cannot tell which" in told.distrust[0]
+    assert "the log cannot tell which" in case.explained.distrust[0]
 
 
 @pytest.mark.parametrize(
@@ -135,11 +127,14 @@ def test_what_the_log_cannot_tell_apart_is_told_so() -> None:
 def test_a_small_error_of_the_chain_is_corrected_and_named_if_it_matters(
     kind: str, joint: str, size: float
 ) -> None:
-    plain, told, _, error = judged(ARM, flawed(kind, joint, size))
-    assert sigmas(plain, error) < 4.0
-    blamed = [
+    fault = flawed(kind, joint, size)
+    case = judged(ARM, fault)
+    assert case.plain.covariance is not None
+    sigma = np.sqrt(np.diag(case.plain.covariance))
+    assert np.all(np.abs(error_of(case.plain, noisy(ARM, fault)).pose) < 4.0 * sigma)
+    blamed: list[Any] = [
         name
-        for each in told.findings
+        for each in case.explained.findings
         if each.code in {"unknown.found", "unknown.implausible", "cause.zero"}
         for name in each.values.get("labels") or each.values.get("names") or ()  # type: ignore[union-attr]
     ]
@@ -147,14 +142,11 @@ def test_a_small_error_of_the_chain_is_corrected_and_named_if_it_matters(
 
 
 @pytest.mark.parametrize("late", slow_after(1, [0.03, 0.4, 3.0]))
-def test_a_time_offset_given_wrongly_is_contradicted(late: float) -> None:
-    noisy = corrupt(clean(ARM), replace(load_grade("industrial"), time_offset=late), seed=3)
-    told = misdescribed(noisy, flawed("none"))
-    options = MatchedOptions(time_offset=0.0)
-    plain = calibrate_matched(told.imu, told.path, options)
-    judged_by = explained(plain, diagnose(told.poor_fit(plain, options)))
-    assert not judged_by.trusted
-    found = judged_by.findings[0]
+def test_a_wrong_stated_time_offset_is_contradicted(late: float) -> None:
+    recording = corrupt(clean(ARM), replace(load_grade("industrial"), time_offset=late), seed=3)
+    case = misdescribed(recording, flawed("none")).judged(MatchedOptions(time_offset=0.0))
+    assert not case.explained.trusted
+    found = case.explained.findings[0]
     if found.code == "prior.contradicted":
         assert found.values["option"] == "--time-offset"
         assert value(found, "step") == pytest.approx(late, abs=1e-4)
@@ -166,36 +158,46 @@ def test_a_time_offset_given_wrongly_is_contradicted(late: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [6.0, 11.8])
-def test_a_mount_that_gives_is_told_as_a_spring_of_its_frequency(rate: float) -> None:
-    _, told, found, _ = judged(ARM, flawed("ringing", size=rate))
-    assert not told.trusted
-    assert found == ()
-    (gives,) = [each for each in told.findings if each.values.get("name") == "mount_give"]
-    assert gives.code == "unknown.implausible"
-    give = float(value(gives, "value"))
+def test_a_mount_that_gives_is_reported_as_a_spring_of_its_frequency(rate: float) -> None:
+    case = judged(ARM, flawed("ringing", size=rate))
+    assert not case.explained.trusted
+    assert case.found == ()
+    gives = [e for e in case.explained.findings if e.values.get("name") == "mount_give"]
+    assert [each.code for each in gives] == ["unknown.implausible"]
+    give = float(value(gives[0], "value"))
     assert give == pytest.approx(1.0 / (2.0 * np.pi * rate) ** 2, rel=0.1)
 
 
 @pytest.mark.slow
 def test_a_hum_is_no_mount_that_gives() -> None:
-    _, told, _, _ = judged(ARM, flawed("hum", size=6.0))
-    assert not any(each.values.get("name") == "mount_give" for each in told.findings)
+    found = judged(ARM, flawed("hum", size=6.0)).explained.findings
+    assert not any(each.values.get("name") == "mount_give" for each in found)
 
 
-@pytest.mark.slow
-def test_a_base_that_turns_while_the_joints_stand_still() -> None:
-    _, told, found, _ = judged(ARM, flawed("base", size=0.2))
-    assert not told.trusted
-    assert [finding.code for finding in found] == ["cause.base_moves"]
-    assert "while all that the log knows of stands still: base_link moves" in told.distrust[0]
-
-
-@pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))
-def test_two_publishers_that_contradict_each_other(system: str) -> None:
-    _, told, found, _ = judged(system, flawed("publishers", size=0.2))
-    assert [finding.code for finding in found] == ["cause.publishers"]
-    assert "two publishers tell it and contradict each other" in told.distrust[0]
-    assert value(found[0], "sizes")[0] == pytest.approx(0.2, rel=0.05)
+@pytest.mark.parametrize(
+    ("system", "kind", "code", "words"),
+    slow_after(
+        1,
+        [
+            (ARM, "publishers", "publishers", "two publishers tell it and contradict each other"),
+            (BODY, "publishers", "publishers", "two publishers tell it and contradict each other"),
+            (
+                *(ARM, "base", "base_moves"),
+                "while all that the log knows of stands still: base_link moves",
+            ),
+        ],
+    ),
+)
+def test_publishers_that_contradict_each_other_and_a_base_that_moves_are_named(
+    system: str, kind: str, code: str, words: str
+) -> None:
+    """The joints stand still while the base turns."""
+    case = judged(system, flawed(kind, size=0.2))
+    assert not case.explained.trusted
+    assert [finding.code for finding in case.found] == [f"cause.{code}"]
+    assert words in case.explained.distrust[0]
+    if kind == "publishers":
+        assert value(case.found[0], "sizes")[0] == pytest.approx(0.2, rel=0.05)
 
 
 def test_an_encoder_undecided_between_two_counts_is_one_publisher() -> None:
@@ -215,48 +217,44 @@ def test_an_encoder_undecided_between_two_counts_is_one_publisher() -> None:
     slow_after(1, [(ARM, "accel scale"), (ARM, "gyro scale"), (BODY, "gyro scale")]),
 )
 def test_the_robot_is_not_blamed_for_the_sensor(system: str, kind: str) -> None:
-    _, _, found, _ = judged(system, flawed(kind, size=0.02))
-    assert found == ()
+    assert judged(system, flawed(kind, size=0.02)).found == ()
 
 
 @pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))
 def test_a_good_fit_asks_nothing(system: str) -> None:
-    plain, told, found, _ = judged(system, flawed("none"))
-    assert not needs_diagnosis(plain)
-    assert told is plain
-    assert found == ()
+    case = judged(system, flawed("none"))
+    assert not needs_diagnosis(case.plain)
+    assert case.explained is case.plain
+    assert case.found == ()
 
 
 def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
     """Livelier motion would not determine what units that change midway leave open."""
-    noisy = corrupt(clean(ARM), load_grade("industrial"), seed=3)
-    imu, late = noisy.imu, noisy.imu.t > 0.5 * noisy.imu.t[-1]
+    recording = noisy(ARM, flawed("none"))
+    imu, late = recording.imu, recording.imu.t > 0.5 * recording.imu.t[-1]
     accel = np.where(late[:, None], imu.accel / 9.80665, imu.accel)
-    told = misdescribed(replace(noisy, imu=replace(imu, accel=accel)), flawed("none"))
-    plain = calibrate_matched(told.imu, told.path, MatchedOptions())
-    assert plain.unobservable
-    assert not diagnose(told.poor_fit(plain, MatchedOptions()))
-    estimate = explained(plain, ())
-    assert estimate.distrust == plain.distrust
-    for direction in estimate.unobservable:
+    spoiled = misdescribed(replace(recording, imu=replace(imu, accel=accel)), flawed("none"))
+    case = spoiled.judged(MatchedOptions())
+    assert case.plain.unobservable
+    assert case.found == ()
+    assert case.explained.distrust == case.plain.distrust
+    for direction in case.explained.unobservable:
         assert "before the cause of the misfit is mended" in direction.motion
 
 
 def test_a_position_may_be_exchanged_with_one_of_another_limb() -> None:
     """And with all in the URDF's order, under names in another."""
-    told = misdescribed(clean(ARM), flawed("none"))
-    plain = calibrate_matched(told.imu, told.path, MatchedOptions())
-    (track,) = told.path.tracks
-    wide = replace(
-        track, names=("a_joint", *track.names), values=np.insert(track.values, 0, 0.0, axis=1)
-    )
+    described = misdescribed(clean(ARM), flawed("none"))
+    (track,) = described.path.tracks
+    values = np.insert(track.values, 0, 0.0, axis=1)
+    wide = replace(track, names=("a_joint", *track.names), values=values)
     steps = tuple(
         replace(step, column=step.column + 1) if isinstance(step, JointStep) else step
-        for step in told.path.steps
+        for step in described.path.steps
     )
     poor = replace(
-        told.poor_fit(plain, MatchedOptions()),
-        path=replace(told.path, steps=steps, tracks=(wide,)),
+        described.poor_fit(judged(ARM, flawed("none")).plain, MatchedOptions()),
+        path=replace(described.path, steps=steps, tracks=(wide,)),
         joints=(*track.names[::-1], "a_joint"),
     )
     orders = [each for each in single_faults(poor) if each.kind == "order"]

@@ -1,17 +1,23 @@
-"""A UR10e whose motion is analytic and whose accelerations are pinocchio's: truth for estimates."""
+"""A UR10e with an analytic motion, and what its IMU reads by pinocchio: truth for estimates.
+
+`make_log` builds a log, with flaws where they are asked for; `solve` estimates the pose from it and
+returns the estimate together with its error.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
@@ -19,15 +25,16 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, Track
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
+from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 
 Floats = NDArray[np.float64]
+Triple = tuple[float, float, float]
 
 EXACT = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
-"""For a robot, a sensor and a gravity that are what they are taken for."""
+"""Robot, sensor and gravity have no errors."""
 LINKS = (
     (0.0, 0.1807, np.pi / 2),
     (-0.6127, 0.0, 0.0),
@@ -44,8 +51,8 @@ MEMS = (300e-6 * GRAVITY, float(np.radians(0.014)))
 INDUSTRIAL = (17e-6 * GRAVITY, float(np.radians(0.002)))
 """One-sided densities of accelerometer and gyroscope, m/s²/sqrt(Hz), rad/s/sqrt(Hz)."""
 GRADES = {"mems": MEMS, "industrial": INDUSTRIAL}
-UNLIKELY = float(chi2.ppf(0.999, 6))
-"""Of the squared pose error in stated sigmas."""
+BOTH_GRADES = pytest.mark.parametrize("grade", slow_after(1, GRADES))
+NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +82,7 @@ class Moves:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mount:
-    """Where the IMU really is."""
+    """True pose of the IMU in the parent link."""
 
     R: Floats
     t: Floats
@@ -93,13 +100,14 @@ def random_mount(seed: int) -> Mount:
     return Mount(R=Rotation.random(rng=rng).as_matrix(), t=rng.uniform(-0.25, 0.25, 3))
 
 
-def _model() -> tuple[pin.Model, pin.Data, int]:
-    model, parent, place = pin.Model(), 0, pin.SE3.Identity()
+def model() -> tuple[pin.Model, pin.Data, int]:
+    """The arm in pinocchio, and the frame of the parent link."""
+    arm, parent, place = pin.Model(), 0, pin.SE3.Identity()
     for index, (x, z, turn) in enumerate(LINKS):
-        parent = model.addJoint(parent, pin.JointModelRZ(), place, f"j{index}")
+        parent = arm.addJoint(parent, pin.JointModelRZ(), place, f"j{index}")
         place = pin.SE3(pin.utils.rotate("x", turn), np.array([x, 0.0, z]))
-    frame = model.addFrame(pin.Frame("parent", parent, 0, place, pin.FrameType.OP_FRAME))
-    return model, model.createData(), frame
+    frame = arm.addFrame(pin.Frame("parent", parent, 0, place, pin.FrameType.OP_FRAME))
+    return arm, arm.createData(), frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,17 +125,17 @@ class ParentMotion:
 @lru_cache(maxsize=64)
 def _parent_motion(moves: Moves, instants: bytes) -> ParentMotion:
     t = np.frombuffer(instants)
-    model, data, frame = _model()
+    arm, data, frame = model()
     q, v, a = moves.joints(t)
     R, p, rates = np.empty((len(t), 3, 3)), np.empty((len(t), 3)), np.empty((3, len(t), 3))
     for k in range(len(t)):
-        pin.forwardKinematics(model, data, q[k], v[k], a[k])
-        pin.updateFramePlacements(model, data)
+        pin.forwardKinematics(arm, data, q[k], v[k], a[k])
+        pin.updateFramePlacements(arm, data)
         R[k], p[k] = data.oMf[frame].rotation, data.oMf[frame].translation
-        rates[0, k] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).angular
-        spatial = pin.getFrameAcceleration(model, data, frame, pin.LOCAL)
+        rates[0, k] = pin.getFrameVelocity(arm, data, frame, pin.LOCAL).angular
+        spatial = pin.getFrameAcceleration(arm, data, frame, pin.LOCAL)
         rates[1, k] = spatial.angular
-        rates[2, k] = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
+        rates[2, k] = pin.getFrameClassicalAcceleration(arm, data, frame, pin.LOCAL).linear
     return ParentMotion(q=q, R=R, p=p, omega=rates[0], alpha=rates[1], acceleration=rates[2])
 
 
@@ -160,17 +168,45 @@ def arm_path(
     return KinematicPath(world="base", parent="flange", steps=tuple(steps), tracks=(track,))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Flaws:
+    """Errors of an IMU, none by default. Each is exact, none is interpolated."""
+
+    drift: float = 0.0
+    """Seconds that the IMU's clock gains in a second of the robot's."""
+    clock_jump: tuple[float, float] = (0.0, 0.0)
+    """Instant, s, from which the IMU's stamps are later, and by how much, s."""
+    gyro_delay: float = 0.0
+    """s: the gyroscope's stamps less the accelerometer's."""
+    accel_scale: Triple = (1.0, 1.0, 1.0)
+    """Measured over true, IMU axes."""
+    accel_skew: Triple = (0.0, 0.0, 0.0)
+    """Shares of z in y, of z in x and of y in x."""
+    gyro_scale: Triple = (1.0, 1.0, 1.0)
+    gyro_turn: Triple = (0.0, 0.0, 0.0)
+    """Rotation vector of the gyroscope's axes in the accelerometer's, rad."""
+    bias_step: tuple[float, Triple, Triple] = (0.0, (0.0,) * 3, (0.0,) * 3)
+    """Instant, s, from which the biases of gyroscope and accelerometer differ, and by how much."""
+    mount_after: tuple[float, Mount] | None = None
+    """Instant, s, from which the IMU sits elsewhere, and where."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
-    """What an estimator is given, and what is true."""
+    """Input of an estimator, and the truth."""
 
     imu: ImuSamples
     path: KinematicPath
     mount: Mount
     time_offset: float = 0.0
 
-    def with_imu(self, t: Floats, gyro: Floats, accel: Floats) -> Log:
-        return replace(self, imu=ImuSamples(t=t, gyro=gyro, accel=accel))
+    def with_imu(
+        self, t: Floats | None = None, gyro: Floats | None = None, accel: Floats | None = None
+    ) -> Log:
+        """Other stamps or readings of the IMU."""
+        given = {"t": t, "gyro": gyro, "accel": accel}
+        changes: Any = {name: each for name, each in given.items() if each is not None}
+        return replace(self, imu=replace(self.imu, **changes))
 
     def with_joints(self, **changes: Any) -> Log:
         """Other stamps or values of the joints."""
@@ -184,18 +220,18 @@ class Log:
     def noisy(
         self,
         seed: int,
-        densities: tuple[float, float] = MEMS,
-        accel_bias: tuple[float, float, float] = (0.1, -0.05, 0.08),
-        gyro_bias: tuple[float, float, float] = (0.01, -0.02, 0.005),
+        grade: str | tuple[float, float] = "mems",
+        accel_bias: Triple = (0.1, -0.05, 0.08),
+        gyro_bias: Triple = (0.01, -0.02, 0.005),
     ) -> Log:
-        """White noise and constant biases on the IMU."""
+        """White noise of a grade, or of two densities, and constant biases on the IMU."""
+        densities = GRADES[grade] if isinstance(grade, str) else grade
         rng = np.random.default_rng(seed)
         root = np.sqrt(0.5 / np.median(np.diff(self.imu.t)))
         noise = rng.normal(size=(2, len(self.imu.t), 3)) * root
         return self.with_imu(
-            self.imu.t,
-            self.imu.gyro + gyro_bias + densities[1] * noise[1],
-            self.imu.accel + accel_bias + densities[0] * noise[0],
+            gyro=self.imu.gyro + gyro_bias + densities[1] * noise[1],
+            accel=self.imu.accel + accel_bias + densities[0] * noise[0],
         )
 
 
@@ -207,8 +243,10 @@ def make_log(
     robot_rate: float = 200.0,
     imu_t: Floats | None = None,
     time_offset: float = 0.0,
-    gravity_world: Floats | None = None,
-    links: tuple[tuple[float, float, float], ...] = LINKS,
+    gravity_world: Floats | Triple = (0.0, 0.0, -GRAVITY),
+    links: tuple[Triple, ...] = LINKS,
+    zeros: Floats | float = 0.0,
+    flaws: Flaws | None = None,
 ) -> Log:
     """A log without noise.
 
@@ -217,26 +255,52 @@ def make_log(
         mount: Of the IMU.
         imu_rate: Hz.
         robot_rate: Hz.
-        imu_t: Instants of the IMU's samples instead of a constant rate.
+        imu_t: Stamps of the IMU's samples instead of a constant rate.
         time_offset: Added to the IMU's stamps.
-        gravity_world: Of the world the arm stands in; default along -z.
-        links: What the estimator is told of the arm; the truth stays.
+        gravity_world: Of the world the arm stands in.
+        links: The URDF's; the true arm always has LINKS.
+        zeros: (6,), rad, reported less true positions of the joints.
+        flaws: Of the IMU.
     """
-    moves = moves or Moves()
-    t = np.arange(0.0, moves.seconds, 1 / imu_rate) if imu_t is None else imu_t
+    moves, flaws = moves or Moves(), flaws or Flaws()
+    stamps = np.arange(0.0, moves.seconds, 1 / imu_rate) if imu_t is None else imu_t
+    # The robot's time at each stamp; the clocks agree in the middle of the log.
+    middle = 0.5 * moves.seconds if flaws.drift else 0.0
+    t = middle + (stamps - middle) / (1.0 + flaws.drift)
+    start, jump = flaws.clock_jump
+    t = np.where(t < start, t, t - jump)
+
+    def ideal(instants: Floats, sensor: int) -> Floats:
+        """Readings of a gyroscope (0) or an accelerometer (1) without flaws."""
+        motion, gravity = parent_motion(moves, instants), np.asarray(gravity_world)
+        read = readings(motion, mount, gravity)[sensor]
+        if flaws.mount_after is None:
+            return read
+        instant, other = flaws.mount_after
+        later = (instants >= instant)[:, None]
+        return np.where(later, readings(motion, other, gravity)[sensor], read)
+
+    yz, xz, xy = flaws.accel_skew
+    skewed = np.array([[1.0, xy, xz], [0.0, 1.0, yz], [0.0, 0.0, 1.0]])
+    turn = Rotation.from_rotvec(flaws.gyro_turn).as_matrix()
+    step, gyro_step, accel_step = flaws.bias_step
+    stepped = (stamps >= step)[:, None]
     t_robot = np.arange(0.0, moves.seconds, 1 / robot_rate)
-    gravity = np.array([0.0, 0.0, -GRAVITY]) if gravity_world is None else gravity_world
-    gyro, accel = readings(parent_motion(moves, t), mount, gravity)
     return Log(
-        imu=ImuSamples(t=t + time_offset, gyro=gyro, accel=accel),
-        path=arm_path(t_robot, moves.joints(t_robot)[0], links),
+        imu=ImuSamples(
+            t=stamps + time_offset,
+            # Rows are vectors: v @ turn is turn' v, from accelerometer axes to gyroscope axes.
+            gyro=(ideal(t - flaws.gyro_delay, 0) @ turn) * flaws.gyro_scale + stepped * gyro_step,
+            accel=(ideal(t, 1) @ skewed.T) * flaws.accel_scale + stepped * accel_step,
+        ),
+        path=arm_path(t_robot, moves.joints(t_robot)[0] + zeros, links),
         mount=mount,
         time_offset=time_offset,
     )
 
 
 def windowing_of(log: Log, seconds: float) -> Windowing:
-    """Its streams through windows of so many seconds."""
+    """The streams of a log through windows of this length."""
     trajectory = Trajectory.of(log.path)
     grid = clean_imu(log.imu).grid(trajectory.interval, use_ticks=False)
     return Windowing(grid, trajectory, plan_windows(odd_length(seconds / grid.dt), 3, grid.dt))
@@ -247,64 +311,123 @@ def rotation_error(R: Floats, truth: Floats) -> Floats:
     return np.asarray(Rotation.from_matrix(R @ truth.T).as_rotvec())
 
 
-def calibrated(log: Log, options: MatchedOptions | None = None) -> Estimate:
-    """What the estimator says."""
-    return calibrate_matched(log.imu, log.path, options or MatchedOptions())
-
-
-def taken_as_exact(log: Log, **options: Any) -> Estimate:
-    """The same with robot, sensor and gravity believed."""
-    return calibrated(log, replace(EXACT, **options))
-
-
 def pose_error(estimate: Estimate, mount: Mount) -> Floats:
     """(6,), translation and rotation error in the parent frame."""
     turned = rotation_error(estimate.R_parent_imu, mount.R)
     return np.concatenate([estimate.t_parent_imu - mount.t, turned])
 
 
-def covariance(estimate: Estimate) -> Floats:
-    """(6, 6), as stated."""
-    assert estimate.covariance is not None
-    return estimate.covariance
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solved(Estimate):
+    """An estimate and the truth of its log."""
+
+    mount: Mount
+
+    @property
+    def error(self) -> Floats:
+        """(6,), translation and rotation error in the parent frame."""
+        return pose_error(self, self.mount)
+
+    @property
+    def distance(self) -> float:
+        """Error of the translation, m."""
+        return float(np.linalg.norm(self.error[:3]))
+
+    @property
+    def angle(self) -> float:
+        """Error of the rotation, rad."""
+        return float(np.linalg.norm(self.error[3:]))
+
+    @property
+    def P(self) -> Floats:
+        """(6, 6), the stated covariance."""
+        assert self.covariance is not None
+        return self.covariance
+
+    @property
+    def sigma(self) -> Floats:
+        """(6,), as stated."""
+        return np.asarray(np.sqrt(np.diag(self.P)))
+
+    @property
+    def nees(self) -> float:
+        """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
+        return float(self.error @ np.linalg.solve(self.P, self.error))
+
+    @property
+    def covered(self) -> bool:
+        """Whether the error is as the covariance says; by chance it is not, once in 1000 logs."""
+        return self.nees < float(chi2.ppf(0.999, 6))
+
+    @property
+    def codes(self) -> list[str]:
+        """Of all findings."""
+        return [each.code for each in self.findings]
+
+    @property
+    def named(self) -> set[str]:
+        """Unknowns that were found to be off and move the pose."""
+        return {str(e.values["name"]) for e in self.findings if e.code == "unknown.found"}
+
+    @property
+    def corrected(self) -> dict[str, tuple[Floats, Floats]]:
+        """Value and 1 sigma of each correction."""
+        return {each.name: (each.value, each.std) for each in self.corrections}
+
+    @property
+    def log_statistics(self) -> LogStatistics:
+        """From which it can be solved again."""
+        assert self.statistics is not None
+        return self.statistics
+
+    def parameter(self, name: str) -> tuple[Floats, Floats]:
+        """Value and 1 sigma of each component of an unknown."""
+        own = [(each.value, each.std) for each in self.parameters if each.name == name]
+        values, stds = zip(*own, strict=True)
+        return np.array(values), np.array(stds)
+
+    def finding(self, code: str) -> dict[str, Any]:
+        """Values of the only finding with a code."""
+        (found,) = (each for each in self.findings if each.code == code)
+        return dict(found.values)
 
 
-def sigma(estimate: Estimate) -> Floats:
-    """(6,), as stated."""
-    return np.asarray(np.sqrt(np.diag(covariance(estimate))))
+def beside(estimate: Estimate, mount: Mount) -> Solved:
+    """An estimate with the truth."""
+    known = {each.name: getattr(estimate, each.name) for each in fields(Estimate)}
+    return Solved(mount=mount, **known)
 
 
-def nees(estimate: Estimate, mount: Mount) -> float:
-    """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
-    error = pose_error(estimate, mount)
-    return float(error @ np.linalg.solve(covariance(estimate), error))
+@lru_cache(maxsize=64)
+def solve(log: Log, *, details: bool = False, **options: Any) -> Solved:
+    """Estimate the pose.
+
+    Args:
+        log: Solved once with each set of options.
+        details: As of the estimator.
+        options: Fields of MatchedOptions.
+    """
+    chosen = MatchedOptions(**options)
+    return beside(calibrate_matched(log.imu, log.path, chosen, details=details), log.mount)
 
 
-def statistics(estimate: Estimate) -> LogStatistics:
-    """From which it can be solved again."""
-    assert estimate.statistics is not None
-    return estimate.statistics
+def solve_exact(log: Log, **options: Any) -> Solved:
+    """Estimate the pose, with robot, sensor and gravity taken as exact."""
+    exact = {"robot": "exact", "sensor_model": "ideal", "gravity_std": 0.0}
+    return solve(log, **{**exact, **options})
 
 
-def parameter(estimate: Estimate, name: str) -> tuple[Floats, Floats]:
-    """Value and 1 sigma of each component of an unknown."""
-    values, stds = zip(
-        *((each.value, each.std) for each in estimate.parameters if each.name == name), strict=True
-    )
-    return np.array(values), np.array(stds)
+def prior(
+    mount: Mount = MOUNT, *, dt: Any = (0.0, 0.0, 0.0), turn: Any = (0.0, 0.0, 0.0), **std: float
+) -> PosePrior:
+    """Prior knowledge of a pose.
 
-
-def codes(estimate: Estimate) -> set[str]:
-    """Of all findings."""
-    return {each.code for each in estimate.findings}
-
-
-def told(estimate: Estimate, code: str) -> dict[str, Any]:
-    """What the one finding of a code says."""
-    (found,) = (each for each in estimate.findings if each.code == code)
-    return dict(found.values)
-
-
-def known(std: tuple[float, ...], mount: Mount = MOUNT) -> PosePrior:
-    """What is told of a mount, about the truth."""
-    return PosePrior(std=std, R_parent_imu=mount.R, t_parent_imu=mount.t)
+    Args:
+        mount: Its mean, before dt and turn.
+        dt: Added to the translation, m.
+        turn: Rotation vector that turns the rotation on the left, rad.
+        std: 1 sigma of components by name, m and rad; 0 holds one, and the others are free.
+    """
+    R = Rotation.from_rotvec(turn).as_matrix() @ mount.R
+    stds = tuple(std.get(name, np.inf) for name in NAMES)
+    return PosePrior(std=stds, R_parent_imu=R, t_parent_imu=mount.t + dt)

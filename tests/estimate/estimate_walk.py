@@ -1,6 +1,6 @@
 """A robot without a fixed base: an IMU on its trunk, three joints, and an IMU behind them.
 
-Its motion is analytic; what the IMUs read is made by differences of it.
+Its motion is analytic, and the IMUs' readings are differences of it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from imucalib_cli.robot.path import (
     fixed_inverse,
 )
 from imucalib_cli.signals.samples import ImuSamples
-from tests.estimate.estimate_arm import GRAVITY, MEMS, Mount
+from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, Mount
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,21 +31,21 @@ Floats = NDArray[np.float64]
 Place = tuple[Floats, Floats]
 
 H = 1e-4
-"""s: of the differences that readings are made by."""
+"""Step of the differences that give the readings, s."""
 AXES = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 ORIGINS = ((0.0, 0.08, -0.05), (0.0, 0.02, -0.05), (0.0, 0.0, -0.35))
 BASE = FixedStep(
     R=Rotation.from_euler("xyz", [0.1, -0.05, 0.7]).as_matrix(), p=np.array([0.03, -0.02, 0.08])
 )
-"""Of the trunk's IMU in the trunk."""
+"""Pose of the trunk's IMU in the trunk."""
 FOOT = Mount(R=Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), t=np.array([0.05, 0.02, -0.12]))
-"""Of the other IMU in the last link."""
+"""Pose of the foot's IMU in the last link."""
 SHANK = Mount(R=Rotation.from_rotvec([-0.3, 0.8, 1.2]).as_matrix(), t=np.array([-0.03, 0.04, -0.1]))
-"""Of a third one, in the link before."""
+"""Pose of the shank's IMU in the link before."""
 
 
 def readings_of(place: Callable[[Floats], Place], mount: FixedStep, t: Floats) -> Place:
-    """What an IMU reads, rad/s and m/s², that is mounted in a frame with this pose."""
+    """Readings of an IMU, rad/s and m/s², on a frame whose pose is a function of time."""
 
     def of_imu(t: Floats) -> Place:
         R, p = place(t)
@@ -59,7 +59,7 @@ def readings_of(place: Callable[[Floats], Place], mount: FixedStep, t: Floats) -
 
 @dataclass(frozen=True, kw_only=True)
 class Walk:
-    """A gait that repeats nothing, and what is wrong with robot and sensors."""
+    """A gait that never repeats, and the errors of robot and sensors."""
 
     seed: int = 0
     seconds: float = 30.0
@@ -69,17 +69,17 @@ class Walk:
     offsets: tuple[float, float] = (0.0, 0.0)
     """s: stamps of the trunk's IMU and of the other one less those of the joints, at the start."""
     drifts: tuple[float, float] = (0.0, 0.0)
-    """s/s: gains of these stamps on those of the joints."""
+    """s/s, by which these stamps gain on those of the joints."""
     base_delay: float = 0.0
     """s: of the trunk's gyroscope behind its accelerometer."""
     base_off: tuple[float, float] = (0.0, 0.0)
-    """m and rad: by which the trunk's IMU is elsewhere than the URDF says, standard deviations."""
+    """m and rad, standard deviations of the trunk IMU's pose about the URDF's."""
     scale: float = 0.0
     """Scale errors of both IMUs, standard deviation."""
     turned: float = 0.0
     """rad: gyroscopes against their accelerometers, standard deviation about each axis."""
     longer: float = 0.0
-    """By which both accelerometers read more than there is, relative."""
+    """Relative excess of both accelerometers' readings."""
     zero: float = 0.0
     """rad: of all joints but the last, standard deviation."""
     length: float = 0.0
@@ -114,10 +114,6 @@ class Walk:
         """(N, J), rad."""
         return _sum(self._motion[2], t)
 
-    def leg(self, t: Floats) -> Place:
-        """R_world_foot and p_world_foot."""
-        return self.link(t, len(self.axes))
-
     def link(self, t: Floats, count: int) -> Place:
         """R_world_link and p_world_link of the link behind so many joints."""
         R, p = self.trunk(t)
@@ -141,8 +137,8 @@ class Walk:
             off[len(self.axes) - 1] *= np.asarray(last) == 0.0
         return np.asarray(ORIGINS + off)
 
-    def log(self) -> tuple[ImuSamples, KinematicPath]:
-        """The IMU behind the joints, and the path that carries it."""
+    def log(self) -> Log:
+        """The log of the IMU behind the joints."""
         rng = np.random.default_rng([self.seed, 5])
         t, t_foot = (np.arange(0.0, self.seconds, 1 / rate) for rate in self.rates)
         off, turn = (rng.normal(size=3) * each for each in self.base_off)
@@ -152,8 +148,7 @@ class Walk:
             for sensor, late in enumerate((self.base_delay, 0.0))
         )
         trunk = self._worn(rng, self.rates[0], gyro, accel)
-        mount = FixedStep(R=FOOT.R, p=FOOT.t)
-        foot = self._worn(rng, self.rates[1], *readings_of(self.leg, mount, t_foot))
+        imu = self._imu(rng, FOOT, len(self.axes), t_foot)
         q = self.joints(t)
         q = q + (3e-5 * rng.normal(size=q.shape) if self.noisy else 0.0)
         tracks = (
@@ -172,35 +167,37 @@ class Walk:
             steps=tuple(steps),
             tracks=tracks if self.axes else tracks[:1],
         )
-        imu = ImuSamples(t=self._stamps(t_foot, 1), gyro=foot[0], accel=foot[1])
-        return imu, path
+        return Log(imu=imu, path=path, mount=FOOT)
+
+    def shank(self) -> Log:
+        """The same log for an IMU behind all joints but the last."""
+        path, count = logged(self).path, len(self.axes) - 1
+        t = np.arange(0.0, self.seconds, 1 / self.rates[1])
+        imu = self._imu(np.random.default_rng([self.seed, 7]), SHANK, count, t)
+        path = replace(path, parent="shank", steps=path.steps[: 2 + 2 * count])
+        return Log(imu=imu, path=path, mount=self.seen(SHANK, count))
 
     @property
     def first_off(self) -> Floats:
-        """(3,), m: by which the first joint is elsewhere in the trunk."""
+        """(3,), m: true less reported place of the first joint in the trunk."""
         return np.asarray(self._origins[0] - ORIGINS[0])
 
-    def shank(self) -> tuple[ImuSamples, KinematicPath]:
-        """An IMU behind all joints but the last, in the same log, and the path that carries it."""
-        _, path = logged(self)
-        rng, count = np.random.default_rng([self.seed, 7]), len(self.axes) - 1
-        t = np.arange(0.0, self.seconds, 1 / self.rates[1])
-        mount = FixedStep(R=SHANK.R, p=SHANK.t)
-        read = readings_of(lambda t: self.link(t, count), mount, t)
-        gyro, accel = self._worn(rng, self.rates[1], *read)
-        imu = ImuSamples(t=self._stamps(t, 1), gyro=gyro, accel=accel)
-        return imu, replace(path, parent="shank", steps=path.steps[: 2 + 2 * count])
-
     def seen(self, mount: Mount, count: int) -> Mount:
-        """A mount behind so many joints, as a URDF needs it that knows no errors.
+        """The mount behind so many joints that fits the URDF, which knows no errors.
 
-        The zero of the last joint is a part of it, and so is what the last joint's origin is off
-        along its axis.
+        It absorbs the zero of the last joint, and the error of its origin along its axis.
         """
         axis = np.array(self.axes[count - 1])
         Z = Rotation.from_rotvec(self.zeros[count - 1] * axis).as_matrix()
         off = self._origins[count - 1] - ORIGINS[count - 1]
         return Mount(R=Z @ mount.R, t=Z @ mount.t + axis * (off @ axis))
+
+    def _imu(self, rng: np.random.Generator, mount: Mount, count: int, t: Floats) -> ImuSamples:
+        """Samples of an IMU behind so many joints."""
+        place = FixedStep(R=mount.R, p=mount.t)
+        gyro, accel = readings_of(lambda t: self.link(t, count), place, t)
+        gyro, accel = self._worn(rng, self.rates[1], gyro, accel)
+        return ImuSamples(t=self._stamps(t, 1), gyro=gyro, accel=accel)
 
     def _stamps(self, t: Floats, which: int) -> Floats:
         return t * (1.0 + self.drifts[which]) + self.offsets[which]
@@ -227,14 +224,6 @@ def _sum(tones: Floats, t: Floats) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def logged(walk: Walk) -> tuple[ImuSamples, KinematicPath]:
+def logged(walk: Walk) -> Log:
     """The log of a walk, made once."""
     return walk.log()
-
-
-def gap_in_base(path: KinematicPath, start: float, end: float) -> KinematicPath:
-    """A path whose base IMU says nothing for a while."""
-    base = path.tracks[0]
-    kept = (base.t < start) | (base.t > end)
-    short = replace(base, t=base.t[kept], values=base.values[kept])
-    return replace(path, tracks=(short, *path.tracks[1:]))

@@ -13,25 +13,24 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.again import combine_logs, solve_again
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.solution import between
 from tests.estimate.estimate_arm import (
     LINKS,
     MOUNT,
     Log,
     Mount,
     Moves,
-    calibrated,
-    covariance,
-    known,
+    Solved,
     make_log,
+    prior,
     rotation_error,
-    statistics,
+    solve,
 )
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.again import Combined
-    from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.estimate.model.state import State
 
 Floats = NDArray[np.float64]
 
@@ -48,45 +47,40 @@ def recordings(count: int, seed: int, scatter: tuple[float, float] = (0.0, 0.0))
     for index in range(count):
         off = rng.normal(size=6) * np.repeat(scatter, 3)
         mount = Mount(R=Rotation.from_rotvec(off[3:]).as_matrix() @ MOUNT.R, t=MOUNT.t + off[:3])
-        log = make_log(
-            Moves(seed=100 * seed + index, seconds=15.0), mount, links=(*links, LINKS[-1])
-        )
+        moves = Moves(seed=100 * seed + index, seconds=15.0)
+        log = make_log(moves, mount, links=(*links, LINKS[-1]))
         x, y, z = 0.05 * rng.normal(size=3)
         log = log.noisy(1000 * seed + index, accel_bias=(x, y, z), gyro_bias=(y / 10, z / 10, 0.0))
         found.append(log)
     return tuple(found)
 
 
-@cache
-def logs(count: int, seed: int, scatter: tuple[float, float] = (0.0, 0.0)) -> tuple[Estimate, ...]:
-    """What the estimator says of each by itself."""
-    return tuple(calibrated(log) for log in recordings(count, seed, scatter))
+def together(estimates: list[Solved]) -> Combined:
+    logs = [each.log_statistics for each in estimates]
+    return combine_logs(logs, [log.options for log in logs])
 
 
-def together(estimates: tuple[Estimate, ...]) -> Combined:
-    each = [statistics(estimate) for estimate in estimates]
-    return combine_logs(each, [log.options for log in each])
+def error_of(state: State, mount: Mount) -> Floats:
+    """(6,), pose of a state less a pose."""
+    return np.concatenate([state.t - mount.t, rotation_error(state.R, mount.R)])
 
 
 def test_with_its_own_priors_a_log_says_the_same() -> None:
-    (estimate,) = logs(1, 1)
-    log = statistics(estimate)
+    found = solve(recordings(1, 1)[0])
+    log = found.log_statistics
     answer, findings = solve_again(log, log.options)
-    np.testing.assert_allclose(answer.state.t, estimate.t_parent_imu, rtol=1e-12)
-    np.testing.assert_allclose(answer.state.R, estimate.R_parent_imu, atol=1e-12)
-    np.testing.assert_allclose(
-        answer.pose_covariance + log.widened, covariance(estimate), rtol=1e-9, atol=1e-24
-    )
-    told = [each.code for each in estimate.findings if each.code in judge.OF_ANSWER]
-    assert [each.code for each in findings] == told
+    np.testing.assert_allclose(answer.state.t, found.t_parent_imu, rtol=1e-12)
+    np.testing.assert_allclose(answer.state.R, found.R_parent_imu, atol=1e-12)
+    np.testing.assert_allclose(answer.pose_covariance + log.widened, found.P, rtol=1e-9, atol=1e-24)
+    assert [each.code for each in findings] == [c for c in found.codes if c in judge.OF_ANSWER]
 
 
 OTHER: dict[str, dict[str, Any]] = {
     "robot exact": {"robot": "exact"},
-    "one component known": {"pose": known((np.inf, np.inf, 1e-5, *[np.inf] * 3))},
+    "one component known": {"pose": prior(tz=1e-5)},
     "robot known": {"robot": (1e-3, 2e-4)},
     "bias known": {"accel_bias_std": 0.02},
-    "one component held": {"pose": known((np.inf, 0.0, *[np.inf] * 3, 0.0))},
+    "two components held": {"pose": prior(ty=0.0, rz=0.0)},
     "gravity along -z": {"gravity": "fixed"},
 }
 
@@ -94,37 +88,31 @@ OTHER: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", slow_after(2, OTHER))
 def test_with_other_priors_it_says_what_a_run_says(name: str) -> None:
     """But for the noise's level and the point of linearisation, which a run finds anew."""
-    (estimate,) = logs(1, 1)
     (recording,) = recordings(1, 1)
-    log = statistics(estimate)
-    options = replace(log.options, **OTHER[name])
-    answer, _ = solve_again(log, options)
-    run = calibrated(recording, options)
-    sigma = np.sqrt(np.maximum(np.diag(covariance(run)), 1e-16))
-    off = np.concatenate(
-        [answer.state.t - run.t_parent_imu, rotation_error(answer.state.R, run.R_parent_imu)]
-    )
+    log = solve(recording).log_statistics
+    answer, _ = solve_again(log, replace(log.options, **OTHER[name]))
+    run = solve(recording, **OTHER[name])
+    sigma = np.maximum(run.sigma, 1e-8)
+    off = error_of(answer.state, Mount(R=run.R_parent_imu, t=run.t_parent_imu))
     assert np.abs(off / sigma).max() < 0.1
     stated = np.sqrt(np.maximum(np.diag(answer.pose_covariance), 1e-16))
     np.testing.assert_allclose(stated / sigma, 1.0, atol=0.05)
 
 
 def test_a_component_held_where_it_is_not_is_contradicted() -> None:
-    (estimate,) = logs(1, 1)
-    log = statistics(estimate)
-    wrong = known((0.0, *[np.inf] * 5), Mount(R=MOUNT.R, t=MOUNT.t + np.array([5e-3, 0, 0])))
-    _, findings = solve_again(log, replace(log.options, pose=wrong))
+    log = solve(recordings(1, 1)[0]).log_statistics
+    _, findings = solve_again(log, replace(log.options, pose=prior(tx=0.0, dt=(5e-3, 0.0, 0.0))))
     (found,) = [each for each in findings if each.code == "prior.contradicted"]
     assert found.values["option"] == "--fix tx"
     assert found.values["step"] == pytest.approx(-5e-3, abs=1e-3)
 
 
-def by_sum(estimates: tuple[Estimate, ...]) -> tuple[Floats, Floats]:
+def by_sum(estimates: list[Solved]) -> tuple[Floats, Floats]:
     """Mean step and covariance of the pose by one system with all unknowns of all logs in it.
 
-    The mount does not scatter, and the robot and the sensor are exact, so that nothing is learnt.
+    The mount does not scatter, and robot and sensor are exact, so that nothing is learnt.
     """
-    each = [statistics(estimate).equations for estimate in estimates]
+    each = [found.log_statistics.equations for found in estimates]
     sizes = [equations.layout.size - 6 for equations in each]
     n = 6 + sum(sizes)
     A, b, B, start = np.zeros((n, n)), np.zeros(n), np.zeros((n, n)), 6
@@ -133,61 +121,49 @@ def by_sum(estimates: tuple[Estimate, ...]) -> tuple[Floats, Floats]:
         places = np.r_[0:6, start : start + size]
         information = equations.information / equations.level
         move = np.zeros(equations.layout.size)
-        move[:3], move[3:6] = first.t - equations.at.t, rotation_error(first.R, equations.at.R)
+        move[:6] = error_of(first, Mount(R=equations.at.R, t=equations.at.t))
         A[np.ix_(places, places)] += information
         B[np.ix_(places, places)] += equations.noise / equations.level**2
         b[places] += equations.score / equations.level + information @ move
         start += size
-    # Priors are far wider than what the logs tell, so that they say nothing here.
+    # Priors are far wider than what the logs show, so that they say nothing here.
     inverse = np.linalg.inv(A)
     return (-inverse @ b)[:6], (inverse @ B @ inverse)[:6, :6]
-
-
-EXACT = MatchedOptions(robot="exact", sensor_model="ideal")
 
 
 def test_logs_on_a_still_mount_are_the_sum_of_their_statistics(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from imucalib_cli.estimate.solution import between
-
     # As good as no scatter between logs.
     monkeypatch.setattr(between, "USUAL", (1e-9, 1e-9))
     monkeypatch.setattr(between, "_RANGE", (1e-2, 1.0))
-    estimates = tuple(
-        calibrated(make_log(Moves(seed=seed, seconds=15.0)).noisy(seed), EXACT)
-        for seed in (1, 2, 3)
-    )
-    found = together(estimates)
+    logs = [make_log(Moves(seed=seed, seconds=15.0)).noisy(seed) for seed in (1, 2, 3)]
+    estimates = [solve(log, robot="exact", sensor_model="ideal") for log in logs]
+    answer = together(estimates).answer
     step, C = by_sum(estimates)
-    first, sigma = statistics(estimates[0]).equations.at, np.sqrt(np.diag(C))
-    np.testing.assert_allclose(
-        (found.answer.state.t - first.t) / sigma[:3], step[:3] / sigma[:3], atol=1e-3
-    )
-    turned = rotation_error(found.answer.state.R, first.R)
-    np.testing.assert_allclose(turned / sigma[3:], step[3:] / sigma[3:], atol=1e-3)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(found.answer.pose_covariance)) / sigma, 1.0, atol=1e-3
-    )
+    first, sigma = estimates[0].log_statistics.equations.at, np.sqrt(np.diag(C))
+    moved = error_of(answer.state, Mount(R=first.R, t=first.t))
+    np.testing.assert_allclose(moved / sigma, step / sigma, atol=1e-3)
+    stated = np.sqrt(np.diag(answer.pose_covariance))
+    np.testing.assert_allclose(stated / sigma, 1.0, atol=1e-3)
 
 
 def test_a_log_that_disagrees_is_found_and_measured() -> None:
-    others = logs(4, 3)
     away = np.array([0.004, 0.0, 0.0])
     moves = Moves(seed=77, seconds=15.0)
-    stranger = calibrated(make_log(moves, Mount(R=MOUNT.R, t=MOUNT.t + away)).noisy(77))
-    found = together((*others, stranger))
+    stranger = make_log(moves, Mount(R=MOUNT.R, t=MOUNT.t + away)).noisy(77)
+    found = together([solve(log) for log in (*recordings(4, 3), stranger)])
     assert [own.disagrees for own in found.own] == [False] * 4 + [True]
     np.testing.assert_allclose(found.own[-1].distance[:3], away, atol=1e-3)
 
 
 def test_each_log_keeps_its_own_biases() -> None:
-    estimates = logs(4, 3)
-    for own, estimate in zip(together(estimates).own, estimates, strict=True):
-        part = statistics(estimate).equations.layout.part("gyro_bias")
-        assert estimate.gyro_bias_std is not None
-        off = (own.state.x[part] - estimate.gyro_bias) / estimate.gyro_bias_std
-        # Another log's are from eighty sigmas off.
+    estimates = [solve(log) for log in recordings(4, 3)]
+    for own, found in zip(together(estimates).own, estimates, strict=True):
+        part = found.log_statistics.equations.layout.part("gyro_bias")
+        assert found.gyro_bias_std is not None
+        off = (own.state.x[part] - found.gyro_bias) / found.gyro_bias_std
+        # Another log's are eighty sigmas off.
         assert np.abs(off).max() < 1.1
 
 
@@ -197,8 +173,8 @@ def test_sigma_of_several_logs_is_true(scatter: tuple[float, float]) -> None:
     """Over 30 arms of five logs: their mean square has a standard deviation of 0.6."""
     squares = []
     for seed in range(30):
-        answer = together(logs(5, 10 + seed, scatter)).answer
-        error = np.concatenate([answer.state.t - MOUNT.t, rotation_error(answer.state.R, MOUNT.R)])
+        answer = together([solve(log) for log in recordings(5, 10 + seed, scatter)]).answer
+        error = error_of(answer.state, MOUNT)
         squares.append(error @ np.linalg.solve(answer.pose_covariance, error))
     assert np.mean(squares) < 6.0 + 3.0 * 0.6
     if any(scatter):

@@ -1,4 +1,4 @@
-"""What a motion does not show is named; what it shows keeps its sigma.
+"""Directions that a motion does not show are named; the others keep their sigma.
 
 Which directions are hidden is geometry: the axis of all rotation, from pinocchio.
 """
@@ -6,43 +6,31 @@ Which directions are hidden is geometry: the axis of all rotation, from pinocchi
 from __future__ import annotations
 
 import re
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.options import MatchedOptions
-from tests.estimate.estimate_arm import (
-    GRAVITY,
-    Log,
-    Moves,
-    calibrated,
-    covariance,
-    make_log,
-    parent_motion,
-    pose_error,
-    rotation_error,
-    sigma,
-)
+from tests.estimate.estimate_arm import GRAVITY, Log, Moves, Solved, make_log, parent_motion, solve
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
+    from imucalib_cli.estimate.estimate import UnobservableDirection
 
 Floats = NDArray[np.float64]
 
-STATIC = (0.0,) * 6
 WRIST = (0.0,) * 5 + (1.5,)
 PAN = (1.0,) + (0.0,) * 5
 PLANAR = (0.0, 0.5, 0.5, 0.5, 0.0, 0.0)
 NOISY = pytest.mark.parametrize("noisy", slow_after(1, [True, False]))
 
 
-def calibrate(amplitude: tuple[float, ...], noisy: bool) -> tuple[Log, Estimate]:
+@cache
+def log_of(amplitude: tuple[float, ...], *, noisy: bool = True) -> Log:
     log = make_log(Moves(amplitude=amplitude, seconds=30.0))
-    log = log.noisy(0) if noisy else log
-    return log, calibrated(log)
+    return log.noisy(0) if noisy else log
 
 
 def turning_axis(amplitude: tuple[float, ...]) -> Floats:
@@ -55,158 +43,131 @@ def turning_axis(amplitude: tuple[float, ...]) -> Floats:
     return np.asarray(axis)
 
 
-def of_kind(estimate: Estimate, kind: str) -> list[UnobservableDirection]:
-    return [direction for direction in estimate.unobservable if direction.kind == kind]
+def of_kind(found: Solved, kind: str) -> list[UnobservableDirection]:
+    return [direction for direction in found.unobservable if direction.kind == kind]
 
 
-def along(direction: UnobservableDirection, axis: Floats) -> float:
-    """|cosine| between a direction and an axis."""
+def assert_along(direction: UnobservableDirection, axis: Floats) -> None:
     assert np.linalg.norm(direction.direction_parent) == pytest.approx(1.0)
-    return abs(float(direction.direction_parent @ axis))
+    assert abs(float(direction.direction_parent @ axis)) > 0.999
 
 
-def assert_known_across(
-    estimate: Estimate, log: Log, axis: Floats, *, kind: str, std: float
-) -> None:
-    """Across an axis the error is small and the stated covariance covers it."""
-    part = slice(0, 3) if kind == "translation" else slice(3, 6)
-    error = pose_error(estimate, log.mount)[part]
-    across = np.linalg.svd(axis[None])[2][1:]
-    P = across @ covariance(estimate)[part, part] @ across.T
-    assert np.sqrt(np.linalg.eigvalsh(P)[-1]) < std
-    if kind == "translation":
-        assert (across @ error) @ np.linalg.solve(P, across @ error) < 16.0
-
-
-def assert_covers(estimate: Estimate, log: Log) -> None:
+def assert_covers(found: Solved) -> None:
     """The stated sigma covers the error of every component, determined or not."""
-    assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * sigma(estimate)[:3] + 1e-6)
-    values = np.linalg.eigvalsh(covariance(estimate))
+    assert np.all(np.abs(found.error[:3]) < 4 * found.sigma[:3] + 1e-6)
+    values = np.linalg.eigvalsh(found.P)
     # Ten metres squared beside squared micrometres: the difference is rounding.
     assert values[0] > -1e-10 * values[-1]
 
 
 @NOISY
 def test_standing_still_shows_nothing(noisy: bool) -> None:
-    log, estimate = calibrate(STATIC, noisy)
-    assert [d.kind for d in estimate.unobservable] == ["translation"] * 3 + ["rotation"] * 3
-    assert all(direction.std is None for direction in estimate.unobservable)
-    assert not estimate.trusted
-    assert estimate.time_offset_std is None
-    assert any("time offset" in warning for warning in estimate.warnings)
-    assert_covers(estimate, log)
+    found = solve(log_of((0.0,) * 6, noisy=noisy))
+    assert [d.kind for d in found.unobservable] == ["translation"] * 3 + ["rotation"] * 3
+    assert all(direction.std is None for direction in found.unobservable)
+    assert not found.trusted
+    assert found.time_offset_std is None
+    assert any("time offset" in warning for warning in found.warnings)
+    assert_covers(found)
+
+
+PLACE, TURN = slice(0, 3), slice(3, 6)
+HIDDEN = {
+    # The shift across the axis depends on the turn about it, and z is what the log has already.
+    "wrist": (WRIST, (3, 1), TURN, 5e-4, "about its x (or|and) y ax[ie]s"),
+    # The zeros of five joints that stand still are in sigma.
+    "pan": (PAN, (3, 1), TURN, 4e-3, ""),
+    "plane": (PLANAR, (1, 0), PLACE, 5e-3, "rotate the parent link about its y or z axis"),
+}
+"""Motion, hidden translations and rotations, what is known across the axis and how well, advice."""
 
 
 @NOISY
-def test_one_axis_hides_the_way_along_it_and_the_turn_about_it(noisy: bool) -> None:
-    log, estimate = calibrate(WRIST, noisy)
-    axis = turning_axis(WRIST)
-    assert not estimate.trusted
-    translations, rotations = of_kind(estimate, "translation"), of_kind(estimate, "rotation")
-    assert along(translations[0], axis) > 0.999
+@pytest.mark.parametrize("which", HIDDEN)
+def test_one_axis_hides_the_shift_along_it_and_perhaps_the_turn_about_it(
+    which: str, noisy: bool
+) -> None:
+    """Gravity's tilt about a single axis and the IMU's turn about it are one unknown."""
+    amplitude, counts, known, std, motion = HIDDEN[which]
+    found, axis = solve(log_of(amplitude, noisy=noisy)), turning_axis(amplitude)
+    translations, rotations = of_kind(found, "translation"), of_kind(found, "rotation")
+    assert not found.trusted
+    assert (len(translations), len(rotations)) == counts
+    for direction in (translations[0], *rotations):
+        assert_along(direction, axis)
     assert translations[0].std is None
-    assert len(rotations) == 1
-    # Gravity's tilt about the axis and the IMU's turn about it are one unknown.
-    assert along(rotations[0], axis) > 0.999
-    # The way across the axis is unknown with the turn about it: z is what the log has already.
-    assert len(translations) == 3
-    for direction in (*translations, *rotations):
-        assert re.search(r"about its x (or|and) y ax[ie]s", direction.motion)
-    assert_known_across(estimate, log, axis, kind="rotation", std=5e-4)
-    assert estimate.time_offset_std is not None
-    assert abs(estimate.time_offset) < 5 * estimate.time_offset_std + 1e-7
-    assert_covers(estimate, log)
-    # Lever arm and turn are one motion: a circle about the axis, of known radius.
-    radius = np.linalg.norm(np.cross(axis, estimate.t_parent_imu))
-    assert radius == pytest.approx(np.linalg.norm(np.cross(axis, log.mount.t)), abs=4e-3)
+    assert all(re.search(motion, each.motion) for each in found.unobservable)
+    assert_covers(found)
+    # Across the axis the error is small and the stated covariance covers it.
+    across = np.linalg.svd(axis[None])[2][1:]
+    P = across @ found.P[known, known] @ across.T
+    assert np.sqrt(np.linalg.eigvalsh(P)[-1]) < std
+    if not rotations:
+        error = across @ found.error[:3]
+        assert error @ np.linalg.solve(P, error) < 16.0
+        assert found.sigma[3:].max() < 2e-3
+        assert np.all(np.abs(found.error[3:]) < 4 * found.sigma[3:] + 1e-6)
 
 
 @NOISY
-def test_turning_about_the_vertical_hides_height_and_heading(noisy: bool) -> None:
-    log, estimate = calibrate(PAN, noisy)
-    axis = turning_axis(PAN)
-    up = parent_motion(Moves(), np.zeros(1)).R[0].T @ [0.0, 0.0, 1.0]
-    assert abs(axis @ up) == pytest.approx(1.0)
-    assert not estimate.trusted
-    translations, rotations = of_kind(estimate, "translation"), of_kind(estimate, "rotation")
-    assert along(translations[0], axis) > 0.999
-    assert len(rotations) == 1
-    assert along(rotations[0], axis) > 0.999
-    # The zeros of five joints that stand still are in it.
-    assert_known_across(estimate, log, axis, kind="rotation", std=4e-3)
-    assert_covers(estimate, log)
-
-
-@NOISY
-def test_moving_in_a_plane_hides_the_way_across_it_only(noisy: bool) -> None:
-    log, estimate = calibrate(PLANAR, noisy)
-    axis = turning_axis(PLANAR)
-    assert not estimate.trusted
-    assert len(estimate.unobservable) == 1
-    (hidden,) = estimate.unobservable
-    assert hidden.kind == "translation"
-    assert along(hidden, axis) > 0.999
-    assert hidden.std is None
-    assert "rotate the parent link about its y or z axis" in hidden.motion
-    assert_known_across(estimate, log, axis, kind="translation", std=5e-3)
-    turn = sigma(estimate)[3:]
-    assert turn.max() < 2e-3
-    assert np.all(np.abs(pose_error(estimate, log.mount)[3:]) < 4 * turn + 1e-6)
+def test_about_one_axis_the_radius_and_the_time_offset_are_known(noisy: bool) -> None:
+    """Lever arm and turn are one motion: a circle about the axis, of known radius."""
+    found, axis = solve(log_of(WRIST, noisy=noisy)), turning_axis(WRIST)
+    radius, truth = (np.linalg.norm(np.cross(axis, t)) for t in (found.t_parent_imu, found.mount.t))
+    assert radius == pytest.approx(truth, abs=4e-3)
+    assert found.time_offset_std is not None
+    assert abs(found.time_offset) < 5 * found.time_offset_std + 1e-7
 
 
 @pytest.mark.parametrize("amplitude", slow_after(1, [(PAN,), (PLANAR,)]))
-def test_halves_are_compared_in_what_they_tell(amplitude: tuple[float, ...]) -> None:
-    _, estimate = calibrate(amplitude, noisy=True)
-    assert estimate.unobservable
-    assert estimate.consistency is not None
-    assert 0.1 < estimate.consistency.halves_sigmas < 2.0
+def test_halves_are_compared_in_what_they_show(amplitude: tuple[float, ...]) -> None:
+    found = solve(log_of(amplitude))
+    assert found.unobservable
+    assert found.consistency is not None
+    assert 0.1 < found.consistency.halves_sigmas < 2.0
 
 
 @NOISY
 def test_two_axes_are_enough(noisy: bool) -> None:
-    log, estimate = calibrate((0.5, 0, 0, 0, 0, 1.0), noisy)
-    assert estimate.trusted
-    error, std = estimate.t_parent_imu - log.mount.t, sigma(estimate)[:3]
-    assert np.all(np.abs(error) < 4 * std + 1e-6)
+    found = solve(log_of((0.5, 0, 0, 0, 0, 1.0), noisy=noisy))
+    assert found.trusted
+    std = found.sigma[:3]
+    assert np.all(np.abs(found.error[:3]) < 4 * std + 1e-6)
     if noisy:
         # The wrist stands nearly upright: its axis is the worst known, and said to be.
         assert std.argmax() == 2
         assert 1e-3 < std[2] < 1e-2
     else:
-        assert np.linalg.norm(error) < 1e-4
+        assert found.distance < 1e-4
 
 
 def test_a_known_vertical_shows_the_turn_about_a_single_axis() -> None:
-    """With tilt and bias known, gravity tells the turn about a level axis."""
-    log = make_log(Moves(amplitude=(0.0, 0.8, 0, 0, 0, 0), seconds=30.0)).noisy(
-        1, accel_bias=(0, 0, 0)
-    )
-    options = MatchedOptions(gravity="fixed", gravity_std=0.0, accel_bias_std=0.0)
-    estimate = calibrated(log, options)
-    axis = turning_axis((0.0, 0.8, 0, 0, 0, 0))
-    assert not of_kind(estimate, "rotation")
-    assert along(of_kind(estimate, "translation")[0], axis) > 0.999
-    assert np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R)) < 1e-3
-    np.testing.assert_array_equal(estimate.gravity_world, [0, 0, -GRAVITY])
+    """With tilt and bias known, gravity shows the turn about a level axis."""
+    lift = (0.0, 0.8, 0, 0, 0, 0)
+    log = make_log(Moves(amplitude=lift, seconds=30.0)).noisy(1, accel_bias=(0, 0, 0))
+    found = solve(log, gravity="fixed", gravity_std=0.0, accel_bias_std=0.0)
+    assert not of_kind(found, "rotation")
+    assert_along(of_kind(found, "translation")[0], turning_axis(lift))
+    assert found.angle < 1e-3
+    np.testing.assert_array_equal(found.gravity_world, [0, 0, -GRAVITY])
 
 
 @pytest.mark.parametrize(
-    ("amplitude", "helps"), [((0, 0, 0, 0, 0, 1.0), True), ((1.0, 0, 0, 0, 0, 0), False)]
+    ("amplitude", "helps"), [((0, 0, 0, 0, 0, 1.0), True), (PAN, False)], ids=["level", "upright"]
 )
 def test_a_level_base_is_named_as_a_way_out_where_it_is_one(
     amplitude: tuple[float, ...], helps: bool
 ) -> None:
-    """It tells the turn about a level axis, and nothing about an upright one."""
-    log, estimate = calibrate(amplitude, noisy=True)
-    (turn,) = of_kind(estimate, "rotation")
+    """It shows the turn about a level axis, and nothing about an upright one."""
+    log = log_of(amplitude)
+    (turn,) = of_kind(solve(log), "rotation")
     assert ("base is level" in turn.motion) == helps
-    level = calibrated(log, MatchedOptions(gravity="fixed"))
-    assert (not of_kind(level, "rotation")) == helps
+    assert (not of_kind(solve(log, gravity="fixed"), "rotation")) == helps
 
 
 def test_slow_motion_is_trusted_as_far_as_its_sigma_says() -> None:
-    log, estimate = calibrate((0.04,) * 6, noisy=True)
-    assert estimate.trusted
-    std = sigma(estimate)[:3]
+    found = solve(log_of((0.04,) * 6))
+    assert found.trusted
+    std = found.sigma[:3]
     assert 1e-3 < std.max() < 0.05
-    assert np.all(np.abs(estimate.t_parent_imu - log.mount.t) < 4 * std)
+    assert np.all(np.abs(found.error[:3]) < 4 * std)

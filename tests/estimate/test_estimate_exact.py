@@ -1,273 +1,358 @@
 """Without noise the answer is exact: any window, degree, mount, offset, rate, tilt or hole.
 
-The arm moves in quintics, whose jerk jumps at starts and stops: what is left is quadrature of
-order dt², so the tolerance is a micrometre at 500 Hz and grows with the interval squared.
+Where the world, the parent frame or the IMU is turned, the answer turns with it.
+
+The arm moves in quintics, whose jerk jumps at starts and stops: the error is quadrature of order
+dt², so the tolerance is a micrometre at 500 Hz and grows with the interval squared.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.robot.path import FixedStep
 from tests.estimate.estimate_arm import (
     GRAVITY,
+    MEMS,
     MOUNT,
     Log,
     Moves,
+    Solved,
     arm_path,
-    calibrated,
     make_log,
+    model,
     parent_motion,
     random_mount,
     readings,
     rotation_error,
-    taken_as_exact,
+    solve,
+    solve_exact,
 )
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
+    from collections.abc import Callable
 
 MICROMETRE = 1e-6
 ANGLE = np.radians(1e-4)
+DOWN = (0.0, 0.0, -GRAVITY)
+MARS = (0.3, -0.2, -3.7)
+
+Row = tuple[dict[str, Any], dict[str, Any], float]
+"""Arguments of make_log, options, and the largest error in µm."""
 
 
-def assert_exact(
-    estimate: Estimate,
-    log: Log,
-    metres: float = 2 * MICROMETRE,
-    seconds: float = 2e-7,
-    angle: float = ANGLE,
-) -> None:
-    assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) < metres
-    assert np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R)) < angle
-    assert abs(estimate.time_offset - log.time_offset) < seconds
-    assert estimate.trusted, (estimate.unobservable, estimate.distrust)
-
-
-@pytest.fixture(scope="module")
-def fine() -> Log:
-    return make_log(imu_rate=500.0, robot_rate=500.0)
-
-
-@pytest.fixture(scope="module")
+@cache
 def plain() -> Log:
     return make_log()
 
 
-@pytest.mark.parametrize("seconds", slow_after(1, [0.05, 0.5, 0.1, 0.2, 0.35]))
-def test_every_window_gives_the_same_micrometre(fine: Log, seconds: float) -> None:
-    estimate = taken_as_exact(fine, window=WindowChoice(seconds=seconds))
-    assert_exact(estimate, fine, MICROMETRE)
-    assert estimate.window.seconds == pytest.approx(seconds, abs=1.001 / 500)
-    np.testing.assert_allclose(estimate.accel_bias, 0.0, atol=1e-5)
-    np.testing.assert_allclose(estimate.gyro_bias, 0.0, atol=1e-7)
-    np.testing.assert_allclose(estimate.gravity_world, [0, 0, -GRAVITY], atol=1e-5)
+def assert_exact(
+    found: Solved, log: Log, metres: float = 2.0, seconds: float = 2e-7, angle: float = ANGLE
+) -> None:
+    assert found.distance < metres * MICROMETRE
+    assert found.angle < angle
+    assert abs(found.time_offset - log.time_offset) < seconds
+    assert found.trusted, (found.unobservable, found.distrust)
+
+
+def leaning(tilt: float) -> Any:
+    return Rotation.from_rotvec([0.6 * tilt, 0.8 * tilt, 0]).apply(DOWN)
+
+
+def rates(imu: float, robot: float, seconds: float | None) -> Row:
+    given = {"imu_rate": imu, "robot_rate": robot, "time_offset": 0.0123}
+    # Quadrature on the IMU's interval: a tenth of a micrometre at 500 Hz.
+    return given, {"window": WindowChoice(seconds=seconds)}, max(1.0, 4.0 * (100 / imu) ** 2)
+
+
+GROUPS: list[dict[str, Row]] = [
+    {
+        f"window of {seconds} s": (
+            {"imu_rate": 500.0, "robot_rate": 500.0},
+            {"window": WindowChoice(seconds=seconds)},
+            1.0,
+        )
+        for seconds in (0.05, 0.5, 0.1, 0.2, 0.35)
+    },
+    {f"degree {degree}": ({}, {"degree": degree}, 2.0) for degree in (2, 4, 3)},
+    # The same instant is stamped later by the IMU where the offset is positive.
+    {f"offset {o} s": ({"time_offset": o}, {}, 2.0) for o in (0.9, -0.2173, 0.5, -0.5, -0.0421)},
+    {"stated offset": ({"time_offset": 0.1234}, {"time_offset": 0.1234}, 2.0)},
+    {f"mount {seed}": ({"mount": random_mount(seed)}, {}, 2.0) for seed in range(6)},
+    {
+        f"base leans by {tilt:.2f} rad": ({"gravity_world": leaning(tilt)}, {}, 2.0)
+        for tilt in (0.5, np.pi, 0.05, 1.5, np.pi / 2, 2.5)
+    },
+    {"no gravity": ({"gravity_world": (0.0, 0.0, 0.0)}, {"gravity": "none"}, 2.0)},
+    {"gravity fixed": ({}, {"gravity": "fixed"}, 2.0)},
+    {"on Mars": ({"gravity_world": MARS}, {"gravity_norm": float(np.linalg.norm(MARS))}, 2.0)},
+    {
+        f"{imu} and {robot} Hz, window {seconds}": rates(imu, robot, seconds)
+        for seconds in (None, 0.5)
+        for imu, robot in ((97, 211), (500, 100), (200, 125), (100, 500), (400, 50))
+    },
+]
+ROWS = {name: row for group in GROUPS for name, row in group.items()}
+
+
+@pytest.mark.parametrize("name", [name for group in GROUPS for name in slow_after(1, group)])
+def test_the_answer_is_exact(name: str) -> None:
+    given, options, most = ROWS[name]
+    log = make_log(**given)
+    found = solve_exact(log, **options)
+    assert_exact(found, log, most)
+    gravity = np.array(given.get("gravity_world", DOWN))
+    np.testing.assert_allclose(found.gravity_world, gravity, atol=most * 1e-5)
+    assert "gravity" not in options or np.array_equal(found.gravity_world, gravity)
+    np.testing.assert_allclose(found.accel_bias, 0.0, atol=most * 1e-5)
+    np.testing.assert_allclose(found.gyro_bias, 0.0, atol=most * 1e-7)
+    if "time_offset" in options:
+        assert found.time_offset == pytest.approx(log.time_offset, abs=1e-12)
+    assert (found.time_offset_std is None) == ("time_offset" in options)
+    if name.startswith("window"):
+        seconds = options["window"].seconds
+        assert found.window.seconds == pytest.approx(seconds, abs=1.001 / given["imu_rate"])
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_what_may_be_wrong_with_robot_and_sensor_takes_nothing(seed: int) -> None:
-    """With every unknown free: what is left of the quadrature then has more to move."""
+def test_free_errors_of_robot_and_sensor_cost_little(seed: int) -> None:
+    """With every unknown free, the error of the quadrature has more to move."""
     log = make_log(mount=random_mount(seed))
-    estimate = calibrated(log)
-    assert_exact(estimate, log, 12 * MICROMETRE, seconds=1e-6)
-    assert estimate.warnings == ()
-
-
-@pytest.mark.parametrize("degree", slow_after(1, [2, 4, 3]))
-def test_every_degree_is_exact(plain: Log, degree: int) -> None:
-    assert_exact(taken_as_exact(plain, degree=degree), plain)
-
-
-@pytest.mark.parametrize("offset", slow_after(1, [0.9, -0.2173, 0.5, -0.5, -0.0421]))
-def test_offsets_are_found_and_are_imu_stamp_minus_robot_stamp(offset: float) -> None:
-    # The same instant is stamped later by the IMU where the offset is positive.
-    log = make_log(time_offset=offset)
-    assert log.imu.t[0] == pytest.approx(offset)
-    estimate = taken_as_exact(log)
-    assert_exact(estimate, log)
-    assert estimate.time_offset_std is not None
-
-
-def test_an_offset_that_is_told_is_kept() -> None:
-    log = make_log(time_offset=0.1234)
-    estimate = taken_as_exact(log, time_offset=0.1234)
-    assert_exact(estimate, log)
-    assert estimate.time_offset == pytest.approx(0.1234, abs=1e-12)
-    assert estimate.time_offset_std is None
-    wrong = taken_as_exact(log, time_offset=0.1)
-    assert np.linalg.norm(wrong.t_parent_imu - log.mount.t) > 1e-3
+    found = solve(log)
+    assert_exact(found, log, 12.0, seconds=1e-6)
+    assert found.warnings == ()
 
 
 def test_an_offset_beyond_the_search_is_not_trusted() -> None:
-    estimate = taken_as_exact(make_log(time_offset=1.02), max_offset=0.5)
-    assert not estimate.trusted
-    assert any("--max-offset" in reason or "explain" in reason for reason in estimate.distrust)
+    found = solve_exact(make_log(time_offset=1.02), max_offset=0.5)
+    assert not found.trusted
+    assert any("--max-offset" in reason or "explain" in reason for reason in found.distrust)
 
 
-@pytest.mark.parametrize("seed", slow_after(1, range(6)))
-def test_any_mount_is_found_without_a_guess(seed: int) -> None:
-    log = make_log(mount=random_mount(seed))
-    assert_exact(taken_as_exact(log), log)
+def test_biases_are_found_in_the_imu_frame() -> None:
+    log = plain().noisy(0, (0.0, 0.0))
+    found = solve_exact(log)
+    assert_exact(found, log)
+    np.testing.assert_allclose(found.accel_bias, [0.1, -0.05, 0.08], atol=2e-5)
+    np.testing.assert_allclose(found.gyro_bias, [0.01, -0.02, 0.005], atol=1e-7)
 
 
-@pytest.mark.parametrize("tilt", slow_after(1, [0.5, np.pi, 0.05, 1.5, np.pi / 2, 2.5]))
-def test_a_base_may_lean_or_hang_from_the_ceiling(tilt: float) -> None:
-    gravity = Rotation.from_rotvec([0.6 * tilt, 0.8 * tilt, 0]).apply([0, 0, -GRAVITY])
-    log = make_log(gravity_world=gravity)
-    estimate = taken_as_exact(log)
-    assert_exact(estimate, log)
-    np.testing.assert_allclose(estimate.gravity_world, gravity, atol=2e-5)
-
-
-def test_gravity_may_be_absent_fixed_or_of_another_planet(plain: Log) -> None:
-    space = make_log(gravity_world=np.zeros(3))
-    estimate = taken_as_exact(space, gravity="none")
-    assert_exact(estimate, space)
-    np.testing.assert_array_equal(estimate.gravity_world, 0.0)
-    estimate = taken_as_exact(plain, gravity="fixed")
-    assert_exact(estimate, plain)
-    np.testing.assert_array_equal(estimate.gravity_world, [0, 0, -GRAVITY])
-    mars = make_log(gravity_world=np.array([0.3, -0.2, -3.7]))
-    assert_exact(taken_as_exact(mars, gravity_norm=float(np.linalg.norm([0.3, -0.2, -3.7]))), mars)
-
-
-def test_biases_are_found_in_the_imu_frame(plain: Log) -> None:
-    log = plain.noisy(0, (0.0, 0.0))
-    estimate = taken_as_exact(log)
-    assert_exact(estimate, log)
-    np.testing.assert_allclose(estimate.accel_bias, [0.1, -0.05, 0.08], atol=2e-5)
-    np.testing.assert_allclose(estimate.gyro_bias, [0.01, -0.02, 0.005], atol=1e-7)
+def test_both_streams_sampled_at_uneven_instants_are_read_as_stamped() -> None:
+    rng = np.random.default_rng(0)
+    t = np.arange(1, 3990) / 200 + np.clip(rng.normal(size=3989) * 5e-4, -2e-3, 2e-3)
+    t_robot = np.sort(np.arange(0, 20, 0.008) + rng.normal(size=2500) * 8e-4)
+    log = replace(make_log(imu_t=t), path=arm_path(t_robot, Moves().joints(t_robot)[0]))
+    found = solve_exact(log)
+    assert_exact(found, log)
+    assert {found.notes["imu_stamps"], found.notes["robot_stamps"]} == {"as stamped"}
 
 
 @pytest.mark.parametrize(
-    ("imu_rate", "robot_rate"),
-    slow_after(1, [(97, 211), (500, 100), (200, 125), (100, 500), (400, 50)]),
+    ("stream", "seed", "metres", "angle"),
+    [("imu", 1, 2.0, 2 * ANGLE), ("robot", 3, 5.0, 3 * ANGLE)],
 )
-@pytest.mark.parametrize("seconds", slow_after(1, [None, 0.5]))
-def test_rates_need_not_agree(imu_rate: float, robot_rate: float, seconds: float | None) -> None:
-    log = make_log(imu_rate=imu_rate, robot_rate=robot_rate, time_offset=0.0123)
-    window = WindowChoice(seconds=seconds)
-    # Quadrature on the IMU's interval: a tenth of a micrometre at 500 Hz.
-    assert_exact(
-        taken_as_exact(log, window=window), log, max(MICROMETRE, 4e-6 * (100 / imu_rate) ** 2)
-    )
-
-
-def test_both_streams_taken_late_are_read_as_stamped() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(1, 3990) / 200 + np.clip(rng.normal(size=3989) * 5e-4, -2e-3, 2e-3)
-    log = make_log(imu_t=t)
-    t_robot = np.sort(np.arange(0, 20, 0.008) + rng.normal(size=2500) * 8e-4)
-    both = replace(log, path=arm_path(t_robot, Moves().joints(t_robot)[0]))
-    estimate = taken_as_exact(both)
-    assert_exact(estimate, both)
-    assert (estimate.notes["imu_stamps"], estimate.notes["robot_stamps"]) == (
-        "as stamped",
-        "as stamped",
-    )
-
-
-@pytest.mark.parametrize("stream", ["imu", "robot"])
-def test_stamps_that_jitter_are_read_as_ticks(plain: Log, stream: str) -> None:
-    rng = np.random.default_rng(1 if stream == "imu" else 3)
-    t = plain.imu.t + np.clip(rng.normal(size=4000) * 5e-4, -2e-3, 2e-3)
-    imu = plain.with_imu(t, plain.imu.gyro, plain.imu.accel)
-    log = imu if stream == "imu" else plain.with_joints(t=t)
-    estimate = taken_as_exact(log)
-    assert estimate.notes[f"{stream}_stamps"] == "ticks"
+def test_stamps_that_jitter_are_read_as_ticks(
+    stream: str, seed: int, metres: float, angle: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    t = plain().imu.t + np.clip(rng.normal(size=4000) * 5e-4, -2e-3, 2e-3)
+    log = plain().with_imu(t) if stream == "imu" else plain().with_joints(t=t)
+    found = solve_exact(log)
+    assert found.notes[f"{stream}_stamps"] == "ticks"
     # The mean of the jitter stays in the offset, and its sigma says so; its drift, in the pose: the
     # rate of the ticks is known to 1e-6, so they drift off by ten microseconds.
     mean = 5e-4 / np.sqrt(4000)
-    metres, angle = (2, 2) if stream == "imu" else (5, 3)
-    assert_exact(estimate, log, metres * MICROMETRE, seconds=4 * mean, angle=angle * ANGLE)
-    assert estimate.time_offset_std is not None
-    # What the ticks drift is added.
-    assert 0.9 < estimate.time_offset_std / mean < 1.7
+    assert_exact(found, log, metres, seconds=4 * mean, angle=angle)
+    assert found.time_offset_std is not None
+    # The drift of the ticks is added.
+    assert 0.9 < found.time_offset_std / mean < 1.7
 
 
-def test_lost_samples_are_bridged(plain: Log) -> None:
-    kept = np.random.default_rng(2).random(4000) >= 0.02
-    log = plain.kept(kept)
-    assert_exact(taken_as_exact(log), log, 3 * MICROMETRE)
+def outside(t: np.ndarray) -> np.ndarray:
+    """Instants outside of a gap."""
+    return (t < 7.0) | (t > 8.3)
 
 
-def assert_one_gap(log: Log, **options: Any) -> None:
-    estimate = taken_as_exact(log, **options)
-    assert_exact(estimate, log)
-    assert estimate.residuals.gaps == 1
-    assert estimate.residuals.windows_dropped == 0
-    assert estimate.residuals.accel_rms.max() < 1e-3
+def lost_samples(log: Log) -> Log:
+    return log.kept(np.random.default_rng(2).random(4000) >= 0.02)
 
 
-def test_no_window_straddles_a_gap_of_the_imu(plain: Log) -> None:
-    assert_one_gap(plain.kept((plain.imu.t < 7.0) | (plain.imu.t > 8.3)))
+def gap_of_the_imu(log: Log) -> Log:
+    return log.kept(outside(log.imu.t))
 
 
-@pytest.mark.parametrize("options", [{}, {"time_offset": 0.0}])
-def test_no_window_straddles_a_gap_of_the_joints(plain: Log, options: dict[str, float]) -> None:
-    """Stamps of IMU and joints coincide: the first sample after the gap is itself, not a guess."""
+def gap_of_the_joints(log: Log) -> Log:
+    """Stamps of IMU and joints coincide, so the first sample after the gap is no guess."""
     t = np.arange(0, 20, 0.005)
-    t = t[(t < 7.0) | (t > 8.3)]
-    assert_one_gap(plain.with_joints(t=t, values=Moves().joints(t)[0]), **options)
+    t = t[outside(t)]
+    return log.with_joints(t=t, values=Moves().joints(t)[0])
 
 
-def test_garbage_beside_gaps_stays_out_of_every_window(plain: Log) -> None:
+def garbage_in_a_gap(log: Log) -> Log:
     """Two samples alone in a gap are garbage: no window may reach them."""
-    t = plain.imu.t
-    rows = (t < 7.0) | (np.abs(t - 7.65) < 0.004) | (t > 8.3)
-    accel = np.where((np.abs(t - 7.65) < 0.004)[:, None], 1e4, plain.imu.accel)
-    log = plain.with_imu(t, plain.imu.gyro, accel).kept(rows)
-    estimate = taken_as_exact(log)
-    assert estimate.residuals.gaps == 2
-    assert_exact(estimate, log)
-    assert estimate.residuals.windows_dropped == 0
+    alone = np.abs(log.imu.t - 7.65) < 0.004
+    accel = np.where(alone[:, None], 1e4, log.imu.accel)
+    return log.with_imu(accel=accel).kept(outside(log.imu.t) | alone)
 
 
-def test_disordered_repeated_and_missing_values_are_left_out_and_counted(plain: Log) -> None:
+def disorder(log: Log) -> Log:
+    """Two samples exchanged, one repeated and one not a number."""
     order = np.arange(4000)
     order[1000], order[1001] = 1001, 1000
     order[2000] = 1999
-    accel = plain.imu.accel[order].copy()
-    accel[3000] = np.nan
-    log = plain.with_imu(plain.imu.t[order], plain.imu.gyro[order], accel)
-    estimate = taken_as_exact(log)
-    assert_exact(estimate, log)
-    assert any("1 with repeated stamps, 1 not finite" in warning for warning in estimate.warnings)
+    imu = log.imu.at(order)
+    imu.accel[3000] = np.nan
+    return replace(log, imu=imu)
 
 
-def test_what_is_too_short_is_refused_in_words(plain: Log) -> None:
+@pytest.mark.parametrize(
+    ("spoil", "options", "gaps", "metres"),
+    [
+        (lost_samples, {}, 0, 3.0),
+        (gap_of_the_imu, {}, 1, 2.0),
+        (gap_of_the_joints, {}, 1, 2.0),
+        (gap_of_the_joints, {"time_offset": 0.0}, 1, 2.0),
+        (garbage_in_a_gap, {}, 2, 2.0),
+        (disorder, {}, 0, 2.0),
+    ],
+)
+def test_holes_are_bridged_or_left_out(
+    spoil: Callable[[Log], Log], options: dict[str, Any], gaps: int, metres: float
+) -> None:
+    log = spoil(plain())
+    found = solve_exact(log, **options)
+    assert_exact(found, log, metres)
+    assert found.residuals.gaps == gaps
+    assert found.residuals.windows_dropped == 0
+    assert found.residuals.accel_rms.max() < 1e-3
+    reported = any("1 with repeated stamps, 1 not finite" in each for each in found.warnings)
+    assert reported == (spoil is disorder)
+
+
+def test_a_log_that_is_too_short_or_apart_is_refused_in_words() -> None:
     with pytest.raises(InputError, match="usable samples of 40"):
-        taken_as_exact(plain.kept(plain.imu.t < 0.2 - 1e-9))
+        solve_exact(plain().kept(plain().imu.t < 0.2 - 1e-9))
     with pytest.raises(InputError, match="overlap between gaps"):
-        taken_as_exact(plain.with_imu(plain.imu.t + 500.0, plain.imu.gyro, plain.imu.accel))
+        solve_exact(plain().with_imu(plain().imu.t + 500.0))
 
 
-def test_the_helper_is_pinocchios_own_sensor_frame() -> None:
-    """The lever-arm formula of the truth against pinocchio's frame at the IMU itself."""
-    import pinocchio as pin
-
-    from tests.estimate.estimate_arm import _model
-
+def test_the_readings_of_the_builder_are_pinocchios_of_a_frame_at_the_imu() -> None:
     moves, t = Moves(), np.array([3.3, 7.7])
-    motion = parent_motion(moves, t)
-    gyro, accel = readings(motion, MOUNT, np.array([0, 0, -GRAVITY]))
-    model, _, frame = _model()
-    parent = model.frames[frame]
+    gyro, accel = readings(parent_motion(moves, t), MOUNT, np.array(DOWN))
+    arm, _, frame = model()
+    parent = arm.frames[frame]
     place = parent.placement * pin.SE3(MOUNT.R, MOUNT.t)
-    imu = model.addFrame(pin.Frame("imu", parent.parentJoint, 0, place, pin.FrameType.OP_FRAME))
-    data = model.createData()
+    imu = arm.addFrame(pin.Frame("imu", parent.parentJoint, 0, place, pin.FrameType.OP_FRAME))
+    data = arm.createData()
     for k, (q, v, a) in enumerate(zip(*moves.joints(t), strict=True)):
-        pin.forwardKinematics(model, data, q, v, a)
-        pin.updateFramePlacements(model, data)
+        pin.forwardKinematics(arm, data, q, v, a)
+        pin.updateFramePlacements(arm, data)
         up = data.oMf[imu].rotation.T @ np.array([0, 0, GRAVITY])
-        linear = pin.getFrameClassicalAcceleration(model, data, imu, pin.LOCAL).linear
+        linear = pin.getFrameClassicalAcceleration(arm, data, imu, pin.LOCAL).linear
         np.testing.assert_allclose(accel[k], linear + up, atol=1e-11)
-        angular = pin.getFrameVelocity(model, data, imu, pin.LOCAL).angular
+        angular = pin.getFrameVelocity(arm, data, imu, pin.LOCAL).angular
         np.testing.assert_allclose(gyro[k], angular, atol=1e-11)
+
+
+TURN = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()
+SHIFT = np.array([0.3, -0.2, 0.5])
+STEP = FixedStep(R=TURN, p=SHIFT)
+
+
+@cache
+def log() -> Log:
+    return make_log().noisy(3)
+
+
+def in_world() -> Log:
+    return replace(log(), path=replace(log().path, steps=(STEP, *log().path.steps)))
+
+
+def at_parent() -> Log:
+    return replace(log(), path=replace(log().path, steps=(*log().path.steps, STEP)))
+
+
+def at_imu() -> Log:
+    return log().with_imu(gyro=log().imu.gyro @ TURN, accel=log().imu.accel @ TURN)
+
+
+def assert_close(t: np.ndarray, R: np.ndarray, plain: Solved, sigmas: float) -> None:
+    """A pose is another estimate's, within so many of its sigmas."""
+    error = np.concatenate([t - plain.t_parent_imu, rotation_error(R, plain.R_parent_imu)])
+    assert np.all(np.abs(error) < sigmas * plain.sigma)
+
+
+def test_where_the_world_frame_is_does_not_matter() -> None:
+    plain, turned = solve_exact(log()), solve_exact(in_world())
+    assert_close(turned.t_parent_imu, turned.R_parent_imu, plain, 1e-4)
+    np.testing.assert_allclose(turned.P, plain.P, rtol=1e-3, atol=1e-15)
+    np.testing.assert_allclose(turned.gravity_world, TURN @ plain.gravity_world, atol=1e-6)
+
+
+def test_another_parent_frame_re_expresses_pose_and_covariance() -> None:
+    """The tangent is the parent frame's: both blocks turn with it, and nothing mixes."""
+    plain, moved = solve_exact(log()), solve_exact(at_parent())
+    # Scales are medians over axes, so the weights differ a little: far less than sigma.
+    assert_close(TURN @ moved.t_parent_imu + SHIFT, TURN @ moved.R_parent_imu, plain, 0.1)
+    both = np.kron(np.eye(2), TURN)
+    expected = both.T @ plain.P @ both
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(moved.P / scale, expected / scale, atol=0.06)
+
+
+def test_another_imu_frame_turns_the_rotation_and_the_biases() -> None:
+    plain, turned = solve_exact(log()), solve_exact(at_imu())
+    np.testing.assert_allclose(turned.R_parent_imu, plain.R_parent_imu @ TURN, atol=1e-8)
+    np.testing.assert_allclose(turned.t_parent_imu, plain.t_parent_imu, atol=1e-8)
+    np.testing.assert_allclose(turned.accel_bias, TURN.T @ plain.accel_bias, atol=1e-7)
+    np.testing.assert_allclose(turned.gyro_bias, TURN.T @ plain.gyro_bias, atol=1e-9)
+    np.testing.assert_allclose(turned.P, plain.P, rtol=1e-5, atol=1e-15)
+    assert turned.accel_bias_std is not None
+    assert np.all(turned.accel_bias_std > 0)
+
+
+@pytest.mark.slow
+def test_with_all_of_the_table_free_frames_hardly_matter() -> None:
+    """Errors along axes have priors, so other axes are other priors: less than half a sigma."""
+    plain, imu, parent, world = map(solve, (log(), at_imu(), at_parent(), in_world()))
+    assert_close(imu.t_parent_imu, imu.R_parent_imu @ TURN.T, plain, 0.5)
+    assert_close(TURN @ parent.t_parent_imu + SHIFT, TURN @ parent.R_parent_imu, plain, 0.5)
+    assert_close(world.t_parent_imu, world.R_parent_imu, plain, 0.5)
+
+
+def test_sigma_scales_with_the_noise() -> None:
+    quiet, loud = make_log().noisy(4), make_log().noisy(4, (4 * MEMS[0], 4 * MEMS[1]))
+    np.testing.assert_allclose(solve_exact(loud).sigma / solve_exact(quiet).sigma, 4.0, rtol=0.05)
+
+
+def test_when_the_log_began_does_not_matter() -> None:
+    late = log().with_imu(log().imu.t + 4096.0)
+    later = solve_exact(late.with_joints(t=log().path.tracks[0].t + 4096.0))
+    plain = solve_exact(log())
+    np.testing.assert_allclose(later.t_parent_imu, plain.t_parent_imu, atol=1e-7)
+    assert later.time_offset == pytest.approx(plain.time_offset, abs=1e-8)
+
+
+def test_the_unit_of_length_follows_the_stated_gravity() -> None:
+    """Everything measured in other units of length is the same answer in those units."""
+    one_log = make_log().noisy(5)
+    steps = tuple(
+        replace(step, p=3.0 * step.p) if isinstance(step, FixedStep) else step
+        for step in one_log.path.steps
+    )
+    longer = one_log.with_imu(accel=3.0 * one_log.imu.accel)
+    longer = replace(longer, path=replace(longer.path, steps=steps))
+    one, other = solve_exact(one_log), solve_exact(longer, gravity_norm=3.0 * GRAVITY)
+    off = other.t_parent_imu / 3.0 - one.t_parent_imu
+    assert np.all(np.abs(off) < 0.1 * one.sigma[:3])
+    np.testing.assert_allclose(other.sigma / np.repeat([3.0, 1.0], 3), one.sigma, rtol=0.05)

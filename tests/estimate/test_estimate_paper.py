@@ -1,4 +1,4 @@
-"""The published method against a plain re-statement of it, sample by sample, in scipy's words."""
+"""The published method against a plain re-statement of it with scipy, sample by sample."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.estimate.estimate_arm import (
     make_log,
     parent_motion,
     rotation_error,
-    taken_as_exact,
+    solve_exact,
 )
 from tests.slow import slow_after
 
@@ -83,9 +83,14 @@ def minimised(differences: Callable[[Floats], Floats], *, components: bool) -> F
         return np.asarray(error.ravel() if components else np.abs(error).sum(axis=1))
 
     start = np.r_[NEAR["t_initial"], Rotation.from_matrix(NEAR["R_initial"]).as_rotvec()]
-    return np.asarray(
-        least_squares(residuals, start, x_scale="jac", xtol=1e-10, ftol=1e-10, gtol=1e-10).x
-    )
+    tolerances: Any = dict.fromkeys(("xtol", "ftol", "gtol"), 1e-10)
+    return np.asarray(least_squares(residuals, start, x_scale="jac", **tolerances).x)
+
+
+def kept(log: Log, **options: Any) -> NDArray[np.bool_]:
+    """Instants that are not excluded at the true pose."""
+    mount = log.mount
+    return filtered_instants(log.imu, log.path, PaperOptions(**options), mount.R, mount.t)[0].kept
 
 
 @pytest.mark.parametrize("samples", slow_after(1, [11, 25]))
@@ -143,21 +148,15 @@ def test_exclusion_is_by_second_differences_of_the_imus_pose(limit: float) -> No
         np.linalg.norm(np.diff(values, 2, axis=0), axis=1) > most * 0.005**2
         for values, most in ((p, limit), (q, 10 * limit))
     ]
-    options = PaperOptions(exclusion_threshold=limit)
-    instants, _, _ = filtered_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
-    assert np.sum(~instants.kept) == (dropped[0] | dropped[1]).sum()
+    assert np.sum(~kept(log, exclusion_threshold=limit)) == (dropped[0] | dropped[1]).sum()
     assert dropped[0].any()
     assert dropped[1].any() == (limit < 0.2)
     assert pytest.approx(1e-4 * 250**2) == DEFAULT_EXCLUSION
 
 
 def test_the_threshold_does_not_depend_on_the_rate() -> None:
-    shares = []
-    for rate in (100.0, 200.0, 400.0):
-        log = make_log(MOVES, imu_rate=rate, robot_rate=rate)
-        options = PaperOptions(exclusion_threshold=1.0)
-        instants, _, _ = filtered_instants(log.imu, log.path, options, log.mount.R, log.mount.t)
-        shares.append(np.mean(~instants.kept))
+    logs = [make_log(MOVES, imu_rate=rate, robot_rate=rate) for rate in (100.0, 200.0, 400.0)]
+    shares = [np.mean(~kept(log, exclusion_threshold=1.0)) for log in logs]
     assert shares[0] > 0.1
     np.testing.assert_allclose(shares, shares[0], atol=0.01)
 
@@ -170,10 +169,8 @@ def test_its_bias_grows_with_the_window_and_ours_does_not() -> None:
         paper = calibrate(
             log, samples, exclusion_threshold=0.0, R_initial=log.mount.R, t_initial=log.mount.t
         )
-        window = WindowChoice(samples=samples)
-        matched = taken_as_exact(log, window=window)
         theirs.append(float(np.linalg.norm(paper.t_parent_imu - log.mount.t)))
-        ours.append(float(np.linalg.norm(matched.t_parent_imu - log.mount.t)))
+        ours.append(solve_exact(log, window=WindowChoice(samples=samples)).distance)
     assert theirs[2] > 4 * theirs[1] > 16 * theirs[0]
     assert theirs[1] > 1e-3
     assert max(ours) < 6e-6
@@ -202,13 +199,13 @@ def test_without_gravity_none_is_taken_off() -> None:
 
 
 def test_a_gap_does_not_smear(log: Log) -> None:
-    kept = (log.imu.t < 5.0) | (log.imu.t > 6.0)
-    estimate = calibrate(log.kept(kept), **NEAR, exclusion_threshold=0.0)
+    rows = (log.imu.t < 5.0) | (log.imu.t > 6.0)
+    estimate = calibrate(log.kept(rows), **NEAR, exclusion_threshold=0.0)
     assert any("1 gaps" in warning for warning in estimate.warnings)
     whole = calibrate(log, **NEAR, exclusion_threshold=0.0)
     np.testing.assert_allclose(estimate.t_parent_imu, whole.t_parent_imu, atol=1.5e-3)
     # One sample either side of the gap pairs with its neighbour.
-    assert estimate.residuals.windows_used == pytest.approx(kept.sum(), abs=2)
+    assert estimate.residuals.windows_used == pytest.approx(rows.sum(), abs=2)
 
 
 def test_an_even_window_becomes_odd_and_a_short_log_is_refused(log: Log) -> None:
@@ -223,10 +220,9 @@ def test_an_even_window_becomes_odd_and_a_short_log_is_refused(log: Log) -> None
 
 def test_another_minimum_is_not_trusted() -> None:
     log = make_log(Moves(seconds=12.0))
-    upside_down = PaperOptions(
-        exclusion_threshold=0.0, R_initial=log.mount.R @ np.diag([1.0, -1.0, -1.0])
-    )
-    estimate = calibrate_paper(log.imu, log.path, upside_down)
+    upside_down = log.mount.R @ np.diag([1.0, -1.0, -1.0])
+    options = PaperOptions(exclusion_threshold=0.0, R_initial=upside_down)
+    estimate = calibrate_paper(log.imu, log.path, options)
     assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) > 0.5
     assert not estimate.trusted
     assert any("another minimum" in reason for reason in estimate.distrust)

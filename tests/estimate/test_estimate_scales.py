@@ -1,20 +1,41 @@
-"""Standard deviations that the log teaches: against a dense grid over them, and a known case."""
+"""Standard deviations that the data give: of one log's unknowns, and of the pose between logs.
+
+Both are compared with a dense grid over these standard deviations.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from imucalib_cli.estimate.solution.between import USUAL, Together, combine
 from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from imucalib_cli.estimate.solution.scales import Posterior
 
 Floats = NDArray[np.float64]
 
 BOUNDS = np.log([[1e-3, 10.0], [1e-3, 10.0]])
 LEARNT = {"one": (5, 0.5), "two": (3, 0.05)}
 """How many components share each scale, and how large they truly are."""
+
+
+def weighed(points: Iterable[tuple[float, Floats, Floats]]) -> tuple[Floats, Floats]:
+    """Mean and covariance of normal distributions, each with the logarithm of its weight."""
+    logs, means, covariances = map(np.array, zip(*points, strict=True))
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    mean = weights @ means
+    away = means - mean
+    spread = np.einsum("m,mij->ij", weights, covariances) + away.T @ (weights[:, None] * away)
+    return mean, spread
 
 
 def problem(seed: int) -> Problem:
@@ -35,48 +56,37 @@ def problem(seed: int) -> Problem:
     )
 
 
-def by_grid(given: Problem) -> tuple[Floats, Floats, Floats]:
-    """Mean step, its covariance and the mean of the scales' logarithms, by brute force.
+def grid_over_scales(given: Problem) -> Iterable[tuple[float, Floats, Floats]]:
+    """Weight, mean of step and scales' logarithms, and covariance at each point.
 
     From the data's own density: e is normal with covariance I + J S J' beforehand, stated with
     the statistics alone.
     """
     axes = [np.linspace(low, high, 81) for low, high in given.bounds.tolist()]
     A, b, mu, scale = given.information, given.score, given.offset, given.prior.scale
-    logs, means, covariances, points = [], [], [], []
     for u in np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2):
         S = np.where(scale >= 0, np.exp(2 * u)[scale], given.prior.std**2)
         C = np.linalg.inv(A + np.diag(1 / S))
         # x = at + step; the prior is about zero: step ~ N(-at, S), likelihood exp(-b's - s'As/2).
         mean = C @ (-b - mu / S)
         value = 0.5 * (b + mu / S) @ C @ (b + mu / S) - 0.5 * (mu**2 / S).sum()
-        logs.append(value + 0.5 * np.linalg.slogdet(C)[1] - 0.5 * np.log(S).sum())
-        means.append(mean)
-        covariances.append(C)
-        points.append(u)
-    weights = np.exp(np.array(logs) - max(logs))
-    weights /= weights.sum()
-    mean = weights @ np.array(means)
-    spread = np.array(means) - mean
-    covariance = np.einsum("m,mij->ij", weights, np.array(covariances)) + (
-        np.einsum("m,mi,mj->ij", weights, spread, spread)
-    )
-    return mean, covariance, weights @ np.array(points)
+        log = value + 0.5 * np.linalg.slogdet(C)[1] - 0.5 * np.log(S).sum()
+        yield log, np.concatenate([mean, u]), np.pad(C, (0, 2))
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_integral_is_the_dense_grids(seed: int) -> None:
     given = problem(seed)
     found = integrate(given, most_likely(given))
-    expected, expected_covariance, logs = by_grid(given)
-    sigma = np.sqrt(np.diag(expected_covariance))
-    np.testing.assert_allclose(found.step / sigma, expected / sigma, atol=0.15)
+    mean, covariance = weighed(grid_over_scales(given))
+    sigma = np.sqrt(np.diag(covariance))[:-2]
+    np.testing.assert_allclose(found.step / sigma, mean[:-2] / sigma, atol=0.15)
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / sigma, 1.0, atol=0.07)
-    np.testing.assert_allclose(found.u, logs, atol=0.5)
+    np.testing.assert_allclose(found.u, mean[-2:], atol=0.5)
 
 
 @pytest.mark.slow
-def test_of_many_scales_that_hang_together_the_mean_is_that_of_plain_draws() -> None:
+def test_the_mean_over_many_scales_is_that_of_plain_draws() -> None:
     """Twelve of four components each, seen by sixteen readings: few points by themselves count."""
     rng = np.random.default_rng(1)
     J = rng.normal(size=(16, 48))
@@ -107,12 +117,11 @@ def test_of_many_scales_that_hang_together_the_mean_is_that_of_plain_draws() -> 
 
 
 @pytest.mark.parametrize(("size", "bound"), [(0.0, 1e-3), (1e3, 10.0)])
-def test_what_is_nothing_or_huge_ends_at_its_bound(size: float, bound: float) -> None:
+def test_errors_of_nothing_or_of_huge_size_end_at_the_bound(size: float, bound: float) -> None:
     n = 6
-    rng = np.random.default_rng(2)
     given = Problem(
         information=1e4 * np.eye(n),
-        score=-1e4 * size * rng.normal(size=n),
+        score=-1e4 * size * np.random.default_rng(2).normal(size=n),
         offset=np.zeros(n),
         prior=Prior(std=np.full(n, np.nan), scale=np.zeros(n, dtype=np.intp), bounds=BOUNDS[:1]),
     )
@@ -125,6 +134,83 @@ def test_without_scales_it_is_plain_least_squares() -> None:
     prior = Prior(std=np.full(n, 2.0), scale=np.full(n, -1), bounds=np.zeros((0, 2)))
     plain = replace(given, prior=prior)
     found = integrate(plain, most_likely(plain))
-    C = np.linalg.inv(plain.information + np.eye(len(plain.score)) / 4.0)
+    C = np.linalg.inv(plain.information + np.eye(n) / 4.0)
     np.testing.assert_allclose(found.step, -C @ (plain.score + plain.offset / 4.0), rtol=1e-9)
     np.testing.assert_allclose(found.covariance, C, rtol=1e-9, atol=1e-15)
+
+
+SIGMA = np.array([3e-5] * 3 + [5e-5] * 3)
+"""m and rad, of one log."""
+
+
+def drawn(count: int, scatter: tuple[float, float], seed: int) -> tuple[Floats, Floats]:
+    """Poses (K, 6) of logs about zero, and their covariances within each log."""
+    rng = np.random.default_rng(seed)
+    values, covariances = [], []
+    for _ in range(count):
+        L = (np.eye(6) + 0.3 * rng.normal(size=(6, 6))) * SIGMA[:, None]
+        values.append(rng.normal(size=6) * np.repeat(scatter, 3) + L @ rng.normal(size=6))
+        covariances.append(L @ L.T)
+    return np.array(values), np.array(covariances)
+
+
+def combine_poses(values: Floats, covariances: Floats) -> Posterior:
+    """The common pose of logs of which only the pose and its covariance within it are known."""
+    information = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
+    prior = Prior(std=np.repeat([10.0, np.pi], 3), scale=np.full(6, -1), bounds=np.zeros((0, 2)))
+    return combine(
+        Together(
+            information=information,
+            score=-np.einsum("kij,kj->ki", information, values),
+            noise=information,
+            offset=np.zeros(6),
+            prior=prior,
+            widened=np.zeros((len(values), 6, 6)),
+            scattered=np.repeat([0, 1], 3),
+        )
+    )
+
+
+def grid_over_scatter(
+    values: Floats, covariances: Floats
+) -> Iterable[tuple[float, Floats, Floats]]:
+    """Weight, mean and covariance: each pose is normal with V + T about the common one."""
+    axes = [np.log(np.geomspace(size * 1e-2, size * 1e2, 90)) for size in USUAL]
+    for u in np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2):
+        W = np.linalg.inv(covariances + np.diag(np.repeat(np.exp(2 * u), 3)))
+        C = np.linalg.inv(W.sum(axis=0))
+        mean = C @ np.einsum("kij,kj->i", W, values)
+        away = values - mean
+        fit = np.einsum("ki,kij,kj->", away, W, away)
+        # The common pose is integrated over; the scatter's prior is half-Cauchy in the scatter.
+        value = 0.5 * (np.linalg.slogdet(W)[1].sum() + np.linalg.slogdet(C)[1] - fit)
+        ratio = np.exp(u) / USUAL
+        yield value + np.log(ratio / (1.0 + ratio**2)).sum(), mean, C
+
+
+@pytest.mark.parametrize("count", [3, 8])
+@pytest.mark.parametrize("scatter", [(0.0, 0.0), (2e-4, 3e-5)])
+def test_the_common_pose_is_the_dense_grids(count: int, scatter: tuple[float, float]) -> None:
+    poses = drawn(count, scatter, seed=count)
+    found = combine_poses(*poses)
+    mean, covariance = weighed(grid_over_scatter(*poses))
+    sigma = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(found.step / sigma, mean / sigma, atol=0.05)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / sigma, 1.0, atol=0.12)
+
+
+def test_many_logs_show_their_scatter() -> None:
+    scatter = np.exp(combine_poses(*drawn(200, (2e-4, 3e-4), seed=1)).u)
+    # Six hundred differences give a standard deviation to three per cent.
+    assert scatter == pytest.approx([2e-4, 3e-4], rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scatter", [(2e-5, 3e-5), (2e-4, 3e-4)])
+def test_sigma_of_the_common_pose_is_true(scatter: tuple[float, float]) -> None:
+    squares = []
+    for seed in range(200):
+        found = combine_poses(*drawn(6, scatter, seed))
+        squares.append(found.step @ np.linalg.solve(found.covariance, found.step))
+    # The mean of 200 has a standard deviation of 0.3.
+    assert 6.0 * 0.8 < np.mean(squares) < 6.0 * 1.2

@@ -1,14 +1,15 @@
-"""The table of unknowns: columns against differences, what no log can tell, and one entry more.
+"""The table of unknowns: its columns against differences, what no log shows, and one entry more.
 
-Robots are given analytic motions. The exact residuals, whose differences the columns are held
-against, are those that other tests hold against pinocchio's truth.
+Robots have analytic motions. The columns are compared with differences of the exact residuals,
+which other tests compare with pinocchio's truth.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import pytest
@@ -19,7 +20,15 @@ from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Origin, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import (
+    LEAN,
+    SCALES,
+    TABLE,
+    JointCurve,
+    Origin,
+    Reading,
+    Unknown,
+)
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import lean_fit
 from imucalib_cli.robot.path import (
@@ -117,8 +126,7 @@ def _reckoned_log() -> Log:
     return replace(log, path=replace(path, steps=steps, tracks=(imu, joints)))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
+class Case(NamedTuple):
     """A model and its true state."""
 
     model: Model
@@ -140,7 +148,7 @@ def case(robot: str) -> Case:
     x[layout.part("time_offset")] = log.time_offset
     gravity = np.array([0.0, 0.0, 0.0 if floats else -GRAVITY])
     state = State(log.mount.R, log.mount.t, gravity, x)
-    return Case(model=Model(windowing, layout), state=state)
+    return Case(Model(windowing, layout), state)
 
 
 @ROBOTS
@@ -211,7 +219,7 @@ def joint_names(placed: list[Placed]) -> list[str]:
 
 
 def test_what_no_log_can_tell_is_not_looked_for() -> None:
-    """The first joint's zero is the base's turn; the last one's, and all after it, the mount's."""
+    """The first joint's zero is a turn of the base; the last one's, and all after it, the mount."""
     layout = case("ur10e").layout
     joints = owners(layout, JointCurve)
     assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4"]
@@ -220,7 +228,7 @@ def test_what_no_log_can_tell_is_not_looked_for() -> None:
     # Steps are joint, origin, joint, origin, ...; the last is the flange.
     assert [each.index for each in origins] == [1, 3, 5, 7, 9]
     assert [each.part.stop - each.part.start for each in origins] == [3, 3, 3, 3, 2]
-    # What is left of the last one is across the last joint's axis, as its frame has it.
+    # The last one is across the last joint's axis, in its frame.
     last = origins[-1].directions
     # Named "z", it is z and not -z.
     assert (last[[0, 1], np.abs(last).argmax(axis=1)] > 0.0).all()
@@ -248,7 +256,7 @@ def test_a_joint_that_stands_still_is_a_link() -> None:
     assert joint_names(joints["joint_lag"]) == ["j0", "j1", "j3", "j4"]
     # Behind the first that moves, its zero turns all that follows.
     assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4", "j5"]
-    # Behind the last that moves, and of that one, no log tells them from the mount.
+    # No log separates those of the last moving joint and behind it from the mount.
     assert layout.still == ("j5",)
     hidden = [each.labels for each in layout.placed if each.hidden]
     assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z")]
@@ -259,9 +267,9 @@ def test_options_take_entries_out() -> None:
     exact = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
     names = {each.unknown.name for each in lay_out(trajectory, exact).placed}
     assert names == {each.name for each in LEAN if not each.name.startswith("base_")}
-    told = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
-    np.testing.assert_array_equal(told.std[told.part("joint_zero")], 1e-3)
-    np.testing.assert_array_equal(told.std[told.part("origin")], 2e-4)
+    known = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
+    np.testing.assert_array_equal(known.std[known.part("joint_zero")], 1e-3)
+    np.testing.assert_array_equal(known.std[known.part("origin")], 2e-4)
 
 
 def _cross_axis(samples: Samples) -> Floats:
@@ -297,3 +305,15 @@ def test_one_entry_is_enough_to_add_an_unknown() -> None:
     off = [np.linalg.norm(each.state.t - log.mount.t) for each in (plain, found)]
     assert off[1] < 0.5 * off[0]
     assert found.evidence_over(plain) > 20.0
+
+
+@pytest.mark.parametrize("unknown", TABLE, ids=lambda each: each.name)
+def test_every_unknown_is_documented_with_its_prior(unknown: Unknown) -> None:
+    method = (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8")
+    (row,) = [line for line in method.splitlines() if line.startswith(f"| `{unknown.name}` |")]
+    assert f"| {unknown.words} | {unknown.unit} |" in row
+    if unknown.scale is None:
+        assert row.endswith(f"| {unknown.std:g} |")
+    else:
+        scale = SCALES[unknown.scale]
+        assert f"learnt, {scale.low:g} to {scale.high:g}" in row

@@ -1,0 +1,400 @@
+"""Robots without a fixed base, against their analytic motion: one IMU, and several together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.linalg import inv
+from scipy.linalg import solve as solve_dense
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.estimate.several_imus import (
+    OnRobot,
+    System,
+    groups,
+    solve_agreeing,
+    solve_together,
+)
+from imucalib_cli.jobs.several_imus import together
+from imucalib_cli.robot.path import JointStep
+from imucalib_cli.signals.dead_reckoning import dead_reckon
+from tests.estimate.estimate_arm import GRAVITY, Solved, beside, prior, solve
+from tests.estimate.estimate_walk import BASE, Walk, logged, readings_of
+from tests.slow import slow_after
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.estimate.model.layout import Placed
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
+    from imucalib_cli.robot.path import KinematicPath
+    from tests.estimate.estimate_arm import Log
+    from tests.estimate.estimate_walk import Floats
+
+    Imu = tuple[str, Solved, KinematicPath]
+
+LEG = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
+"""Thigh and shin turn about parallel axes."""
+
+
+def floating(walk: Walk, **options: Any) -> Solved:
+    return solve(logged(walk), gravity="none", **options)
+
+
+def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
+    walk = Walk()
+    t = np.arange(0.0, 20.0, 0.005)
+    gyro, accel = readings_of(walk.trunk, BASE, t)
+    quaternion, p = dead_reckon(gyro, accel, 0.005)
+    R_body, p_body = walk.trunk(t)
+    R, place = R_body @ BASE.R, p_body + R_body @ BASE.p
+    turned = Rotation.from_matrix(R[0].T @ R).inv() * Rotation.from_quat(quaternion)
+    assert turned.magnitude().max() < 2e-6
+    falling = place + 0.5 * GRAVITY * t[:, None] ** 2 * np.array([0, 0, 1.0])
+    error = p - falling @ R[0]
+    # Over a tenth of a second, as a filter sees it.
+    assert np.abs(np.diff(error[5:-5:20], 2, axis=0)).max() / 0.1**2 < 2e-4
+
+
+@pytest.mark.parametrize("seconds", slow_after(1, [0.2, 0.1, 0.4]))
+def test_without_noise_the_pose_is_exact_at_any_window(seconds: float) -> None:
+    found = floating(Walk(), window=WindowChoice(seconds=seconds))
+    assert found.distance < 2e-6
+    assert found.angle < 2e-6
+
+
+@pytest.mark.parametrize("walks", slow_after(1, [2, 8]))
+def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot(walks: int) -> None:
+    """The sum of squares is chi-squared of six degrees a walk."""
+    total = 0.0
+    for seed in range(walks):
+        found = floating(Walk(seed=seed, noisy=True, scale=3e-3, zero=1e-3, base_off=(1e-3, 3e-3)))
+        assert found.trusted
+        assert found.distance < 1e-3
+        assert found.angle < np.radians(0.1)
+        total += found.nees
+    assert chi2.ppf(0.001, 6 * walks) < total < chi2.ppf(0.999, 6 * walks)
+
+
+def test_stamps_of_three_clocks() -> None:
+    found = floating(Walk(noisy=True, rates=(200.0, 333.0), offsets=(0.006, -0.011)))
+    (base,), (std,) = found.parameter("base_time_offset")
+    assert base == pytest.approx(0.006, abs=5 * std)
+    assert found.time_offset == pytest.approx(-0.011, abs=5 * (found.time_offset_std or 0.0))
+    assert std < 1e-3
+    assert found.covered
+
+
+def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
+    """300 parts per million are 9 ms from one end of the log to the other, and eight sigma."""
+    found = floating(Walk(noisy=True, drifts=(300e-6, -200e-6), base_delay=0.002))
+    for name, true, most in (
+        ("base_clock_drift", 300e-6, 30e-6),
+        ("clock_drift", -200e-6, 30e-6),
+        ("base_gyro_delay", 0.002, np.inf),
+    ):
+        (value,), (std,) = found.parameter(name)
+        assert value == pytest.approx(true, abs=4 * std)
+        assert std < most
+    assert found.covered
+
+
+def test_a_gap_in_the_base_imu_is_a_gap() -> None:
+    log = logged(Walk(noisy=True))
+    base, joints = log.path.tracks
+    kept = (base.t < 9.0) | (base.t > 12.0)
+    short = replace(base, t=base.t[kept], values=base.values[kept])
+    found = solve(replace(log, path=replace(log.path, tracks=(short, joints))), gravity="none")
+    whole = floating(Walk(noisy=True))
+    assert found.residuals.gaps == 1
+    assert found.residuals.windows_used < 0.95 * whole.residuals.windows_used
+    assert found.covered
+
+
+def test_two_imus_on_one_body_are_calibrated_against_each_other() -> None:
+    found = floating(Walk(axes=(), noisy=True))
+    assert found.trusted
+    assert found.covered
+    assert found.distance < 1e-3
+    assert found.angle < np.radians(0.05)
+
+
+def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_shows() -> None:
+    """A centimetre and three degrees: larger than any drawing is wrong."""
+    walk = Walk(noisy=True, base_off=(5e-3, 0.03))
+    found = floating(walk)
+    assert "unknown.found" in found.codes
+    assert found.covered
+    assert floating(walk, base_std=(0.0,) * 6).nees > 100.0
+
+
+@pytest.mark.slow
+def test_a_prior_of_the_base_imu_is_in_sigma_where_the_motion_shows_nothing() -> None:
+    """One joint: a shift of both IMUs along its axis changes nothing."""
+    walk = Walk(noisy=True, axes=((0.0, 1.0, 0.0),))
+    held, known = (floating(walk, base_std=(std,) * 3 + (0.0,) * 3).sigma[1] for std in (0.0, 2e-3))
+    assert known == pytest.approx(np.hypot(held, 2e-3), rel=0.05)
+
+
+def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> None:
+    """The thigh's zero is off by 0.8 deg."""
+    walk = Walk(seed=1, noisy=True, axes=LEG, zero=0.01)
+    found = floating(walk)
+    assert found.covered
+    (zero,) = (each for each in found.findings if each.values["name"] == "joint_zero")
+    assert zero.values["like"] == "origin between two joints (j2 x)"
+    j1 = next(each for each in found.parameters if each.label == "j1")
+    assert j1.value == pytest.approx(walk.zeros[1], abs=1e-3)
+
+
+def test_no_information_is_made_up_where_parallel_joints_show_none() -> None:
+    """Turned at the hip or at the foot, with the knee carried along: the log sees the same."""
+    equations = floating(Walk(axes=LEG, noisy=True)).log_statistics.equations
+    pose = {"translation", "rotation", "origin", "joint_zero"}
+    parts = [each.part for each in equations.layout.placed if each.unknown.name in pose]
+    places = np.concatenate([np.arange(part.start, part.stop) for part in parts])
+    A = equations.information[np.ix_(places, places)]
+    unit = 1.0 / np.sqrt(np.diag(A))
+    # A part in ten thousand of false columns would have held the hip to some milliradians.
+    assert np.linalg.eigvalsh(A * np.outer(unit, unit))[0] < 1e-12
+
+
+def test_gravity_shows_the_scale_that_both_accelerometers_share() -> None:
+    """It cancels between the two, and the lengths, which are wrong too, would follow the scale."""
+    walk = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015, length=5e-4)
+    with_gravity, without = (floating(walk, gravity_norm=norm) for norm in (GRAVITY, 0.0))
+    assert with_gravity.covered
+    assert with_gravity.distance < 3e-4
+    assert without.distance > 8e-4
+
+
+@pytest.mark.slow
+def test_an_hour_keeps_its_digits() -> None:
+    """The last minute of an hour says what the first one does, though it fell 60 000 km."""
+    log = Walk(seconds=3600.0).log()
+    for start in (0.0, 3540.0):
+        part = log.kept((log.imu.t >= start) & (log.imu.t < start + 60.0))
+        found = solve(part, gravity="none")
+        assert found.distance < 2e-6
+        assert found.angle < 2e-6
+
+
+def walk(seed: int) -> Walk:
+    """With errors of every kind that both IMUs share."""
+    return Walk(
+        seed=seed,
+        seconds=20.0,
+        noisy=True,
+        scale=3e-3,
+        zero=1e-3,
+        length=5e-4,
+        base_off=(1e-3, 3e-3),
+        offsets=(0.004, -0.006),
+    )
+
+
+def imu(name: str, log: Log, **options: Any) -> Imu:
+    return name, solve(log, gravity="none", **options), log.path
+
+
+@lru_cache(maxsize=16)
+def imus(seed: int) -> tuple[Imu, Imu]:
+    """Shank and foot, each by itself."""
+    return imu("/imu/shank", walk(seed).shank()), imu("/imu/foot", logged(walk(seed)))
+
+
+def jointly(imus: Sequence[Imu]) -> list[Solved]:
+    """All of them, solved together."""
+    mounts = [alone.mount for _, alone, _ in imus]
+    return [beside(*each) for each in zip(together(imus), mounts, strict=True)]
+
+
+@lru_cache(maxsize=16)
+def joined(seed: int) -> list[Solved]:
+    return jointly(imus(seed))
+
+
+def statistics(imus: Sequence[Imu]) -> list[LogStatistics]:
+    return [found.log_statistics for _, found, _ in imus]
+
+
+def alone(log: LogStatistics) -> Answer:
+    return log.equations.solve(log.options)
+
+
+def test_one_imu_is_solved_as_by_itself() -> None:
+    foot = imus(2)[1]
+    (log,) = statistics([foot])
+    own, (found,) = alone(log), solve_together([log])
+    np.testing.assert_allclose(found.state.t, own.state.t, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.state.R, own.state.R, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.state.x, own.state.x, rtol=0, atol=1e-10)
+    scale = np.sqrt(np.diag(own.covariance)) + 1e-300
+    difference = (found.covariance - own.covariance) / np.outer(scale, scale)
+    assert np.abs(difference).max() < 1e-8
+    assert together([foot]) == [foot[1]]
+
+
+def named(place: int, placed: Placed, index: int) -> dict[tuple[object, ...], float]:
+    """A component as a sum of unknowns of the robot or of one IMU."""
+    label = placed.labels[index]
+    if placed.unknown.name == "origin":
+        axes = enumerate(placed.directions[index])
+        return {("origin", label.split(" ")[0], axis): float(each) for axis, each in axes}
+    shared = placed.unknown.name.startswith(("joint_", "base_"))
+    return {("all" if shared else place, placed.unknown.name, label): 1.0}
+
+
+def test_it_is_the_answer_of_one_dense_system() -> None:
+    """Put together by names, in values instead of steps."""
+    logs = statistics(imus(2))
+    system = System.of(logs)
+    std: dict[tuple[object, ...], float] = {}
+    expected: dict[tuple[object, ...], float] = {}
+    sums: list[list[dict[tuple[object, ...], float]]] = [[] for _ in logs]
+    for place, log in enumerate(logs):
+        layout = log.equations.layout
+        known = layout.std_at(layout.bounds.mean(axis=1))
+        for placed in layout.placed:
+            for index, at in enumerate(range(placed.part.start, placed.part.stop)):
+                parts = named(place, placed, index)
+                std |= dict.fromkeys(parts, float(known[at]))
+                if placed.unknown.name == "time_offset":
+                    expected |= dict.fromkeys(parts, float(log.equations.at.x[at]))
+                sums[place].append(parts)
+    P = np.diag([each**-2 for each in std.values()])
+    H, right = P.copy(), P @ [expected.get(name, 0.0) for name in std]
+    maps = [np.array([[each.get(name, 0.0) for name in std] for each in one]) for one in sums]
+    for log, T in zip(logs, maps, strict=True):
+        equations = log.equations
+        A, b = equations.information / equations.level, equations.score / equations.level
+        H += T.T @ A @ T
+        right += T.T @ (A @ equations.at.x - b)
+    values = solve_dense(H, right, assume_a="pos")
+    step, covariance = system.problem.solve(system.problem.bounds.mean(axis=1))
+    for log, part, T in zip(logs, system.parts, maps, strict=True):
+        found = log.equations.at.x + part.held + part.to_own @ step
+        C = T @ inv(H) @ T.T
+        sigma = np.sqrt(np.diag(C))
+        assert np.abs((found - T @ values) / sigma).max() < 1e-5
+        difference = part.to_own @ covariance @ part.to_own.T - C
+        assert np.abs(difference / np.outer(sigma, sigma)).max() < 1e-5
+
+
+@pytest.mark.parametrize("seeds", slow_after(1, [[2, 3], range(24)]))
+def test_errors_are_smaller_together_and_sigma_stays_true(seeds: Sequence[int]) -> None:
+    before = [found for seed in seeds for _, found, _ in imus(seed)]
+    after = [found for seed in seeds for found in joined(seed)]
+    assert all("imus.together" in each.codes for each in after)
+    rms = [np.sqrt(np.mean([each.distance**2 for each in group])) for group in (before, after)]
+    assert rms[1] < 0.95 * rms[0]
+    assert sum(each.nees for each in after) < chi2.ppf(0.999, 12 * len(seeds))
+
+
+@pytest.mark.parametrize("seeds", slow_after(1, [[2, 3], range(4)]))
+def test_what_is_shared_is_one_and_found_better(seeds: Sequence[int]) -> None:
+    """The place of the trunk's IMU, which a displaced first joint looks like."""
+    before, after = [], []
+    for seed in seeds:
+        log = walk(seed)
+        true = log.base_off[0] * np.random.default_rng([seed, 5]).normal(size=3) - log.first_off
+        one, other = (each.parameter("base_translation")[0] for each in joined(seed))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+        before += [each.parameter("base_translation")[0] - true for _, each, _ in imus(seed)]
+        after.append(one - true)
+    assert np.mean(np.square(after)) < 0.8 * np.mean(np.square(before))
+
+
+def test_the_order_of_imus_does_not_matter() -> None:
+    turned = together(imus(2)[::-1])[::-1]
+    for each, again in zip(joined(2), turned, strict=True):
+        np.testing.assert_array_equal(each.t_parent_imu, again.t_parent_imu)
+        np.testing.assert_array_equal(each.covariance, again.covariance)
+        assert each.findings == again.findings
+
+
+def with_wrong_zero(log: Log) -> Log:
+    """A path whose first joint is off by 0.01 rad."""
+    steps = list(log.path.steps)
+    assert isinstance(steps[3], JointStep)
+    steps[3] = replace(steps[3], offset=0.01)
+    return replace(log, path=replace(log.path, steps=tuple(steps)))
+
+
+def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
+    foot = imus(2)[1]
+    wrong = imu("/imu/shank", with_wrong_zero(walk(2).shank()))
+    assert wrong[1].trusted
+    for each, before, other in zip(
+        jointly([wrong, foot]), (wrong[1], foot[1]), (foot[0], wrong[0]), strict=True
+    ):
+        np.testing.assert_array_equal(each.t_parent_imu, before.t_parent_imu)
+        disagree = each.finding("imus.disagree")
+        assert disagree["others"] == (other,)
+        assert disagree["sigmas"] > 6.0
+
+
+@pytest.mark.slow
+def test_of_three_the_one_that_disagrees_is_left_out() -> None:
+    shank, foot = imus(2)
+    wrong = imu("/imu/thigh", with_wrong_zero(walk(2).shank()))
+    logs = statistics([shank, wrong, foot])
+    solved = solve_agreeing(logs, [alone(log) for log in logs])
+    assert list(solved.strangers) == [1]
+    for place, answer in zip((0, 2), solve_together([logs[0], logs[2]]), strict=True):
+        np.testing.assert_array_equal(solved.answers[place].state.t, answer.state.t)
+
+
+@pytest.mark.parametrize("names", slow_after(1, ["tx ty tz", "tx ty tz rx ry rz"]))
+def test_what_is_held_of_the_mounts_stays_held(names: str) -> None:
+    held = dict.fromkeys(names.split(), 0.0)
+    logs = {"/imu/shank": walk(2).shank(), "/imu/foot": logged(walk(2))}
+    found = jointly([imu(name, log, pose=prior(log.mount, **held)) for name, log in logs.items()])
+    for each in found:
+        assert "imus.together" in each.codes
+        np.testing.assert_allclose(each.t_parent_imu, each.mount.t, rtol=0, atol=1e-12)
+        assert (each.sigma[:3] == 0.0).all()
+        assert ((each.sigma[3:] == 0.0) == ("rx" in held)).all()
+
+
+def test_an_imu_that_is_not_to_be_trusted_takes_nobody_along() -> None:
+    (name, shank, path), foot = imus(2)
+    vague = replace(shank, statistics=replace(shank.log_statistics, widened=1e-6 * np.eye(6)))
+    assert together([(name, vague, path), foot]) == [vague, foot[1]]
+
+
+def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None:
+    shank, foot = (OnRobot.of(each.log_statistics, path) for _, each, path in imus(2))
+    assert groups([shank, foot]) == [[0, 1]]
+    elsewhere = replace(foot, joints={**foot.joints, "j0": "/other/joint_states"})
+    assert groups([shank, elsewhere]) == []
+    assert groups([shank, replace(foot, root=("map",)), foot]) == [[0, 2]]
+    exact = replace(foot.log, options=replace(foot.log.options, robot="exact"))
+    assert groups([shank, replace(foot, log=exact)]) == []
+
+
+def test_where_chains_part_at_the_base_their_first_joints_may_be_elsewhere() -> None:
+    """The base IMU's place is then not quite one place for both."""
+    shank, foot = statistics(imus(2))
+    layout = foot.equations.layout
+    renamed = tuple(
+        replace(placed, joint=None if placed.joint is None else replace(placed.joint, name="k"))
+        for placed in layout.placed
+    )
+    equations = replace(foot.equations, layout=replace(layout, placed=renamed))
+
+    def variances(logs: list[LogStatistics]) -> Floats:
+        """Of the base IMU's place, at scales in the middle of their ranges."""
+        system = System.of(logs)
+        own, middle = system.parts[0].to_own, system.problem.bounds.mean(axis=1)
+        part = shank.equations.layout.part("base_translation")
+        return np.diag(own @ system.problem.covariance(middle) @ own.T)[part]
+
+    apart = variances([shank, replace(foot, equations=equations)])
+    assert (apart > variances([shank, foot])).all()
