@@ -16,8 +16,7 @@ import typer
 import imucalib_cli
 from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
-from imucalib_cli.cli.main import COMMANDS, app_of
-from imucalib_cli.cli.options import with_groups
+from imucalib_cli.cli.main import COMMANDS, app_of, command_of
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
@@ -46,7 +45,7 @@ def options(command: str, *panels: str, without: Iterable[str] = ()) -> str:
         without: Panels that are left out.
     """
     tables: dict[str, list[tuple[str, ...]]] = {}
-    annotations = inspect.signature(with_groups(COMMANDS[command])).parameters
+    annotations = inspect.signature(command_of(command)).parameters
     for option in typer.main.get_command(app_of()).commands[command].params:  # type: ignore[attr-defined]
         if option.param_type_name == "option" and option.name in annotations:
             kind = annotations[option.name].annotation
@@ -142,7 +141,7 @@ def _reached(room: str, imports: dict[str, set[str]]) -> set[str]:
 
 
 def _summary(command: str) -> str:
-    return (inspect.getdoc(COMMANDS[command]) or "").split("\n", maxsplit=1)[0]
+    return (inspect.getdoc(command_of(command)) or "").split("\n", maxsplit=1)[0]
 
 
 def _value(kind: Any, metavar: str | None) -> str:

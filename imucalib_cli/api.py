@@ -385,7 +385,7 @@ def _request(
 
 
 def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> ExpectedImu:
-    """An IMU by its data sheet, with priors of biases that the options leave free."""
+    """An IMU by its data sheet, with priors of the biases that the options leave free."""
     priors: tuple[Sensor, ...] = ()
     if isinstance(options, MatchedOptions):
         stds: dict[Sensor, float] = {
@@ -431,7 +431,7 @@ def _one(name: str, value: str | None) -> tuple[str, ...]:
 
 
 def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[Any, ...]:
-    """The texts of a sequence of them; ChoiceError where it is none."""
+    """A sequence of texts as a tuple; ChoiceError where it is something else."""
     _see_kind(name, values, (list, tuple))
     for value in values or ():
         _see_kind(name, value, kinds)

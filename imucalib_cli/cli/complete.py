@@ -1,6 +1,6 @@
-"""What the shell is offered on Tab: topics of the log given, links of the URDF given, names.
+"""Completions for the shell: topics of the given log, links of the given URDF, names.
 
-A callback reads only what a log's index tells, and offers nothing where a file cannot be read.
+A callback reads only the index of a log, and offers nothing if a file cannot be read.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Completion = Callable[[typer.Context, str], list[str]]
 
 _PATIENCE = 1.0
-"""s of computing that one waits for Tab: a log without an index would be read to its end."""
+"""s of computing for one Tab: a log without an index would be read to its end."""
 
 
 def topics(kind: Kind) -> Completion:
@@ -86,7 +86,7 @@ def studies(incomplete: str) -> list[str]:
 
 @contextmanager
 def _quietly() -> Iterator[None]:
-    """Give up without a word, and soon: whoever runs the command is told what is wrong."""
+    """Give up silently, and soon: the command itself tells what is wrong."""
     if hasattr(signal, "setitimer"):
         signal.signal(signal.SIGPROF, _give_up)
         signal.setitimer(signal.ITIMER_PROF, _PATIENCE)
@@ -101,7 +101,7 @@ def _give_up(*_: object) -> None:
 
 
 def _arguments(ctx: typer.Context, *names: str) -> list[str]:
-    """Arguments on the command line; where its last option still has no value, they are unread."""
+    """Arguments on the command line; click has not parsed them if the last option has no value."""
     given = next(filter(None, map(ctx.params.get, names)), ctx.args)
     return [given] if isinstance(given, str) else list(given)
 

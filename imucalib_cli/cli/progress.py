@@ -1,4 +1,4 @@
-"""How work gets on: a bar on a terminal; elsewhere long work says a line now and then."""
+"""Progress: a bar on a terminal; elsewhere long work prints a line now and then."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.output import say, takes_codes
@@ -19,26 +19,25 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 PATIENCE = 2.0
-"""s before the bar appears."""
+"""s until the bar appears."""
 LINE_PATIENCE = 5.0
-"""s before anything is said where no bar is."""
+"""s until the first line where no bar is."""
 _LINES = 10
-"""Of the whole work."""
+"""Lines for the whole work."""
 _OFF = "\r\x1b[2K\x1b[?25h"
-"""Clears a terminal's line and shows its cursor again, as ECMA-48 and xterm have it."""
+"""Clears a terminal's line and shows its cursor again (ECMA-48, xterm)."""
 
 
 class ProgressBar:
-    """Context manager whose :meth:`report` may be called as often as one likes, from any thread.
+    """Context manager; any thread may call :meth:`report`, as often as it likes.
 
-    The bar is on stderr, only if that is a terminal, and only after two seconds.
+    The bar appears on stderr after two seconds, if stderr is a terminal.
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
         self._enabled = takes_codes(sys.stderr) and not quiet
         self._lock = threading.Lock()
-        self._words = "starting"
-        self._share: float | None = None
+        self._state: dict[str, Any] = {"description": "starting", "total": None, "completed": 0.0}
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._leaving = ExitStack()
@@ -60,9 +59,10 @@ class ProgressBar:
         self._leaving.close()
 
     def report(self, words: str, share: float | None = None) -> None:
-        """Say what is being done and which share of it, 0 to 1, if that is known."""
+        """Show what is being done and its share, 0 to 1, if that is known."""
+        total = None if share is None else 1.0
         with self._lock:
-            self._words, self._share = shown(words), share
+            self._state = {"description": shown(words), "total": total, "completed": share or 0.0}
             self._show()
 
     def _break_off(self) -> None:
@@ -72,7 +72,7 @@ class ProgressBar:
             sys.stderr.write(_OFF)
 
     def _appear(self) -> None:
-        # rich is imported only now: most runs end before
+        # rich is imported only now: most runs end earlier
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -86,24 +86,20 @@ class ProgressBar:
                 console=Console(file=sys.stderr),
                 transient=True,
             )
-            self._task = self._bar.add_task(self._words, total=None)
+            self._task = self._bar.add_task("", total=None)
             self._bar.start()
             self._show()
 
     def _show(self) -> None:
-        if self._bar is None or self._task is None:
-            return
-        total = None if self._share is None else 1.0
-        self._bar.update(
-            self._task, description=self._words, total=total, completed=self._share or 0.0
-        )
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, **self._state)
 
 
 class CountProgress:
-    """Context manager that is told how many of many alike are done, some at a time.
+    """Context manager for many tasks of one kind: how many are done and how long the rest takes.
 
-    Interrupted, it says how many are kept in a file or a folder, and how to go on. What is kept
-    there, such as rows, is said at the beginning if it is named.
+    When it is interrupted it says how many are kept in ``place``, and how to go on. ``kept`` names
+    what ``place`` holds, such as rows.
     """
 
     def __init__(
@@ -147,11 +143,11 @@ class CountProgress:
 
     @property
     def before(self) -> int:
-        """How many an earlier session did."""
+        """Number that an earlier session did."""
         return self._before or 0
 
     def report(self, done: int, of: int) -> None:
-        """Say how many are done; the first time, how many an earlier session did."""
+        """Report how many are done; the first call tells how many an earlier session did."""
         if self._before is None:
             self._before, self._begun = done, time.monotonic()
         self._done, self._all = done, of
@@ -184,7 +180,7 @@ class CountProgress:
             say(self._name, f"{self._all} {self._noun}{before}{kept}")
 
     def _left(self) -> str:
-        """How long the rest will take if it takes as long as what was done in this session."""
+        """The time for the rest, at the speed of this session."""
         here = self._done - self.before
         if here < self._jobs or self._done == self._all:
             return ""

@@ -131,7 +131,7 @@ def batch_command(
     if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
         raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
     if request.urdf is not None:
-        load_robot(request.urdf)  # once, rather than in an error of every log
+        load_robot(request.urdf)  # one error here, not one for every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
     found = find_logs(listed(logs, "logs"), left_out=output)
     if not found.logs:
@@ -185,7 +185,7 @@ def batch_command(
 def _see_options(
     output: Path | None, extras: ExtrasForEachLog, dask: str | None, of_this_machine: int | None
 ) -> None:
-    """Raise ChoiceError where an option means nothing beside another."""
+    """Raise ChoiceError where options contradict each other."""
     if output is None and any(vars(extras).values()):
         raise ChoiceError("files beside the results need a folder: add -o FOLDER")
     if dask not in {None, "local"} and of_this_machine:
@@ -207,7 +207,7 @@ def _show(records: "Sequence[Record]", form: str) -> None:
 def _see_places(
     read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
 ) -> None:
-    """See before any work that nothing is lost by what is written."""
+    """Check before any work that nothing is lost by writing."""
     from imucalib_cli.batch.batch import SUMMARY
     from imucalib_cli.results.atomic import see_folder_writable
     from imucalib_cli.results.places import see_places
@@ -235,7 +235,7 @@ def _tell_finding(finding: "Finding", *, quiet: bool) -> None:
 
 
 def _tell(record: "Record", *, quiet: bool) -> None:
-    """What is wrong with a log: as GitHub shows it where it runs there."""
+    """Print what is wrong with a log; on GitHub in the form that GitHub shows."""
     from imucalib_cli.batch.tables import complaints, github_lines
 
     if os.environ.get("GITHUB_ACTIONS") == "true":

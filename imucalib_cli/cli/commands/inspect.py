@@ -25,7 +25,7 @@ from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
-else:  # typer evaluates it too; to it it is what the parser makes
+else:  # typer evaluates it; the parser decides the type
     LogPath = object
 
 

@@ -98,7 +98,7 @@ def run_command(
     target = None if output is None else Path(output)
     chosen = chosen_format(fmt, target)
     folder = target if output is not None and is_folder(output) else None
-    # found out before minutes of computing what would come to light after them
+    # checked here, not after minutes of computing
     if folder is not None:
         see_folder_writable(folder)
     single = [] if target is None or folder is not None else [target]
@@ -133,7 +133,7 @@ def run_command(
                 extras, outcome, read=read, written=single, force=force, quiet=quiet
             )
             if kinematics_report:
-                # beside a result on stdout that programs read it goes to stderr
+                # to stderr where stdout has a result for programs
                 _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         if not quiet:
             tell(found, chosen, target, hint=fmt is None)
@@ -161,7 +161,7 @@ def _see_joint(
     *,
     kinematics_report: bool,
 ) -> None:
-    """Raise ChoiceError where something is asked that --joint cannot do."""
+    """Raise ChoiceError where --joint cannot do what other options ask for."""
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
     if len(logs) == 1:
@@ -175,7 +175,7 @@ def _see_joint(
 
 
 def give(results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: bool) -> None:
-    """Write results in a format to a file, or to stdout; a summary to stdout is paged."""
+    """Write results in a format to a file, or to stdout."""
     if results and fmt == "summary" and target is None:
         show(_in_words(results, sys.stdout))
     elif results:
@@ -183,7 +183,7 @@ def give(results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: b
 
 
 def deliverable(results: "Sequence[Result]", fmt: str, *, force: bool) -> "list[Result]":
-    """Results that may be written in a format; of others an error says why not."""
+    """Results that may be written in a format; an error is printed for each other one."""
     usable = []
     for result in results:
         try:
@@ -202,7 +202,7 @@ def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
 
 
 def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool) -> None:
-    """To a person the summary, unless stdout has it; beside a result, and to a log, what is wrong.
+    """Print on stderr what stdout does not say: the summary on a terminal, else the findings.
 
     Where stdout has words, a ``hint`` says how to get the result as YAML.
     """
@@ -213,7 +213,7 @@ def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bo
         sys.stderr.write(_in_words(results, sys.stderr))
     elif not (is_terminal(sys.stderr) and in_words):
         for result in results:
-            # the cause, where one was found, before what comes of it
+            # a cause that was found comes first, its effects follow
             for reason in (*result.diagnostics.distrust, *unobservable_fields(result)):
                 say("untrusted", f"{result.child}: {reason}")
         for finding in findings_of(results):

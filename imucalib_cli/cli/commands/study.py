@@ -138,11 +138,11 @@ def _blocks(tables: "Iterable[StudyTable]") -> "Iterator[Block]":
 
 
 def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[StudyTable]":
-    """Tables of rows; ChoiceError where somebody changed their file into another study's."""
+    """Tables of rows; ChoiceError where the file does not hold rows of this study."""
     try:
         return study.tables(rows)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        if not old:  # nobody's fault but ours
+        if not old:  # an error of this code
             raise
         from imucalib_cli.study.runner import REMEDY
 

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     from imucalib_cli.results.fields import Field
 
     Components = list[int]
-else:  # typer evaluates this too
+else:  # typer evaluates it
     Components = object
 
 _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
-"""Options of the recording that mean something for a result too."""
+"""Options of a recording that hold for results too."""
 
 
 def verify_command(
@@ -115,7 +115,7 @@ def give_answers(
     output: Path | None,
     quiet: bool,
 ) -> int:
-    """Write answers, and a sentence each where it is not the answer; the worst IMU's exit code."""
+    """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU."""
     from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
     from imucalib_cli.results.comparison.answers import as_csv
 
@@ -149,12 +149,12 @@ def give_answers(
 
 
 def named(answer: Any, sentence: str, *, several: bool) -> str:
-    """A sentence on an answer, of several after the file that it is about."""
+    """A sentence on an answer; if there are several, its file comes first."""
     return f"{answer.about}: {sentence}" if several and answer.about else sentence
 
 
 def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
-    """See that nothing but results is given, and no option that only a log can answer."""
+    """Raise ChoiceError where logs are mixed with results, or an option is for logs only."""
     from imucalib_cli.jobs.result_files import display_name
 
     if len(results) < len(given):
