@@ -140,20 +140,10 @@ def test_other_frames_need_the_urdf(write: Any, tmp_path: Path, imucalib: Imucal
     assert "two mounts: compare results of the same IMU" in said.err
 
 
-def test_what_is_no_result_is_one_line(write: Any, tmp_path: Path, imucalib: Imucalib) -> None:
-    first = write("a.yaml", make())
-    assert "cannot be read" in imucalib("diff", first, tmp_path / "none.yaml", code=1).err
-    said = imucalib("diff", first, first, "-o", first, code=2)
-    assert "is an input and would be overwritten" in said.err
-
-
-@pytest.mark.parametrize("damage", ["one-sided", "impossible"])
-def test_a_covariance_that_is_none_is_refused(damage: str, write: Any, imucalib: Imucalib) -> None:
+def test_a_negative_variance_is_refused(write: Any, imucalib: Imucalib) -> None:
     """It would pass for certainty: a negative variance is not a small one."""
     covariance = SMALL.copy()
-    covariance[0, 1] = 2e-8
-    if damage == "impossible":
-        covariance[1, 0] = 2e-8
+    covariance[0, 1] = covariance[1, 0] = 2e-8
     first, second = write("a.yaml", make()), write("b.yaml", make(covariance=covariance))
     err = imucalib("diff", first, second, code=1).err
     assert "b.yaml: covariance of imu_link in hand is not symmetric" in err

@@ -1,4 +1,4 @@
-"""What a person at a terminal sees, and that pipes and files are not concerned."""
+"""What a terminal shows, and that no name from a file commands it; pipes and files stay plain."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import fcntl
 import json
 import os
 import re
+import shlex
 import struct
 import sys
 import termios
 import threading
+import time
 import tty
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +21,13 @@ import pytest
 import yaml
 
 from imucalib_cli.cli.main import main
-from imucalib_cli.cli.output import wants_colour
+from imucalib_cli.cli.output import say, wants_colour
+from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.results.formats import FORMATS
 from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
@@ -222,7 +226,11 @@ def test_no_name_commands_the_terminal(
     texts = [
         *shown("inspect", log, columns=60)[1:],
         *shown("inspect", log, "--urdf", arm_urdf, columns=160)[1:],
+        *shown("inspect", log, streams=())[1:],
         *shown("run", log, "--urdf", arm_urdf)[1:],
+        *shown("run", log, "--urdf", arm_urdf, "--format", "summary", streams=())[1:],
+        *shown("run", log, "--urdf", arm_urdf, "--format", "yaml")[1:],
+        *shown("run", log, "--urdf", arm_urdf, "--format", "json")[1:],
         *shown("run", log, "--urdf", arm_urdf, "-o", tmp_path / "o\x1b[2J.yaml")[1:],
         *shown("verify", log, "--urdf", arm_urdf)[1:],
         *shown("diff", result, result)[1:],
@@ -331,3 +339,37 @@ def test_colour_is_for_terminals_that_want_it(
         monkeypatch.setenv("TERM", "xterm")
         monkeypatch.setenv("NO_COLOR", "1")
         assert not wants_colour(stream)
+
+
+def test_a_line_on_stderr_stays_one_short_line(capsys: pytest.CaptureFixture[str]) -> None:
+    say("error", "frame 'a\x1b[2Jb\x07' of\n topic \u202e/c")
+    assert capsys.readouterr().err == "error: frame 'a\\x1b[2Jb\\x07' of topic \\u202e/c\n"
+    say("error", "x" * 1_000_000)
+    assert capsys.readouterr().err.endswith("x… (1000000 letters)\n")
+    say("error", "x" * 3000)
+    assert capsys.readouterr().err == f"error: {'x' * 3000}\n"
+
+
+def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imucalib_cli.cli.progress.PATIENCE", 0.0)
+    monkeypatch.setattr("imucalib_cli.cli.progress.takes_codes", lambda _: True)
+    with ProgressBar() as bar:
+        time.sleep(0.2)
+        bar.report("reading [/x]\x1b[2J", 0.5)
+        assert bar._state["description"] == "reading [/x]\\x1b[2J"
+
+
+@pytest.mark.parametrize("name", ["x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"])
+def test_tf_arguments_survive_a_shell(name: str) -> None:
+    words = shlex.split(FORMATS["tf"].render([make_result(child=name, parent="hand")]))
+    assert words[-4:] == ["--frame-id", "hand", "--child-frame-id", name]
+
+
+def test_a_pipe_or_an_endless_file_ends_no_command_late(
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    said = imucalib("verify", tmp_path / "pipe", "--urdf", arm_urdf, code=1)
+    assert "is a pipe or a device" in said.err
+    said = imucalib("apply", "/dev/zero", "--urdf", arm_urdf, code=1)
+    assert "more than 4 MB: it should be a result of imucalib run" in said.err

@@ -12,7 +12,6 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
@@ -76,17 +75,6 @@ def test_what_was_before_a_move_is_left_out(moved: Path, imucalib: Imucalib) -> 
     imucalib("trend", moved, "--since", "2026-05-04T00:00Z", code=4)
     said = imucalib("trend", moved, "--since", "yesterday", code=2)
     assert "--since yesterday: expected a date" in said.err
-
-
-@pytest.mark.parametrize("command", ["trend", "diff"])
-def test_results_are_read_from_disk(
-    command: str, moved: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    url = "https://me:secret@there/result.yaml?token=secret"
-    assert main([command, str(next(moved.iterdir())), url]) in {1, 2}
-    err = capsys.readouterr().err
-    assert "secret" not in err
-    assert "https://there/result.yaml?…" in err
 
 
 def test_a_folder_holds_other_files_too(still: Path, imucalib: Imucalib) -> None:
