@@ -30,6 +30,7 @@ from tests.troubleshooting.scene import (
     noisy,
     on_arm,
     on_body,
+    provocation,
     with_imu,
     with_robot,
 )
@@ -206,22 +207,19 @@ def dead_axis_without_noise() -> Recording:
     return with_imu(clean(ARM), gyro=clean(ARM).imu.gyro * (1, 0, 1))
 
 
+@provocation
 def struck(
-    *options: str | float, run: Sequence[str] = (), edit: Edit = lambda text: text
-) -> Provocation:
+    scene: Scene, *options: str | float, run: Sequence[str] = (), edit: Edit = lambda text: text
+) -> Seen:
     """Feet that strike with every step; the URDF may be spoilt."""
-
-    def provocation(scene: Scene) -> Seen:
-        log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
-        made = scene.cli(
-            *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems"),
-            *("--duration", 8, *options),
-        )
-        assert made.code == 0
-        urdf.write_text(edit(urdf.read_text()))
-        return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot", *run)
-
-    return provocation
+    log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
+    made = scene.cli(
+        *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems"),
+        *("--duration", 8, *options),
+    )
+    assert made.code == 0
+    urdf.write_text(edit(urdf.read_text()))
+    return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot", *run)
 
 
 SENSORS: dict[str, Provocation] = {
@@ -493,17 +491,14 @@ def poses_unusable() -> Recording:
     return with_robot(noisy(BODY), position=position)
 
 
-def inspected(gyro: float = 1.0, accel: float = 1.0) -> Provocation:
+@provocation
+def inspected(scene: Scene, gyro: float = 1.0, accel: float = 1.0) -> Seen:
     """The warnings of `imucalib inspect`, which go to stdout, on multiplied values of the IMU."""
-
-    def provocation(scene: Scene) -> Seen:
-        imu = noisy().imu
-        recording = with_imu(noisy(), gyro=imu.gyro * gyro, accel=imu.accel * accel)
-        seen = scene.cli("inspect", scene.log(recording))
-        warnings = (line for line in seen.out.splitlines() if line.startswith("warning"))
-        return Seen(seen.code, "\n".join(warnings))
-
-    return provocation
+    imu = noisy().imu
+    recording = with_imu(noisy(), gyro=imu.gyro * gyro, accel=imu.accel * accel)
+    seen = scene.cli("inspect", scene.log(recording))
+    warnings = (line for line in seen.out.splitlines() if line.startswith("warning"))
+    return Seen(seen.code, "\n".join(warnings))
 
 
 def from_the_middle(size: float) -> Floats:

@@ -121,7 +121,7 @@ def batch_command(
     from imucalib_cli.batch.content_key import context_of, urdf_hash
     from imucalib_cli.batch.local import MEMORY, default_workers
     from imucalib_cli.batch.logs import find_logs
-    from imucalib_cli.batch.tables import TABLES, counted, json_line
+    from imucalib_cli.batch.tables import counted, json_line
     from imucalib_cli.batch.task import Task
     from imucalib_cli.cli.extras import for_each_log
     from imucalib_cli.robot.urdf import load_robot
@@ -139,7 +139,11 @@ def batch_command(
     paths = (path for log in found.logs for path in log.paths)
     read = files_of(*paths, recording.urdf, estimator.imu_model)
     _see_places(read, output, (markdown, junit))
-    tell = partial(_tell_finding, quiet=quiet)
+
+    def tell(finding: "Finding") -> None:
+        if not quiet:
+            say("note", finding.message)
+
     for finding in found.findings:
         tell(finding)
     chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
@@ -172,10 +176,7 @@ def batch_command(
             if chosen == "jsonl":
                 deliver(json_line(record))
     ordered = [records[log] for log in found.logs]
-    _show(ordered, chosen)
-    for form, path in {"markdown": markdown, "junit": junit}.items():
-        if path is not None:
-            deliver(TABLES[form](ordered), path, quiet=quiet)
+    _give(ordered, chosen, {"markdown": markdown, "junit": junit}, quiet=quiet)
     if not quiet and chosen != "summary":
         kept = "" if output is None else f"; {output / SUMMARY}"
         say("batch", f"{counted(ordered)}{kept}")
@@ -195,13 +196,19 @@ def _see_options(
         )
 
 
-def _show(records: "Sequence[Record]", form: str) -> None:
+def _give(
+    records: "Sequence[Record]", chosen: str, files: "dict[str, Path | None]", *, quiet: bool
+) -> None:
+    """Write a table of all logs in the chosen form to stdout, and others to files."""
     from imucalib_cli.batch.tables import TABLES, words
 
-    if form == "summary":
+    if chosen == "summary":
         deliver_blocks(words(records))
-    elif form and form != "jsonl":
-        deliver(TABLES[form](records))
+    elif chosen not in {"", "jsonl"}:
+        deliver(TABLES[chosen](records))
+    for form, path in files.items():
+        if path is not None:
+            deliver(TABLES[form](records), path, quiet=quiet)
 
 
 def _see_places(
@@ -227,11 +234,6 @@ def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) 
     from imucalib_cli.batch.on_dask import DaskWorkers
 
     return DaskWorkers(dask, workers, memory, timeout)
-
-
-def _tell_finding(finding: "Finding", *, quiet: bool) -> None:
-    if not quiet:
-        say("note", finding.message)
 
 
 def _tell(record: "Record", *, quiet: bool) -> None:
