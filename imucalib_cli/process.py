@@ -1,4 +1,4 @@
-"""What a process is told before it computes."""
+"""Settings of processes: environment, signals, and how workers start and end."""
 
 from __future__ import annotations
 

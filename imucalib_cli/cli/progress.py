@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.entry import last_words
@@ -95,6 +96,7 @@ class ProgressBar:
             self._bar.update(self._task, **self._state)
 
 
+@dataclass(eq=False)
 class CountProgress:
     """Context manager for many tasks of one kind: how many are done and how long the rest takes.
 
@@ -102,23 +104,19 @@ class CountProgress:
     what ``place`` holds, such as rows.
     """
 
-    def __init__(
-        self,
-        name: str,
-        noun: str,
-        place: Path | None,
-        kept: str = "",
-        *,
-        fresh: bool,
-        jobs: int,
-        quiet: bool,
-    ) -> None:
-        self._name, self._noun, self._jobs = name, noun, jobs
-        self._place, self._kept, self._fresh = place, kept, fresh
-        self._bar = ProgressBar(quiet=quiet)
+    name: str
+    noun: str
+    place: Path | None
+    kept: str = ""
+    _: KW_ONLY
+    fresh: bool
+    jobs: int
+    quiet: bool
+
+    def __post_init__(self) -> None:
+        self._bar = ProgressBar(quiet=self.quiet)
         self._leaving = ExitStack()
-        self._lines = not takes_codes(sys.stderr) and not quiet
-        self._quiet = quiet
+        self._lines = not takes_codes(sys.stderr) and not self.quiet
         self._lock = threading.Lock()
         self._begun = time.monotonic()
         self._before: int | None = None
@@ -151,8 +149,8 @@ class CountProgress:
         if self._before is None:
             self._before, self._begun = done, time.monotonic()
         self._done, self._all = done, of
-        words = f"{done} of {of} {self._noun}{self._left()}"
-        self._bar.report(f"{self._name}: {words}", done / max(of, 1))
+        words = f"{done} of {of} {self.noun}{self._left()}"
+        self._bar.report(f"{self.name}: {words}", done / max(of, 1))
         if not self._lines or time.monotonic() - self._begun < LINE_PATIENCE:
             return
         self._say_begun()
@@ -160,15 +158,15 @@ class CountProgress:
             part = done * _LINES // max(of, 1)
             if self._said is not None and part > self._said:
                 self._said = part
-                say(self._name, words)
+                say(self.name, words)
 
     def _tell_interrupted(self) -> None:
-        if self._quiet or not self._all or self._place is None:
+        if self.quiet or not self._all or self.place is None:
             return
-        self._quiet = True  # once is enough
-        again = f"the same command {'without --fresh ' if self._fresh else ''}goes on"
-        kept = f"{self._done} of {self._all} {self._noun} are kept in {self._place}; {again}"
-        say("interrupted", kept if self._done else f"none of {self._all} {self._noun} was done")
+        self.quiet = True  # once is enough
+        again = f"the same command {'without --fresh ' if self.fresh else ''}goes on"
+        kept = f"{self._done} of {self._all} {self.noun} are kept in {self.place}; {again}"
+        say("interrupted", kept if self._done else f"none of {self._all} {self.noun} was done")
 
     def _say_begun(self) -> None:
         with self._lock:
@@ -176,13 +174,13 @@ class CountProgress:
                 return
             self._said = self._done * _LINES // max(self._all, 1)
             before = f", {self._before} of them done before" if self._before else ""
-            kept = f", {self._kept} in {self._place}" if self._kept else ""
-            say(self._name, f"{self._all} {self._noun}{before}{kept}")
+            kept = f", {self.kept} in {self.place}" if self.kept else ""
+            say(self.name, f"{self._all} {self.noun}{before}{kept}")
 
     def _left(self) -> str:
         """The time for the rest, at the speed of this session."""
         here = self._done - self.before
-        if here < self._jobs or self._done == self._all:
+        if here < self.jobs or self._done == self._all:
             return ""
         each = (time.monotonic() - self._begun) / here
         return f", about {_duration(each * (self._all - self._done))} left"
