@@ -65,7 +65,7 @@ def windows_of(outcome: Outcome) -> WindowSeries:
     return details.windows
 
 
-def write_all(outcome: Outcome, *, written: Sequence[Path] = (), **files: Path) -> list[Any]:
+def write_all(outcome: Outcome, written: Sequence[Path] = (), /, **files: Path) -> list[Any]:
     """Write the files; returns the errors."""
     extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
     return write_extras(extras, outcome, read=[], written=written, force=False, quiet=False)
@@ -408,7 +408,7 @@ def test_no_input_and_no_other_output_is_written_over(
 def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path) -> None:
     files = {"debug_mcap": tmp_path / "out.mcap", "residuals": tmp_path / "out.csv"}
     # a result that was written before
-    (failure,) = write_all(arm, written=[tmp_path / "out.foxglove.json"], **files)
+    (failure,) = write_all(arm, [tmp_path / "out.foxglove.json"], **files)
     assert isinstance(failure, ChoiceError)
     assert "would be written twice" in str(failure)
     assert [each.name for each in tmp_path.iterdir()] == ["out.csv"]

@@ -232,7 +232,7 @@ def test_options_reach_the_estimator(
     run_arm(*shlex.split(options))
     assert isinstance(estimator.options, PaperOptions if "paper" in options else MatchedOptions)
     for name, value in expected.items():
-        found = estimator.options
+        found: Any = estimator.options
         for part in name.split("."):
             found = getattr(found, part)
         if isinstance(value, str) or value is None:

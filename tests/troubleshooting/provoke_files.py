@@ -57,7 +57,7 @@ NAMES = (
 
 
 @provocation
-def on_a_moving_base(scene: Scene, *options: str, urdf: bool = True, **log: Any) -> Seen:
+def on_a_moving_base(scene: Scene, /, *options: str, urdf: bool = True, **log: Any) -> Seen:
     """An arm on a base that moves, without the IMU in its URDF."""
     shape, file = SHAPES["arm on a moving base"], scene.path("robot.urdf")
     file.write_text(shape.urdf())
@@ -97,7 +97,7 @@ def at(scene: Scene, name: str, prepare: Callable[[Path], object]) -> Seen:
 
 @provocation
 def spoilt(
-    scene: Scene, change: Callable[[bytes], bytes], name: str = "log.mcap", **options: Any
+    scene: Scene, /, change: Callable[[bytes], bytes], name: str = "log.mcap", **options: Any
 ) -> Seen:
     """The arm's log with other bytes."""
     log = scene.log(noisy(), name, **options)
@@ -172,7 +172,7 @@ def urdf(scene: Scene, edit: Edit) -> Seen:
 
 
 @provocation
-def remote(scene: Scene, url: str = "", **behaviour: Any) -> Seen:
+def remote(scene: Scene, /, url: str = "", **behaviour: Any) -> Seen:
     """A log behind a URL, or else of a server with a fault."""
     log = scene.writer().imu().write()
     with (
