@@ -9,18 +9,9 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from imucalib_cli.cli import parsers
+from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
 from imucalib_cli.cli.files import files_of, listed
-from imucalib_cli.cli.options import (
-    EstimatorOptions,
-    ExtrasForEachLog,
-    Quiet,
-    RecordingOptions,
-    Require,
-    calibration_request,
-    output_option,
-)
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
@@ -46,9 +37,9 @@ def batch_command(
         "stdin.",
     ),
     *,
-    recording: RecordingOptions,
-    estimator: EstimatorOptions,
-    output: Path | None = output_option(
+    recording: options.RecordingOptions,
+    estimator: options.EstimatorOptions,
+    output: Path | None = options.output_option(
         None,
         "-o",
         "--output",
@@ -58,28 +49,28 @@ def batch_command(
         "finished there is not done again.",
         show_default="none: nothing is kept",
     ),
-    fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = output_option(
+    fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = options.output_option(
         None,
         "--format",
         help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
         show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
     ),
-    markdown: Path | None = output_option(
+    markdown: Path | None = options.output_option(
         None,
         metavar="FILE",
         parser=parsers.output_file,
         help="Also write a table for a summary of CI.",
         show_default="none",
     ),
-    junit: Path | None = output_option(
+    junit: Path | None = options.output_option(
         None,
         metavar="FILE",
         parser=parsers.output_file,
         help="Also write JUnit XML.",
         show_default="none",
     ),
-    require: Require = None,
-    extras: ExtrasForEachLog,
+    require: options.Require = None,
+    extras: options.ExtrasForEachLog,
     workers: int | None = _work(
         None,
         min=1,
@@ -114,7 +105,7 @@ def batch_command(
         "--rehash",
         help="Read all logs to see whether they are as they were, though size and time are.",
     ),
-    quiet: Quiet = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
     from imucalib_cli.batch.batch import SUMMARY, Batch
@@ -127,7 +118,7 @@ def batch_command(
     from imucalib_cli.robot.urdf import load_robot
 
     _see_options(output, extras, dask, workers or memory)
-    request = calibration_request(ctx, (), recording, estimator, require)
+    request = options.calibration_request(ctx, (), recording, estimator, require)
     if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
         raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
     if request.urdf is not None:
@@ -184,7 +175,10 @@ def batch_command(
 
 
 def _see_options(
-    output: Path | None, extras: ExtrasForEachLog, dask: str | None, of_this_machine: int | None
+    output: Path | None,
+    extras: options.ExtrasForEachLog,
+    dask: str | None,
+    of_this_machine: int | None,
 ) -> None:
     """Raise ChoiceError where options contradict each other."""
     if output is None and any(vars(extras).values()):

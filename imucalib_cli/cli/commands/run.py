@@ -7,22 +7,10 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.extras import see_extras, write_extras
 from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
-from imucalib_cli.cli.options import (
-    LOG,
-    EstimatorOptions,
-    ExtraFiles,
-    FormatOption,
-    Logs,
-    Quiet,
-    RecordingOptions,
-    Require,
-    Verbose,
-    calibration_request,
-    output_option,
-)
 from imucalib_cli.cli.output import (
     chosen_format,
     deliver,
@@ -49,12 +37,12 @@ if TYPE_CHECKING:
 
 def run_command(
     ctx: typer.Context,
-    logs: Logs,
+    logs: options.Logs,
     *,
-    recording: RecordingOptions,
-    estimator: EstimatorOptions,
-    fmt: FormatOption = None,
-    output: str | None = output_option(
+    recording: options.RecordingOptions,
+    estimator: options.EstimatorOptions,
+    fmt: options.FormatOption = None,
+    output: str | None = options.output_option(
         None,
         "-o",
         "--output",
@@ -63,8 +51,8 @@ def run_command(
         help="Where to write; a folder gets <log>.<imu>.yaml.",
         show_default="stdout",
     ),
-    require: Require = None,
-    force: bool = output_option(
+    require: options.Require = None,
+    force: bool = options.output_option(
         False,
         "--force",
         help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
@@ -74,17 +62,17 @@ def run_command(
         False,
         "--joint",
         help="Each LOG is a recording of its own; one result from all of them.",
-        rich_help_panel=LOG,
+        rich_help_panel=options.LOG,
     ),
-    kinematics_report: bool = output_option(
+    kinematics_report: bool = options.output_option(
         False,
         "--kinematics-report",
         help="Also list what the log tells of the robot: joint zeros and origins, with what "
         "was known beforehand and what no log can tell.",
     ),
-    extras: ExtraFiles,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    extras: options.ExtraFiles,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
@@ -93,7 +81,7 @@ def run_command(
     from imucalib_cli.results.atomic import see_folder_writable
     from imucalib_cli.results.places import see_places
 
-    request = calibration_request(ctx, logs, recording, estimator, require)
+    request = options.calibration_request(ctx, logs, recording, estimator, require)
     read = files_of(*logs, recording.urdf, estimator.imu_model)
     target = None if output is None else Path(output)
     chosen = chosen_format(fmt, target)
@@ -156,7 +144,7 @@ def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
 
 def _see_joint(
     logs: "Sequence[LogPath]",
-    estimator: EstimatorOptions,
+    estimator: options.EstimatorOptions,
     beside: "Sequence[Path]",
     *,
     kinematics_report: bool,

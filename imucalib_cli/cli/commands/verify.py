@@ -7,23 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from imucalib_cli.cli import parsers
+from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, reading, writing
-from imucalib_cli.cli.options import (
-    OUTPUT,
-    PLANAR,
-    AnswersFormat,
-    EstimatorOptions,
-    OutputFile,
-    Quiet,
-    RecordingOptions,
-    Verbose,
-    Within,
-    calibration_request,
-    options_given,
-    output_option,
-)
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
@@ -50,10 +36,10 @@ def verify_command(
         help="One recording, as for `imucalib run`; or results of it, - for stdin.",
     ),
     *,
-    recording: RecordingOptions,
-    estimator: EstimatorOptions,
-    within: Within = None,
-    ignore: Components | None = output_option(
+    recording: options.RecordingOptions,
+    estimator: options.EstimatorOptions,
+    within: options.Within = None,
+    ignore: Components | None = options.output_option(
         None,
         metavar="tx,ty,tz,rx,ry,rz",
         parser=parsers.components,
@@ -61,10 +47,10 @@ def verify_command(
         "parent frame.",
         show_default="none",
     ),
-    fmt: AnswersFormat = None,
-    output: OutputFile = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    fmt: options.AnswersFormat = None,
+    output: options.OutputFile = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     from imucalib_cli.jobs.result_files import is_result
@@ -89,10 +75,10 @@ def verify_command(
                 within or WITHIN,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
-                ignored=ignored | frozenset(PLANAR if estimator.planar else ()),
+                ignored=ignored | frozenset(options.PLANAR if estimator.planar else ()),
             )
         else:
-            request = calibration_request(ctx, paths, recording, estimator)
+            request = options.calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
                 found = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
         by_file: dict[str, list[VerifyAnswer]] = {}
@@ -162,8 +148,8 @@ def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> No
         raise ChoiceError(
             f"{results[0]} is a result and {other} is none: give logs or results, not both"
         )
-    for option, panel in options_given(ctx).items():
-        if panel not in {"", OUTPUT} and option not in _OF_RESULTS:
+    for option, panel in options.options_given(ctx).items():
+        if panel not in {"", options.OUTPUT} and option not in _OF_RESULTS:
             raise ChoiceError(
                 f"{option} is for logs, {results[0]} is a result, computed already: leave it out"
             )
