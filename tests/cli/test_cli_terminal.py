@@ -115,28 +115,48 @@ def result(tmp_path: Path) -> Path:
     return path
 
 
-def test_run_shows_the_summary_and_how_to_get_the_yaml(
-    shown: Shown, arm: tuple[object, ...]
+SUMMARY = "imu_link in hand: \x1b[32mok\x1b[0m\n"
+NOTE = "note: for the result as YAML add -o FILE or --format yaml, or pipe it\n"
+WARNING = "warning: the moon is full\n"
+BOTH = ("stdout", "stderr")
+
+
+@pytest.mark.parametrize(
+    ("options", "streams", "out", "err"),
+    [
+        ("", BOTH, SUMMARY, NOTE),
+        ("--quiet", BOTH, SUMMARY, ""),
+        ("-o TARGET", BOTH, "", f"wrote: TARGET\n{SUMMARY}"),
+        ("-o TARGET -q", BOTH, "", ""),
+        ("--format yaml", BOTH, "schema: 1\n", WARNING),
+        ("--format summary", BOTH, SUMMARY, ""),
+        ("", ("stderr",), "schema: 1\n", SUMMARY),
+        ("", (), "schema: 1\n", WARNING),
+    ],
+)
+def test_run_shows_words_to_people_and_yaml_to_programs(
+    *,
+    options: str,
+    streams: tuple[str, ...],
+    out: str,
+    err: str,
+    shown: Shown,
+    arm: tuple[object, ...],
+    tmp_path: Path,
 ) -> None:
-    code, out, err = shown("run", *arm)
+    file = tmp_path / "out.yaml"
+    given = options.replace("TARGET", str(file)).split()
+    code, seen, said = shown("run", *arm, *given, streams=streams)
     assert code == 0
-    assert out.startswith("imu_link in hand: \x1b[32mok\x1b[0m\n")
-    assert "60.00 ± 0.10 mm" in out
-    assert "warning: the moon is full" in out
-    assert "schema:" not in out
-    assert err == "note: for the result as YAML add -o FILE or --format yaml, or pipe it\n"
-    assert shown("run", *arm, "--quiet") == (0, out, "")
-
-
-def test_run_into_a_file_shows_the_summary_and_where_the_file_is(
-    shown: Shown, arm: tuple[object, ...], tmp_path: Path
-) -> None:
-    target = tmp_path / "out.yaml"
-    code, out, err = shown("run", *arm, "-o", target)
-    assert (code, out) == (0, "")
-    assert err.startswith(f"wrote: {target}\nimu_link in hand: \x1b[32mok\x1b[0m\n")
-    assert yaml.safe_load(target.read_text())["status"] == "ok"
-    assert shown("run", *arm, "-o", target, "-q") == (0, "", "")
+    for text, begin in ((seen, out), (said, err.replace("TARGET", str(file)))):
+        summary = text[text.find(SUMMARY) :] if SUMMARY in begin else ""
+        assert text.startswith(begin)
+        assert bool(text) == bool(begin)
+        assert not summary or ("60.00 ± 0.10 mm" in summary and WARNING in summary)
+        assert ("schema:" in text) == ("schema:" in begin)
+        assert (NOTE in text) == (begin == NOTE)
+    document = file.read_text() if "TARGET" in options else seen
+    assert SUMMARY in document or yaml.safe_load(document)["status"] == "ok"
 
 
 def test_run_into_a_folder_names_each_file(
@@ -149,27 +169,6 @@ def test_run_into_a_folder_names_each_file(
     files = [line[7:] for line in err.splitlines() if line.startswith("wrote: ")]
     assert sorted(files) == sorted(map(str, (tmp_path / "new").iterdir()))
     assert len(files) == 2
-
-
-def test_run_gives_the_format_that_is_asked_for(shown: Shown, arm: tuple[object, ...]) -> None:
-    code, out, err = shown("run", *arm, "--format", "yaml")
-    assert code == 0
-    assert yaml.safe_load(out)["schema"] == 1
-    assert err == "warning: the moon is full\n"
-    code, out, err = shown("run", *arm, "--format", "summary")
-    assert "imu_link in hand: \x1b[32mok\x1b[0m\n" in out
-    assert err == ""
-
-
-def test_piped_the_result_is_yaml_and_a_terminal_on_stderr_has_the_summary(
-    shown: Shown, arm: tuple[object, ...]
-) -> None:
-    code, out, err = shown("run", *arm, streams=("stderr",))
-    assert (code, yaml.safe_load(out)["status"]) == (0, "ok")
-    assert err.startswith("imu_link in hand: \x1b[32mok\x1b[0m\n")
-    code, out, err = shown("run", *arm, streams=())
-    assert (code, yaml.safe_load(out)["status"]) == (0, "ok")
-    assert err == "warning: the moon is full\n"
 
 
 def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(

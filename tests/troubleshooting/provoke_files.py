@@ -46,14 +46,7 @@ if TYPE_CHECKING:
     from tests.conftest import LogWriter
 
 LINK = '<link name="base_link" />'
-NAMES = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+NAMES = tuple(joint.name for joint in load_system(ARM).joints)
 
 
 @provocation
