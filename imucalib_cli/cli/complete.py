@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.logs.messages.table import Kind
 
-    Completion = Callable[[typer.Context, str], list[str]]
+    Completion = Callable[[typer.Context], list[str]]
 
 _PATIENCE = 1.0
 """s of computing for one Tab: a log without an index would be read to its end."""
@@ -26,7 +26,7 @@ _PATIENCE = 1.0
 def _completion(names: Callable[[typer.Context], Iterable[str]]) -> Completion:
     """A completion from names; it is silent and soon gives up where they cannot be found."""
 
-    def complete(ctx: typer.Context, incomplete: str) -> list[str]:
+    def complete(ctx: typer.Context) -> list[str]:
         found: list[str] = []
         if hasattr(signal, "setitimer"):
             signal.signal(signal.SIGPROF, _give_up)
@@ -35,7 +35,7 @@ def _completion(names: Callable[[typer.Context], Iterable[str]]) -> Completion:
             found = list(names(ctx))
         if hasattr(signal, "setitimer"):
             signal.setitimer(signal.ITIMER_PROF, 0.0)
-        return [name for name in found if name.startswith(incomplete)]
+        return found  # typer leaves out names that do not begin with what is typed
 
     return complete
 

@@ -395,13 +395,9 @@ ROBOT: dict[str, Provocation] = {
 
 def part(start: float, stop: float) -> Recording:
     """Some seconds of the arm's recording."""
-    (robot,) = noisy().robot
-    imu_rows, robot_rows = ((each.t >= start) & (each.t < stop) for each in (noisy().imu, robot))
-    return replace(
-        noisy(),
-        imu=rows_kept(noisy().imu, imu_rows),
-        robot=(rows_kept(robot, robot_rows),),
-    )
+    imu, (robot,) = noisy().imu, noisy().robot
+    kept = [rows_kept(each, (each.t >= start) & (each.t < stop)) for each in (imu, robot)]
+    return replace(noisy(), imu=kept[0], robot=(kept[1],))
 
 
 def too_short() -> Recording:
@@ -421,17 +417,12 @@ def moving_only(*joints: int) -> Callable[[], Recording]:
     def make() -> Recording:
         system = load_system(ARM)
         assert system.arm is not None
-        start = system.arm.start_deg
-        moves = [
-            replace(
-                move,
-                to_deg=tuple(
-                    90.0 * (-1.0) ** i + 30.0 * j if j in joints else angle
-                    for j, angle in enumerate(start)
-                ),
-            )
-            for i, move in enumerate(system.arm.moves)
-        ]
+        moves = []
+        for i, move in enumerate(system.arm.moves):
+            to_deg = list(system.arm.start_deg)
+            for j in joints:
+                to_deg[j] = 90.0 * (-1.0) ** i + 30.0 * j
+            moves.append(replace(move, to_deg=tuple(to_deg)))
         few = replace(system, arm=replace(system.arm, moves=tuple(moves)))
         return record(few, PhysicsOptions(duration=20.0, imu_rate=RATE, robot_rate=RATE))
 
