@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Maker = Callable[[Path, Outcome], Files]
 
 
-def see_extras(files: ExtraFiles) -> list[Path]:
+def check_extras(files: ExtraFiles) -> list[Path]:
     """The files to write, as far as they are known before the log is read.
 
     Raises:
@@ -32,7 +32,7 @@ def see_extras(files: ExtraFiles) -> list[Path]:
     """
     places = []
     for name, path in _asked(files).items():
-        _see_installed(name, path.suffix)
+        _check_installed(name, path.suffix)
         places += [path, *([_layout_of(path)] if name == "debug_mcap" else [])]
     return places
 
@@ -82,12 +82,12 @@ def for_each_log(names: Iterable[str]) -> tuple[tuple[str, Maker], ...]:
     for name in names:
         option: Any = getattr(ExtraFiles, name)
         suffix = option.metavar.removeprefix("FILE").split("|")[0]  # the first of several
-        _see_installed(name, suffix)
+        _check_installed(name, suffix)
         makers.append((f".{flag_of(name).removeprefix('--')}{suffix}", EXTRAS[name]))
     return tuple(makers)
 
 
-def _see_installed(name: str, suffix: str) -> None:
+def _check_installed(name: str, suffix: str) -> None:
     """Raise InputError where the package that writes files of a suffix is not installed."""
     if needed := _NEEDED.get(suffix.lower()):
         module, extra = needed

@@ -34,7 +34,7 @@ def files_of(*named: LogPath | str | None) -> list[Path]:
     return [path for path in paths if path != _STDIN or path.exists()]
 
 
-def listed(arguments: Iterable[str], of: str) -> Iterator[str]:
+def given_names(arguments: Iterable[str], of: str) -> Iterator[str]:
     """Names ``of`` something; ``-`` stands for the list on stdin.
 
     Raises:
@@ -83,12 +83,12 @@ def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
         from imucalib_cli.results.places import see_places
 
         see_places(read=read, written=written)
-    with telling_what_is_left(*written):
+    with warning_of_old_outputs(*written):
         yield
 
 
 @contextmanager
-def telling_what_is_left(*outputs: Path | None) -> Iterator[None]:
+def warning_of_old_outputs(*outputs: Path | None) -> Iterator[None]:
     """If the command fails, warn of outputs of an earlier run, which it has not replaced."""
     before = {path: _identity(path) for path in outputs if path is not None}
     try:
@@ -154,7 +154,7 @@ def deliver_into(
     return list(texts)
 
 
-def of_log(folder: Path, log: LogPath) -> list[Path]:
+def files_named_after(folder: Path, log: LogPath) -> list[Path]:
     """Files of a folder that are named after a log."""
     from imucalib_cli.results.names import log_name, short
 

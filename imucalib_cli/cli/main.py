@@ -123,7 +123,7 @@ def _run(argv: list[str]) -> int:
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
             _say_usage_error(error)
             return int(error.exit_code)
-        if (known := _in_our_words(error)) is not None:
+        if (known := _known_error(error)) is not None:
             say_error(known)
             return exit_code(known)
         if TRACEBACK in os.environ:
@@ -137,7 +137,7 @@ def _run(argv: list[str]) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _in_our_words(error: Exception) -> ImucalibError | None:
+def _known_error(error: Exception) -> ImucalibError | None:
     if isinstance(error, ImucalibError):
         return error
     if isinstance(error, MemoryError):

@@ -126,7 +126,7 @@ class CountProgress:
         self._timer.daemon = True
 
     def __enter__(self) -> Self:
-        self._leaving.enter_context(last_words(self._tell_interrupted))
+        self._leaving.enter_context(last_words(self._say_interrupted))
         self._leaving.enter_context(self._bar)
         if self._lines:
             self._timer.start()
@@ -137,7 +137,7 @@ class CountProgress:
         self._lines = False
         self._leaving.close()
         if kind is KeyboardInterrupt:
-            self._tell_interrupted()
+            self._say_interrupted()
 
     @property
     def before(self) -> int:
@@ -149,7 +149,7 @@ class CountProgress:
         if self._before is None:
             self._before, self._begun = done, time.monotonic()
         self._done, self._all = done, of
-        words = f"{done} of {of} {self.noun}{self._left()}"
+        words = f"{done} of {of} {self.noun}{self._time_left()}"
         self._bar.report(f"{self.name}: {words}", done / max(of, 1))
         if not self._lines or time.monotonic() - self._begun < LINE_PATIENCE:
             return
@@ -160,7 +160,7 @@ class CountProgress:
                 self._said = part
                 say(self.name, words)
 
-    def _tell_interrupted(self) -> None:
+    def _say_interrupted(self) -> None:
         if self.quiet or not self._all or self.place is None:
             return
         self.quiet = True  # once is enough
@@ -177,7 +177,7 @@ class CountProgress:
             kept = f", {self.kept} in {self.place}" if self.kept else ""
             say(self.name, f"{self._all} {self.noun}{before}{kept}")
 
-    def _left(self) -> str:
+    def _time_left(self) -> str:
         """The time for the rest, at the speed of this session."""
         here = self._done - self.before
         if here < self.jobs or self._done == self._all:

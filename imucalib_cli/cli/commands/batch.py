@@ -11,7 +11,7 @@ import typer
 
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of, listed
+from imucalib_cli.cli.files import files_of, given_names
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
@@ -117,19 +117,19 @@ def batch_command(
     from imucalib_cli.cli.extras import for_each_log
     from imucalib_cli.robot.urdf import load_robot
 
-    _see_options(output, extras, dask, workers or memory)
+    _check_options(output, extras, dask, workers or memory)
     request = options.calibration_request(ctx, (), recording, estimator, require)
     if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
         raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
     if request.urdf is not None:
         load_robot(request.urdf)  # one error here, not one for every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    found = find_logs(listed(logs, "logs"), left_out=output)
+    found = find_logs(given_names(logs, "logs"), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
     paths = (path for log in found.logs for path in log.paths)
     read = files_of(*paths, recording.urdf, estimator.imu_model)
-    _see_places(read, output, (markdown, junit))
+    _check_places(read, output, (markdown, junit))
 
     def tell(finding: "Finding") -> None:
         if not quiet:
@@ -174,7 +174,7 @@ def batch_command(
     raise typer.Exit(worst(record.exit_code for record in ordered))
 
 
-def _see_options(
+def _check_options(
     output: Path | None,
     extras: options.ExtrasForEachLog,
     dask: str | None,
@@ -205,7 +205,7 @@ def _give(
             deliver(TABLES[form](records), path, quiet=quiet)
 
 
-def _see_places(
+def _check_places(
     read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
 ) -> None:
     """Check before any work that nothing is lost by writing."""

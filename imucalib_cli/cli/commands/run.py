@@ -9,8 +9,14 @@ import typer
 
 from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.extras import see_extras, write_extras
-from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
+from imucalib_cli.cli.extras import check_extras, write_extras
+from imucalib_cli.cli.files import (
+    deliver_into,
+    files_named_after,
+    files_of,
+    reading,
+    warning_of_old_outputs,
+)
 from imucalib_cli.cli.output import (
     chosen_format,
     deliver,
@@ -90,10 +96,10 @@ def run_command(
     if folder is not None:
         see_folder_writable(folder)
     single = [] if target is None or folder is not None else [target]
-    beside = see_extras(extras)
+    beside = check_extras(extras)
     request = replace(request, details=bool(beside))
     if joint:
-        _see_joint(logs, estimator, beside, kinematics_report=kinematics_report)
+        _check_joint(logs, estimator, beside, kinematics_report=kinematics_report)
     see_places(
         read=read,
         written=[*single, *beside],
@@ -101,8 +107,8 @@ def run_command(
         made_here=is_made_here,
         folder=folder,
     )
-    older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
-    with telling_what_is_left(*older), reading(*logs, recording.urdf, verbose=verbose):
+    older = [*single, *beside, *([] if folder is None else files_named_after(folder, logs[0]))]
+    with warning_of_old_outputs(*older), reading(*logs, recording.urdf, verbose=verbose):
         with ProgressBar(quiet=quiet) as bar:
             if joint:
                 found, failures = calibrate_together(request, bar.report)
@@ -115,7 +121,7 @@ def run_command(
                 folder, results, logs[0], chosen, force=force, quiet=quiet, read=read
             )
         else:
-            give(results, chosen, target, quiet=quiet)
+            write_results(results, chosen, target, quiet=quiet)
         if not joint:
             failures += write_extras(
                 extras, outcome, read=read, written=single, force=force, quiet=quiet
@@ -124,7 +130,7 @@ def run_command(
                 # to stderr where stdout has a result for programs
                 _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         if not quiet:
-            tell(found, chosen, target, hint=fmt is None)
+            report_findings(found, chosen, target, hint=fmt is None)
         for failure in failures:
             say_error(failure)
         raise typer.Exit(exit_code_of(failures, found))
@@ -142,7 +148,7 @@ def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
             sys.stderr.write(plain(blocks))
 
 
-def _see_joint(
+def _check_joint(
     logs: "Sequence[LogPath]",
     estimator: options.EstimatorOptions,
     beside: "Sequence[Path]",
@@ -162,7 +168,9 @@ def _see_joint(
         )
 
 
-def give(results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: bool) -> None:
+def write_results(
+    results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: bool
+) -> None:
     """Write results in a format to a file, or to stdout."""
     if results and fmt == "summary" and target is None:
         show(_in_words(results, sys.stdout))
@@ -189,7 +197,9 @@ def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
     return "\n".join(summarise(result, colour=wants_colour(stream)) for result in results)
 
 
-def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool) -> None:
+def report_findings(
+    results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool
+) -> None:
     """Print on stderr what stdout does not say: the summary on a terminal, else the findings.
 
     Where stdout has words, a ``hint`` says how to get the result as YAML.

@@ -66,7 +66,7 @@ def verify_command(
     ):
         results = [name for name in logs if is_result(name)]
         if results:
-            _see_results(ctx, logs, results)
+            _check_results(ctx, logs, results)
             if recording.urdf is None:
                 raise ChoiceError("a result is compared with what a URDF tells: give --urdf")
             found = verify_results(
@@ -139,7 +139,7 @@ def named(answer: Any, sentence: str, *, several: bool) -> str:
     return f"{answer.about}: {sentence}" if several and answer.about else sentence
 
 
-def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
+def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
     """Raise ChoiceError where logs are mixed with results, or an option is for logs only."""
     from imucalib_cli.jobs.result_files import display_name
 
