@@ -396,8 +396,8 @@ ROBOT: dict[str, Provocation] = {
 def part(start: float, stop: float) -> Recording:
     """Some seconds of the arm's recording."""
     imu, (robot,) = noisy().imu, noisy().robot
-    kept = [rows_kept(each, (each.t >= start) & (each.t < stop)) for each in (imu, robot)]
-    return replace(noisy(), imu=kept[0], robot=(kept[1],))
+    imu_rows, robot_rows = ((each.t >= start) & (each.t < stop) for each in (imu, robot))
+    return replace(noisy(), imu=rows_kept(imu, imu_rows), robot=(rows_kept(robot, robot_rows),))
 
 
 def too_short() -> Recording:
