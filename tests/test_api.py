@@ -159,25 +159,25 @@ def test_an_untrusted_pose_is_not_given_bare(arm: ic.Calibration) -> None:
         ({"joint_names": tuple("abcdef")}, "shoulder_pan_joint"),
         ({"imu_link": None}, "--parent"),
         # arguments of another type
-        ({"joint_names": list(range(2))}, ""),
-        ({"urdf": b"robot.urdf"}, ""),
-        ({"urdf": "robot\0.urdf"}, ""),
-        ({"urdf": ""}, ""),
-        ({"imu_model": 3}, ""),
-        ({"parent": 3}, ""),
-        ({"imu_link": 5}, ""),
-        ({"units": "mm"}, ""),
-        ({"estimator": "paper"}, ""),
-        ({"estimator": ic.MatchedOptions}, ""),
-        ({"require": "1mm,0.1deg"}, ""),
-        ({"t": np.ma.masked_less(np.arange(100.0), 3.0)}, ""),
-        ({"gyro": np.zeros((100, 3), dtype=complex)}, ""),
-        ({"parent": "nope\n\x1b[31m"}, ""),
+        ({"joint_names": list(range(2))}, None),
+        ({"urdf": b"robot.urdf"}, None),
+        ({"urdf": "robot\0.urdf"}, None),
+        ({"urdf": ""}, None),
+        ({"imu_model": 3}, None),
+        ({"parent": 3}, None),
+        ({"imu_link": 5}, None),
+        ({"units": "mm"}, None),
+        ({"estimator": "paper"}, None),
+        ({"estimator": ic.MatchedOptions}, None),
+        ({"require": "1mm,0.1deg"}, None),
+        ({"t": np.ma.masked_less(np.arange(100.0), 3.0)}, None),
+        ({"gyro": np.zeros((100, 3), dtype=complex)}, None),
+        ({"parent": "nope\n\x1b[31m"}, None),
     ],
     ids=lambda each: str(each)[:60],
 )
 def test_what_is_wrong_with_arrays_is_said_in_one_line(
-    streams: dict[str, Any], change: dict[str, Any], words: str
+    streams: dict[str, Any], change: dict[str, Any], words: str | None
 ) -> None:
     with pytest.raises(ic.ImucalibError, match=words) as caught:
         ic.calibrate_arrays(**streams | change)
