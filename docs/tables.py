@@ -16,15 +16,14 @@ import typer
 import imucalib_cli
 from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
-from imucalib_cli.cli.main import COMMANDS, app_of
-from imucalib_cli.cli.options import with_groups
+from imucalib_cli.cli.main import COMMANDS, app_of, command_of
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
 from imucalib_cli.sentences import CAUSES, cause
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")
@@ -35,7 +34,10 @@ _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
 def commands() -> str:
     """Every command, and what it does."""
-    rows = ((f"[`{name}`](#imucalib-{name})", _summary(name)) for name in COMMANDS)
+    rows = (
+        (f"[`{name}`](#imucalib-{name})", _docstring(command_of(name)).split("\n")[0])
+        for name in COMMANDS
+    )
     return _table(("command", "what it does"), rows)
 
 
@@ -48,7 +50,7 @@ def options(command: str, *panels: str, without: Iterable[str] = ()) -> str:
         without: Panels that are left out.
     """
     tables: dict[str, list[tuple[str, ...]]] = {}
-    annotations = inspect.signature(with_groups(COMMANDS[command])).parameters
+    annotations = inspect.signature(command_of(command)).parameters
     for option in typer.main.get_command(app_of()).commands[command].params:  # type: ignore[attr-defined]
         if option.param_type_name == "option" and option.name in annotations:
             kind = annotations[option.name].annotation
@@ -80,20 +82,16 @@ def batch_columns() -> str:
 
 def motors() -> str:
     """Names of Unitree's motors, in their order."""
-    rows = [
-        (package, robot, ", ".join(_numbered(names)))
-        for package, robots in (("unitree_go", JOINTS_GO), ("unitree_hg", JOINTS_HG))
-        for robot, names in robots.items()
-    ]
+    rows = []
+    for package, robots in (("unitree_go", JOINTS_GO), ("unitree_hg", JOINTS_HG)):
+        for robot, names in robots.items():
+            numbered = (f"{number} `{name}`" for number, name in enumerate(names) if name)
+            rows.append((package, robot, ", ".join(numbered)))
     return _table(("package", "robot", "motors"), rows)
 
 
-def _numbered(names: Sequence[str]) -> Iterator[str]:
-    return (f"{number} `{name}`" for number, name in enumerate(names) if name)
-
-
 def messages() -> str:
-    """Every message by its code; what is not always there stands in brackets."""
+    """Every message by its code; brackets hold what is not always there."""
     told = {code: words for code, words in MESSAGES.items() if words is not cause}
     causes = {f"cause.{kind}": text for kind, text in CAUSES.items()}
     rows = (
@@ -108,16 +106,16 @@ def messages() -> str:
     return _table(("code", "words"), rows)
 
 
-def _subject(composed: Callable[..., str]) -> str:
-    return f"*{inspect.getdoc(composed)}*"
-
-
 def rooms() -> str:
     """Which room imports which, as a diagram: only arrows that no path of others replaces."""
     imports = imported_rooms()
+
+    def reached(room: str) -> set[str]:
+        return imports[room].union(*map(reached, imports[room]))
+
     lines = ["```mermaid", "flowchart BT"]
     for room, needed in imports.items():
-        over = {far for near in needed for far in _reached(near, imports)}
+        over = {far for near in needed for far in reached(near)}
         lines += [f"    {room} --> {other}" for other in sorted(needed - over)]
     return "\n".join([*lines, "```", ""])
 
@@ -136,15 +134,6 @@ def _imported_by(room: str) -> set[str]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("imucalib_cli.")
     }
-
-
-def _reached(room: str, imports: dict[str, set[str]]) -> set[str]:
-    """Rooms that a room imports, and those that they import."""
-    return imports[room].union(*(_reached(each, imports) for each in imports[room]))
-
-
-def _summary(command: str) -> str:
-    return (inspect.getdoc(COMMANDS[command]) or "").split("\n", maxsplit=1)[0]
 
 
 def _value(kind: Any, metavar: str | None) -> str:
@@ -193,20 +182,19 @@ def classes(*names: str, with_methods: bool = False) -> str:
 def _function(name: str) -> str:
     """What a function does, and a table of its arguments."""
     function = getattr(imucalib_cli, name)
-    words, *sections = re.split(r"\n\n(Args|Returns|Raises):\n", inspect.getdoc(function) or "")
+    words, *sections = re.split(r"\n\n(Args|Returns|Raises):\n", _docstring(function))
     told = {kind: _entries(text) for kind, text in zip(sections[::2], sections[1::2], strict=True)}
-    rows = (
-        (
-            f"`{each.name}`",
-            f"`{each.annotation}`",
-            _shown_default(each.default),
-            told["Args"][each.name],
-        )
-        for each in inspect.signature(function).parameters.values()
-    )
+    rows = []
+    for each in inspect.signature(function).parameters.values():
+        default = "needed" if each.default is each.empty else f"`{each.default!r}`"
+        rows.append((f"`{each.name}`", f"`{each.annotation}`", default, told["Args"][each.name]))
     raised = "".join(f"- `{error}`: {when}\n" for error, when in told["Raises"].items())
     table = _table(("argument", "type", "default", "meaning"), rows)
     return f"### `ic.{name}`\n\n{_markdown(words)}\n\n{table}\nRaises:\n\n{raised}"
+
+
+def _docstring(documented: object) -> str:
+    return inspect.getdoc(documented) or ""
 
 
 def _entries(text: str) -> dict[str, str]:
@@ -214,10 +202,6 @@ def _entries(text: str) -> dict[str, str]:
     joined = re.sub(r"\n\s{8,}", " ", text)
     pairs = re.findall(r"^ {4}(\w+): (.*)$", joined, flags=re.MULTILINE)
     return {name: _markdown(words) for name, words in pairs}
-
-
-def _shown_default(default: object) -> str:
-    return "needed" if default is inspect.Parameter.empty else f"`{default!r}`"
 
 
 def _class(name: str, *, with_methods: bool) -> str:
@@ -239,7 +223,7 @@ def _class(name: str, *, with_methods: bool) -> str:
         ("field", "type", "default", "meaning"),
         ((f"`{name}`", f"`{of}`", default, _markdown(said)) for name, of, default, said in rows),
     )
-    return f"### `ic.{name}`\n\n{_markdown(inspect.getdoc(kind) or '')}\n\n{table}"
+    return f"### `ic.{name}`\n\n{_markdown(_docstring(kind))}\n\n{table}"
 
 
 def _arguments(function: ast.FunctionDef) -> str:

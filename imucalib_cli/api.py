@@ -356,7 +356,7 @@ def calibrate_arrays(
 
 def _part(start: float | None, end: float | None) -> Part | None:
     for name, value in (("start", start), ("end", end)):
-        _see_kind(name, value, (int, float))
+        _check_type(name, value, (int, float))
     return None if start is None and end is None else Part(start=start, end=end)
 
 
@@ -369,10 +369,10 @@ def _request(
     **given: Any,
 ) -> CalibrationRequest:
     for name in ("parent", "imu_link", "base_imu", "world", "joint_prefix"):
-        _see_kind(name, given.get(name), (str,))
-    _see_kind("units", units, (Units,))
-    _see_kind("estimator", estimator, (MatchedOptions, PaperOptions))
-    _see_kind("require", given["require"], (Tolerance,))
+        _check_type(name, given.get(name), (str,))
+    _check_type("units", units, (Units,))
+    _check_type("estimator", estimator, (MatchedOptions, PaperOptions))
+    _check_type("require", given["require"], (Tolerance,))
     options = estimator or MatchedOptions()
     return CalibrationRequest(
         urdf=None if urdf is None else _path_or_url("urdf", urdf),
@@ -385,7 +385,7 @@ def _request(
 
 
 def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> ExpectedImu:
-    """An IMU by its data sheet, with priors of biases that the options leave free."""
+    """An IMU by its data sheet, with priors of the biases that the options leave free."""
     priors: tuple[Sensor, ...] = ()
     if isinstance(options, MatchedOptions):
         stds: dict[Sensor, float] = {
@@ -412,7 +412,7 @@ def _calibrated(
 _PATH = (str, os.PathLike)
 
 
-def _see_kind(name: str, value: object, kinds: tuple[type, ...]) -> None:
+def _check_type(name: str, value: object, kinds: tuple[type, ...]) -> None:
     """Raise ChoiceError where an argument is neither None nor of some types."""
     if value is not None and not isinstance(value, kinds):
         wanted = " or ".join(kind.__name__ for kind in kinds)
@@ -431,10 +431,10 @@ def _one(name: str, value: str | None) -> tuple[str, ...]:
 
 
 def _texts(name: str, values: Any, kinds: tuple[type, ...] = (str,)) -> tuple[Any, ...]:
-    """The texts of a sequence of them; ChoiceError where it is none."""
-    _see_kind(name, values, (list, tuple))
+    """A sequence of texts as a tuple; ChoiceError where it is something else."""
+    _check_type(name, values, (list, tuple))
     for value in values or ():
-        _see_kind(name, value, kinds)
+        _check_type(name, value, kinds)
     return tuple(values or ())
 
 
@@ -445,7 +445,7 @@ def _path_or_url(name: str, value: Any) -> LogPath:
 
 def _path(name: str, value: Any) -> Path:
     """A path that names something; ChoiceError where it does not."""
-    _see_kind(name, value, _PATH)
+    _check_type(name, value, _PATH)
     text = os.fspath(value)
     if not isinstance(text, str) or not text or "\0" in text:
         raise ChoiceError(f"{name} is no path: {text!r}")

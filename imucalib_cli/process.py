@@ -1,4 +1,4 @@
-"""What a process is told before it computes."""
+"""Settings of processes: environment, signals, and how workers start and end."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 import threading
 import warnings
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,21 +19,21 @@ def prepare_to_compute() -> None:
     """Set what must be set before numpy is imported; once a process, workers too."""
     # small matrices: threads cost more than they give, much more on a busy machine
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # glibc learns from the first freed large block to keep chunk-sized buffers: no page faults
+    # after it has freed one large block glibc keeps buffers of chunks: fewer page faults
     block = bytes(31 << 20)
     del block
 
 
 def fresh_processes(preloaded: Sequence[str] = ()) -> BaseContext:
-    """How worker processes are started: not by fork, as a thread may hold a lock at that moment.
+    """How to start worker processes: not by fork, as a thread may hold a lock at that moment.
 
-    Where the system can, the modules that workers need are imported once for all.
+    Where the system can, the ``preloaded`` modules are imported once for all workers.
     """
-    import multiprocessing  # not where only a command line starts
+    import multiprocessing  # late: most commands do not need it
 
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
-    from multiprocessing import forkserver  # not on every system
+    from multiprocessing import forkserver  # some systems lack it
 
     context = multiprocessing.get_context("forkserver")
     if preloaded:
@@ -53,18 +53,18 @@ def prepare_worker() -> None:
 
 def obey_the_parent() -> None:
     """Make this worker leave interruptions to its parent, and end when the parent does."""
-    from multiprocessing import connection, parent_process  # not where only a command line starts
+    from multiprocessing import connection, parent_process  # late: most commands need neither
 
     parent = parent_process()
 
     def end_with_the_parent() -> None:
-        """A worker waits for more to do for ever, also where its parent was killed."""
+        """Without this a worker waits for ever for work from a parent that was killed."""
         if parent is not None:
             connection.wait([parent.sentinel])
             os._exit(1)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # by which the parent ends it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent ends it so
     threading.Thread(target=end_with_the_parent, daemon=True).start()
 
 
@@ -74,31 +74,33 @@ def children_ignore_interruptions() -> Iterator[None]:
 
     A terminal sends it to all of them, and one that is still importing would show a traceback.
     """
-    if threading.current_thread() is not threading.main_thread():  # others may set no handlers
+    with _handling({signal.SIGINT: signal.SIG_IGN}):  # a new program inherits only this handler
         yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which alone a new program inherits
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
 def interrupted_afterwards() -> Iterator[None]:
-    """Put off what interrupts this process: one that is half started would show a traceback."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    put_off: list[int] = []
-    before = {
-        number: signal.signal(number, lambda *got: put_off.append(got[0]))
-        for number in (signal.SIGINT, signal.SIGTERM)
-    }
+    """Delay interruptions: a worker that is half started would show a traceback."""
+    delayed: list[int] = []
+
+    def delay(number: int, _frame: object) -> None:
+        delayed.append(number)
+
+    try:
+        with _handling(dict.fromkeys((signal.SIGINT, signal.SIGTERM), delay)):
+            yield
+    finally:
+        for number in delayed:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def _handling(handlers: dict[signal.Signals, Any]) -> Iterator[None]:
+    """Set handlers of signals meanwhile; only the main thread can, in others nothing happens."""
+    is_main = threading.current_thread() is threading.main_thread()
+    before = {each: signal.signal(each, new) for each, new in handlers.items() if is_main}
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        for each in put_off:
-            signal.raise_signal(each)
+        for each, handler in before.items():
+            signal.signal(each, handler)

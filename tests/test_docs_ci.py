@@ -38,32 +38,26 @@ def gitlab_lines() -> list[str]:
     return [*job["before_script"], *job["script"]]
 
 
-@pytest.fixture
-def checkout(tmp_path: Path) -> Path:
-    """A user's repository, with a log."""
-    (tmp_path / "bags").mkdir()
-    shutil.copy(ROOT / "sample_data/rihibot.mcap", tmp_path / "bags")
-    shutil.copy(ROOT / "sample_data/rihibot.urdf", tmp_path / "robot.urdf")
-    return tmp_path
-
-
 def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return run(f'export GITHUB_STEP_SUMMARY="$PWD/summary.md"\n{script}', folder)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"])
-def test_the_commands_of_a_job_run(commands: list[str], checkout: Path) -> None:
+def test_the_commands_of_a_job_run(commands: list[str], tmp_path: Path) -> None:
     """As they stand, but for the installation; then again with what the cache keeps."""
     install, *commands = commands
+    (tmp_path / "bags").mkdir()  # a user's repository, with a log
+    shutil.copy(ROOT / "sample_data/rihibot.mcap", tmp_path / "bags")
+    shutil.copy(ROOT / "sample_data/rihibot.urdf", tmp_path / "robot.urdf")
     assert INSTALL.fullmatch(install)
     for _ in range(2):
-        done = shell("\n".join(commands), checkout)
+        done = shell("\n".join(commands), tmp_path)
         assert done.returncode == 0, done.stderr
         assert "Traceback" not in done.stderr
-        assert (checkout / "junit.xml").read_text(encoding="utf-8").startswith("<?xml")
-    assert (checkout / "results/rihibot.imu_link.yaml").exists()
-    assert (checkout / "verify.csv").read_text(encoding="utf-8").count(",yes,") == 1
+        assert (tmp_path / "junit.xml").read_text(encoding="utf-8").startswith("<?xml")
+    assert (tmp_path / "results/rihibot.imu_link.yaml").exists()
+    assert (tmp_path / "verify.csv").read_text(encoding="utf-8").count(",yes,") == 1
     assert "one recording can be used" in done.stdout
 
 

@@ -121,46 +121,43 @@ def _answer(handler: BaseHTTPRequestHandler, served: WebServer, stopped: threadi
     elif not path.is_file():
         status = 404
     if how.redirect_to:
-        handler.send_response(302)
-        handler.send_header("Location", how.redirect_to)
-        handler.send_header("Content-Length", "0")
-        handler.end_headers()
+        _begin(handler, 302, {"Location": how.redirect_to}, 0)
         return
     if status:
-        handler.send_response(status)
-        handler.send_header("Content-Length", "6")
-        handler.end_headers()
+        _begin(handler, status, {}, 6)
         handler.wfile.write(b"sorry\n")
         return
     time.sleep(how.seconds_per_request)
     size = path.stat().st_size
-    start, stop = 0, size
+    start, stop, status, headers = 0, size, 200, {}
     found = re.fullmatch(r"bytes=(\d+)-(\d+)", asked)
     has_ranges = how.ranges and (how.no_ranges_after is None or number <= how.no_ranges_after)
     if found and has_ranges:
         start, stop = int(found[1]), min(int(found[2]) + 1, size)
         if start >= size:
-            handler.send_response(416)
-            handler.send_header("Content-Range", f"bytes */{size}")
-            handler.send_header("Content-Length", "0")
-            handler.end_headers()
+            _begin(handler, 416, {"Content-Range": f"bytes */{size}"}, 0)
             return
-        handler.send_response(206)
-        begin = start + how.other_start
-        handler.send_header("Content-Range", f"bytes {begin}-{stop - 1}/{size}")
-    else:
-        handler.send_response(200)
+        status = 206
+        headers["Content-Range"] = f"bytes {start + how.other_start}-{stop - 1}/{size}"
     if not how.no_version:
         is_old = how.changes_after is None or number <= how.changes_after
-        handler.send_header("ETag", '"first"' if is_old else '"second"')
-    handler.send_header("Content-Length", str(stop - start + how.more_claimed))
-    handler.end_headers()
+        headers["ETag"] = '"first"' if is_old else '"second"'
+    _begin(handler, status, headers, stop - start + how.more_claimed)
     try:
         _send(handler, served, path, (start, stop), stopped, fails=fails)
     except OSError:  # the client has had enough
         handler.close_connection = True
     if how.more_claimed:
         handler.close_connection = True
+
+
+def _begin(
+    handler: BaseHTTPRequestHandler, status: int, headers: dict[str, str], size: int
+) -> None:
+    handler.send_response(status)
+    for name, value in {**headers, "Content-Length": str(size)}.items():
+        handler.send_header(name, value)
+    handler.end_headers()
 
 
 def _send(

@@ -1,99 +1,43 @@
-"""What the shell is offered on Tab: topics of the log given, links of the URDF given, names.
+"""Completions for the shell: topics of the given log, links of the given URDF, names.
 
-A callback reads only what a log's index tells, and offers nothing where a file cannot be read.
+A callback reads only the index of a log, and offers nothing if a file cannot be read.
 """
 
 from __future__ import annotations
 
 import signal
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer  # noqa: TC002 - typer evaluates the annotations
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable
 
     from imucalib_cli.logs.messages.table import Kind
 
-    Completion = Callable[[typer.Context, str], list[str]]
+    Completion = Callable[[typer.Context], list[str]]
 
 _PATIENCE = 1.0
-"""s of computing that one waits for Tab: a log without an index would be read to its end."""
+"""s of computing for one Tab: a log without an index would be read to its end."""
 
 
-def topics(kind: Kind) -> Completion:
-    """Topics of a kind in the log on the command line."""
+def _completion(names: Callable[[typer.Context], Iterable[str]]) -> Completion:
+    """A completion from names; it is silent and soon gives up where they cannot be found."""
 
-    def complete(ctx: typer.Context, incomplete: str) -> list[str]:
+    def complete(ctx: typer.Context) -> list[str]:
         found: list[str] = []
-        with _quietly():
-            from imucalib_cli.logs.log import open_log
-            from imucalib_cli.logs.select import candidates
-
-            log = open_log(tuple(map(Path, _arguments(ctx, "logs"))))
-            found = [each.name for each in candidates(log.topics, kind)]
-        return _beginning(incomplete, found)
+        if hasattr(signal, "setitimer"):
+            signal.signal(signal.SIGPROF, _give_up)
+            signal.setitimer(signal.ITIMER_PROF, _PATIENCE)
+        with suppress(Exception):  # the command itself tells what is wrong
+            found = list(names(ctx))
+        if hasattr(signal, "setitimer"):
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+        return found  # typer leaves out names that do not begin with what is typed
 
     return complete
-
-
-def links(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Links of the URDF on the command line."""
-    found: list[str] = []
-    with _quietly():
-        from imucalib_cli.robot.urdf_xml import parse_xml
-
-        path = Path(ctx.params["urdf"])
-        root = parse_xml(path.read_bytes(), path)
-        found = [link.attributes["name"] for link in root.findall("link")]
-    return _beginning(incomplete, found)
-
-
-def imus(ctx: typer.Context, incomplete: str) -> list[str]:
-    """IMUs of the result on the command line."""
-    found: list[str] = []
-    with _quietly():
-        from imucalib_cli.jobs.result_files import read_result_files
-
-        names = [name for name in _arguments(ctx, "results", "result") if name != "-"]
-        for _, result in read_result_files(names)[0]:
-            found += [result.child, result.imu_topic]
-    return _beginning(incomplete, found)
-
-
-def imu_models(incomplete: str) -> list[str]:
-    """IMUs of configs/imus."""
-    from imucalib_cli.signals.imu.data_sheet import imu_names
-
-    return _beginning(incomplete, imu_names())
-
-
-def systems(incomplete: str) -> list[str]:
-    """Systems that can be simulated."""
-    from imucalib_cli.simulate.load import system_names
-
-    return _beginning(incomplete, system_names())
-
-
-def studies(incomplete: str) -> list[str]:
-    """Studies of the catalogue."""
-    from imucalib_cli.study.study import STUDIES
-
-    return _beginning(incomplete, STUDIES)
-
-
-@contextmanager
-def _quietly() -> Iterator[None]:
-    """Give up without a word, and soon: whoever runs the command is told what is wrong."""
-    if hasattr(signal, "setitimer"):
-        signal.signal(signal.SIGPROF, _give_up)
-        signal.setitimer(signal.ITIMER_PROF, _PATIENCE)
-    with suppress(Exception):
-        yield
-    if hasattr(signal, "setitimer"):
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
 def _give_up(*_: object) -> None:
@@ -101,10 +45,64 @@ def _give_up(*_: object) -> None:
 
 
 def _arguments(ctx: typer.Context, *names: str) -> list[str]:
-    """Arguments on the command line; where its last option still has no value, they are unread."""
+    """Arguments on the command line; click has not parsed them if the last option has no value."""
     given = next(filter(None, map(ctx.params.get, names)), ctx.args)
     return [given] if isinstance(given, str) else list(given)
 
 
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
-    return [name for name in names if name.startswith(incomplete)]
+def topics(kind: Kind) -> Completion:
+    """Topics of a kind in the log on the command line."""
+
+    @_completion
+    def names(ctx: typer.Context) -> Iterable[str]:
+        from imucalib_cli.logs.log import open_log
+        from imucalib_cli.logs.select import candidates
+
+        log = open_log(tuple(map(Path, _arguments(ctx, "logs"))))
+        return [each.name for each in candidates(log.topics, kind)]
+
+    return names
+
+
+@_completion
+def links(ctx: typer.Context) -> Iterable[str]:
+    """Links of the URDF on the command line."""
+    from imucalib_cli.robot.urdf_xml import parse_xml
+
+    path = Path(ctx.params["urdf"])
+    root = parse_xml(path.read_bytes(), path)
+    return [link.attributes["name"] for link in root.findall("link")]
+
+
+@_completion
+def imus(ctx: typer.Context) -> Iterable[str]:
+    """IMUs of the result on the command line."""
+    from imucalib_cli.jobs.result_files import read_result_files
+
+    names = [name for name in _arguments(ctx, "results", "result") if name != "-"]
+    results = [result for _, result in read_result_files(names)[0]]
+    return [name for each in results for name in (each.child, each.imu_topic)]
+
+
+@_completion
+def imu_models(_: typer.Context) -> Iterable[str]:
+    """IMUs of configs/imus."""
+    from imucalib_cli.signals.imu.data_sheet import imu_names
+
+    return imu_names()
+
+
+@_completion
+def systems(_: typer.Context) -> Iterable[str]:
+    """Systems that can be simulated."""
+    from imucalib_cli.simulate.load import system_names
+
+    return system_names()
+
+
+@_completion
+def studies(_: typer.Context) -> Iterable[str]:
+    """Studies of the catalogue."""
+    from imucalib_cli.study.study import STUDIES
+
+    return STUDIES

@@ -1,6 +1,6 @@
-"""Where the process begins: Ctrl-C ends it quietly from here on, before anything is imported.
+"""The entry of the process: from here on Ctrl-C ends it quietly, even during imports.
 
-So does SIGTERM, which containers, services and CI send: files are put in order just as well.
+SIGTERM, which containers, services and CI send, does the same.
 """
 
 import atexit
@@ -14,7 +14,7 @@ from types import FrameType
 
 EXIT_INTERRUPTED = 130
 _PATIENCE = 2.0
-"""s that an interrupted command has for putting its files in order."""
+"""s that an interrupted command has to tidy up its files."""
 _last_words: list[Callable[[], None]] = []
 _came: list[bool] = []
 """One entry for each interruption."""
@@ -23,13 +23,13 @@ _came: list[bool] = []
 def main() -> int:
     """Run the command line of this process and return its exit code.
 
-    Importing typer takes a tenth of a second, and nothing needs to be put in order by then: an
-    interruption ends the process at once, as does one that comes when all is done.
+    Before the command starts and after it has ended there are no files to tidy up: an
+    interruption ends the process at once.
     """
     _on_interruption(_leave)
-    # what imports make lives on: looking through it again and again is a twentieth of a short run
+    # imported objects live on: collecting them again and again takes 5 % of a short run
     gc.set_threshold(100_000)
-    # registered first, so called last: the interpreter then ends with the code that was returned
+    # registered first, so called last: nothing changes the exit code any more
     atexit.register(_on_interruption, signal.SIG_IGN)
     from imucalib_cli.cli.main import main as run
 
@@ -37,11 +37,11 @@ def main() -> int:
     _on_interruption(_interrupt)
     try:
         code = run()
-    except KeyboardInterrupt:  # between two lines that handle the first one
+    except KeyboardInterrupt:  # came while main handled another error
         code = EXIT_INTERRUPTED
     _on_interruption(_leave)
     if code == EXIT_INTERRUPTED:
-        # threads that wait for an import which was interrupted would be waited for
+        # a normal end would wait for threads that wait for an interrupted import
         _leave(0, None)
     return code
 
@@ -52,15 +52,14 @@ def _on_interruption(handler: "Callable[[int, FrameType | None], None] | signal.
 
 
 def was_interrupted() -> bool:
-    """Whether an interruption has come, whatever has become of its exception since."""
+    """Whether an interruption has come, even if its exception was lost."""
     return bool(_came)
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """Interrupt the command, and the second time, or when it does not end, the process.
+    """Interrupt the command; a second interruption, or a command that goes on, ends the process.
 
-    An exception in the middle of an import can leave the interpreter's import lock taken, and
-    every thread that imports something then waits for ever.
+    An exception during an import can leave the import lock taken: threads then wait for ever.
     """
     _on_interruption(_leave)
     _came.append(True)
@@ -71,7 +70,7 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 def _unraisable(unraisable: "sys.UnraisableHookArgs") -> None:
-    """End the process where an interruption came in a callback, which cannot pass it on."""
+    """End the process where an interruption came in a callback, which cannot raise."""
     if isinstance(unraisable.exc_value, KeyboardInterrupt):
         _leave(0, None)
     sys.__unraisablehook__(unraisable)
@@ -79,10 +78,10 @@ def _unraisable(unraisable: "sys.UnraisableHookArgs") -> None:
 
 @contextlib.contextmanager
 def last_words(say: Callable[[], None]) -> Iterator[None]:
-    """Let something be said meanwhile where an interruption ends the process at once.
+    """Call ``say`` if an interruption ends the process at once meanwhile.
 
     Args:
-        say: May be called in the middle of anything: it must not wait for a lock.
+        say: Is called from a signal handler: it must not wait for a lock.
     """
     _last_words.append(say)
     try:

@@ -1,4 +1,4 @@
-"""The exit codes: what each means, and which an error has. docs/exit-codes.md is made from them."""
+"""The exit codes: their meanings, and the code of an error. docs/exit-codes.md is made here."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
 
 
 class Meaning(NamedTuple):
-    """Of an exit code, for people."""
+    """The meaning of an exit code, for people."""
 
     brief: str
     full: str
@@ -89,13 +89,13 @@ def exit_code(error: ImucalibError) -> int:
 
 
 def exit_code_of(errors: Iterable[ImucalibError], results: Sequence[Result] = ()) -> int:
-    """Exit code of a log: of why something could not be given, and of what was."""
+    """Exit code of a log, from its errors and its results."""
     untrusted = [EXIT_UNTRUSTED for result in results if result.status != "ok"]
     return worst([*map(exit_code, errors), *untrusted])
 
 
 def exit_code_of_answers(answers: Iterable[Any], failures: Iterable[ImucalibError]) -> int:
-    """Exit code of a comparison: of its verdicts, and of why some IMUs have none."""
+    """Exit code of a comparison, from its verdicts and the errors of IMUs without one."""
     verdicts = [_VERDICTS[answer.verdict] for answer in answers]
     return worst([*verdicts, *map(exit_code, failures)])
 
@@ -103,7 +103,6 @@ def exit_code_of_answers(answers: Iterable[Any], failures: Iterable[ImucalibErro
 def worst(codes: Iterable[int]) -> int:
     """Exit code of several IMUs, or logs.
 
-    No result is worse than one that should not be trusted; but one IMU that is not where it
-    should be settles the question, whatever became of the others.
+    A missing result is worse than an untrusted one. One IMU at a wrong place decides alone.
     """
     return max(codes, key=_FROM_BEST.index, default=EXIT_OK)

@@ -24,15 +24,15 @@ if TYPE_CHECKING:
     Maker = Callable[[Path, Outcome], Files]
 
 
-def see_extras(files: ExtraFiles) -> list[Path]:
-    """The files that are asked for, as far as they are known before the log is read.
+def check_extras(files: ExtraFiles) -> list[Path]:
+    """The files to write, as far as they are known before the log is read.
 
     Raises:
-        InputError: What writes them is not installed.
+        InputError: A package that writes them is not installed.
     """
     places = []
     for name, path in _asked(files).items():
-        _see_installed(name, path.suffix)
+        _check_installed(name, path.suffix)
         places += [path, *([_layout_of(path)] if name == "debug_mcap" else [])]
     return places
 
@@ -46,10 +46,10 @@ def write_extras(
     force: bool,
     quiet: bool,
 ) -> list[ImucalibError]:
-    """Write the files that are asked for, each whole or not at all, and say so.
+    """Write the files, each whole or not at all, and say so.
 
-    Not over what the command has read, or has written already. Where nothing could be calibrated,
-    nothing is written.
+    Files that the command has read or written already are kept. Without any result nothing is
+    written.
 
     Returns:
         Why some could not be written; the others are.
@@ -73,22 +73,22 @@ def write_extras(
 
 
 def for_each_log(names: Iterable[str]) -> tuple[tuple[str, Maker], ...]:
-    """Of fields of ExtraFiles: what follows the log's name in that of a file, and what makes it.
+    """For fields of ExtraFiles: the end of the file's name, after the log's, and its maker.
 
     Raises:
-        InputError: What writes them is not installed.
+        InputError: A package that writes them is not installed.
     """
     makers = []
     for name in names:
         option: Any = getattr(ExtraFiles, name)
-        suffix = option.metavar.removeprefix("FILE").split("|")[0]  # the first that it takes
-        _see_installed(name, suffix)
+        suffix = option.metavar.removeprefix("FILE").split("|")[0]  # the first of several
+        _check_installed(name, suffix)
         makers.append((f".{flag_of(name).removeprefix('--')}{suffix}", EXTRAS[name]))
     return tuple(makers)
 
 
-def _see_installed(name: str, suffix: str) -> None:
-    """Raise InputError where what writes files of a suffix is not installed."""
+def _check_installed(name: str, suffix: str) -> None:
+    """Raise InputError where the package that writes files of a suffix is not installed."""
     if needed := _NEEDED.get(suffix.lower()):
         module, extra = needed
         optional(module, f"{flag_of(name)} needs", extra)
@@ -173,7 +173,7 @@ EXTRAS: dict[str, Maker] = {
     "debug_mcap": _debug_mcap,
     "plot": _plot,
 }
-"""What makes the files of an option, by the field of ExtraFiles."""
+"""Makers of the files, by the field of ExtraFiles."""
 _NEEDED = {
     ".parquet": ("pyarrow", "parquet"),
     **dict.fromkeys((".svg", ".pdf", ".png"), ("matplotlib", "plot")),

@@ -1,4 +1,4 @@
-"""What a command reads and writes: seen before any work, and told when it was not written."""
+"""Files that a command reads and writes: checked before any work, reported if not written."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _LONGEST_LIST = 1 << 26
 
 
 def files_of(*named: LogPath | str | None) -> list[Path]:
-    """Paths of what the user named to be read; ``-`` is the file that stdin comes from."""
+    """Paths of the inputs that the user named; ``-`` is the file that stdin comes from."""
     local = [each for each in named if each is not None and not isinstance(each, RemoteFile)]
     paths = [_STDIN if str(each) == "-" else Path(each) for each in local]
     return [path for path in paths if path != _STDIN or path.exists()]
 
 
-def listed(arguments: Iterable[str], of: str) -> Iterator[str]:
-    """Names ``of`` something, with those of the list on stdin, which ``-`` names.
+def given_names(arguments: Iterable[str], of: str) -> Iterator[str]:
+    """Names ``of`` something; ``-`` stands for the list on stdin.
 
     Raises:
         ChoiceError: A name is empty.
@@ -63,7 +63,7 @@ def names_in(data: bytes) -> list[str]:
 
 @contextmanager
 def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
-    """Remove temporary copies of remote files in the end, and say what was read of each."""
+    """Remove temporary copies of remote files at the end, and say what was read of each."""
     with without_copies(files) as remote:
         try:
             yield
@@ -73,26 +73,23 @@ def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
 
 
 @contextmanager
-def writing(output: Path | None, *, read: Iterable[Path]) -> Iterator[None]:
-    """See before any computing that the file of an answer is free; None is stdout.
+def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
+    """Check before any computing that files may be written; None is stdout.
 
     Raises:
         ChoiceError, InputError: As results.places.see_places.
     """
-    if output is not None:
+    if written := [path for path in outputs if path is not None]:
         from imucalib_cli.results.places import see_places
 
-        see_places(read=read, written=[output])
-    with telling_what_is_left(output):
+        see_places(read=read, written=written)
+    with warning_of_old_outputs(*written):
         yield
 
 
 @contextmanager
-def telling_what_is_left(*outputs: Path | None) -> Iterator[None]:
-    """Say of files that were there before when a command fails without having replaced them.
-
-    A result of an earlier run would be taken for that of this one.
-    """
+def warning_of_old_outputs(*outputs: Path | None) -> Iterator[None]:
+    """If the command fails, warn of outputs of an earlier run, which it has not replaced."""
     before = {path: _identity(path) for path in outputs if path is not None}
     try:
         yield
@@ -114,9 +111,9 @@ def deliver_into(
     quiet: bool,
     read: Iterable[Path],
 ) -> list[Path]:
-    """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if need be.
+    """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if it is missing.
 
-    A name that belongs to another result gets a number, with a warning.
+    A name that another result has already gets a number, with a warning.
 
     Returns:
         The files.
@@ -134,8 +131,8 @@ def deliver_into(
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
     suffix = FORMATS[fmt].suffix
     texts: dict[Path, str] = {}
+    warnings: list[str] = []
     taken: set[str] = set()
-    displaced: list[str] = []
     for result, label in zip(results, labels_of(results), strict=True):
         stem = short(f"{log_name(log)}.{fitted(label)}")
         text = FORMATS[fmt].render([result])
@@ -146,18 +143,18 @@ def deliver_into(
         taken.add(sameness(path.name))
         texts[path] = text
         if number > 1:
-            displaced.append(
+            warnings.append(
                 f"{folder / f'{stem}{suffix}'} is of another IMU or log: this result is in {path}"
             )
     see_places(read=read, written=texts, force=force)
     for path, text in texts.items():
         deliver(text, path, quiet=quiet)
-    for words in displaced:
+    for words in warnings:
         say("warning", words)
     return list(texts)
 
 
-def of_log(folder: Path, log: LogPath) -> list[Path]:
+def files_named_after(folder: Path, log: LogPath) -> list[Path]:
     """Files of a folder that are named after a log."""
     from imucalib_cli.results.names import log_name, short
 
@@ -165,7 +162,7 @@ def of_log(folder: Path, log: LogPath) -> list[Path]:
 
 
 def _identity(path: Path) -> tuple[int, int, int] | None:
-    """What changes when a regular file is replaced or written to; None where there is none."""
+    """Numbers that change when a regular file is replaced or written to; None if there is none."""
     try:
         found = path.stat()
     except OSError:
@@ -174,7 +171,7 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
 
 
 def _is_free(path: Path, text: str, result: Result) -> bool:
-    """Whether nothing is lost by writing a file: the same IMU of the same log, or the same text."""
+    """Whether a file may be replaced: it has the same text, or the same IMU of the same log."""
     from imucalib_cli.jobs.result_files import read_result_file
 
     if not path.exists():
@@ -183,8 +180,8 @@ def _is_free(path: Path, text: str, result: Result) -> bool:
         if path.read_bytes() == text.encode():
             return True
         there = read_result_file(str(path))
-    except (ImucalibError, OSError):  # no result, or none that tells where it comes from
+    except (ImucalibError, OSError):  # no result
         return False
-    # wherever the log lies now
+    # the log may have moved since
     first, *others = ((each.imu_topic, each.provenance.log_identity) for each in (result, *there))
     return others == [first]

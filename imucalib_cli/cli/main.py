@@ -1,26 +1,15 @@
-"""The command ``imucalib``: its commands, and what every error becomes."""
+"""The command ``imucalib``: its list of commands, and how errors become lines and exit codes."""
 
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 import typer
 
-from imucalib_cli.cli.commands.apply import apply_command
-from imucalib_cli.cli.commands.batch import batch_command
-from imucalib_cli.cli.commands.combine import combine_command
-from imucalib_cli.cli.commands.compare import compare_command
-from imucalib_cli.cli.commands.diff import diff_command
-from imucalib_cli.cli.commands.inspect import inspect_command
-from imucalib_cli.cli.commands.report import report_command
-from imucalib_cli.cli.commands.run import run_command
-from imucalib_cli.cli.commands.simulate import simulate_command
-from imucalib_cli.cli.commands.study import study_command
-from imucalib_cli.cli.commands.trend import trend_command
-from imucalib_cli.cli.commands.verify import verify_command
 from imucalib_cli.cli.entry import was_interrupted
 from imucalib_cli.cli.exit_codes import (
     EXIT_BROKEN_PIPE,
@@ -35,49 +24,28 @@ from imucalib_cli.cli.parsers import WrongValue
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
 
+COMMANDS = (
+    *("run", "batch", "inspect", "combine", "report", "apply", "verify", "diff", "trend"),
+    *("compare", "simulate", "study", "schema"),
+)
+"""In the order of the help; each is a file of cli/commands."""
 TRACEBACK = "IMUCALIB_TRACEBACK"
 """Environment variable that lets an unexpected exception through with its traceback."""
+
+_CODES = [f"{code} {each.brief}" for code, each in EXIT_CODES.items() if code < EXIT_INTERRUPTED]
 
 NO_MEMORY = (
     "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
     "--pose-topic), or raise the limit"
 )
 _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic chooses one"}
-"""Options that were there once."""
+"""Former options, and the hint for each."""
 
 
-def schema_command(
-    which: Literal["result", "comparison", "record"] = typer.Argument(
-        "result", help="Of `run`; of `verify`, `diff`, `trend`, `compare`; of a log of `batch`."
-    ),
-) -> None:
-    """Print the JSON Schema (2020-12) of the result, of the answers that compare, or of records."""
-    if which == "record":
-        from imucalib_cli.batch.record import schema_of_record
-
-        deliver(schema_of_record())
-    else:
-        from imucalib_cli.results.comparison.answers import schema_of
-
-        deliver(schema_of(which))
-
-
-COMMANDS: dict[str, Callable[..., None]] = {
-    "run": run_command,
-    "batch": batch_command,
-    "inspect": inspect_command,
-    "combine": combine_command,
-    "report": report_command,
-    "apply": apply_command,
-    "verify": verify_command,
-    "diff": diff_command,
-    "trend": trend_command,
-    "compare": compare_command,
-    "simulate": simulate_command,
-    "study": study_command,
-    "schema": schema_command,
-}
-_CODES = [f"{code} {each.brief}" for code, each in EXIT_CODES.items() if code < EXIT_INTERRUPTED]
+def command_of(name: str) -> Callable[..., None]:
+    """The function of a command, as typer takes it: its parameters are the options."""
+    module: Any = import_module(f"imucalib_cli.cli.commands.{name}")
+    return with_groups(getattr(module, f"{name}_command"))
 
 
 def _show_version(wanted: bool) -> None:
@@ -100,7 +68,7 @@ def common(
 
 
 def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
-    """The command line with some of its commands: reading the options of all takes its time."""
+    """The command line with some of its commands; reading the options of all takes time."""
     app = typer.Typer(
         name="imucalib",
         help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
@@ -110,7 +78,7 @@ def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     for name in names:
-        app.command(name)(with_groups(COMMANDS[name]))
+        app.command(name)(command_of(name))
     app.callback()(common)
     return app
 
@@ -138,27 +106,26 @@ def _prepare_process() -> None:
 
 
 def _run(argv: list[str]) -> int:
-    app = app_of([each for each in argv[:1] if each in COMMANDS] or COMMANDS)
     try:
+        app = app_of([each for each in argv[:1] if each in COMMANDS] or COMMANDS)
         code = app(argv, prog_name="imucalib", standalone_mode=False)
     except typer.Abort:
         raise KeyboardInterrupt from None
-    except SystemExit as error:  # what click makes of help that nobody reads to its end
+    except SystemExit as error:  # click's, where the help is piped to a reader that has ended
         if isinstance(error.__context__, BrokenPipeError):
             return EXIT_BROKEN_PIPE
         raise
     except Exception as error:
-        # an import that was broken off looks like a package that is not installed
+        # an import that was interrupted looks like a package that is not installed
         if was_interrupted() or _is_interruption(error):
             raise KeyboardInterrupt from None
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
             _say_usage_error(error)
             return int(error.exit_code)
-        told = _in_our_words(error)
-        if told is not None:
-            say_error(told)
-            return exit_code(told)
+        if (known := _known_error(error)) is not None:
+            say_error(known)
+            return exit_code(known)
         if TRACEBACK in os.environ:
             raise
         say(
@@ -170,7 +137,7 @@ def _run(argv: list[str]) -> int:
     return code if isinstance(code, int) else 0
 
 
-def _in_our_words(error: Exception) -> ImucalibError | None:
+def _known_error(error: Exception) -> ImucalibError | None:
     if isinstance(error, ImucalibError):
         return error
     if isinstance(error, MemoryError):
@@ -184,7 +151,7 @@ def _in_our_words(error: Exception) -> ImucalibError | None:
 
 
 def _is_interruption(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error: compiled modules report it as failing to be imported."""
+    """Whether Ctrl-C caused an error: compiled modules report it as a failed import."""
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
             return True

@@ -1,4 +1,4 @@
-"""Options that several commands take: each declared once, typed, with its parser and its help."""
+"""Options that several commands share: each is declared once, with type, parser and help."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     PoseStd = list[float]
     Names = tuple[str, ...]
     FormatName = str
-else:  # typer evaluates these too; to it each is what the parser makes
+else:  # typer evaluates these too; the parsers of the options decide the types
     Components = Gravity = JointColumns = LogPath = Names = Pose = PoseStd = Robot = Tolerance = (
         WindowChoice
     ) = object
@@ -48,12 +48,14 @@ ESTIMATOR, PAPER = "Estimator", "Only with --method paper"
 OUTPUT = "Output"
 
 _log = partial(typer.Option, rich_help_panel=LOG)
+_log_time = partial(_log, metavar="SECONDS|STAMP", parser=parsers.log_time)
 _robot = partial(typer.Option, rich_help_panel=ROBOT)
 _known = partial(typer.Option, rich_help_panel=KNOWN)
 _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
 output_option = partial(typer.Option, rich_help_panel=OUTPUT)
 _frame = partial(_robot, metavar="FRAME", parser=frame_name, autocompletion=complete.links)
+_pose_std = partial(_known, metavar="2mm,0.5deg|tx=1mm,rz=0.2deg", parser=parsers.pose_std)
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
 
 
@@ -62,7 +64,7 @@ def _topics(kind: Kind, flag: str, **told: Any) -> Any:
 
 
 def file_option(forms: str, *other: str, **told: Any) -> Any:
-    """A file whose suffix says its form: ``FILE.csv|.parquet``, and others that are not told."""
+    """A file whose suffix chooses its form: ``FILE.csv|.parquet``, and others not in the help."""
     suffixes = forms.removeprefix("FILE").split("|")
     parser = parsers.file_ending(*suffixes, *other)
     return output_option(None, metavar=forms, parser=parser, show_default="none", **told)
@@ -89,29 +91,20 @@ JointColumnsOption = Annotated[
 ]
 PartFrom = Annotated[
     float | None,
-    _log(
+    _log_time(
         "--from",
-        metavar="SECONDS|STAMP",
-        parser=parsers.log_time,
         help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
         "s or ns since 1970.",
         show_default="its start",
     ),
 ]
 PartTo = Annotated[
-    float | None,
-    _log(
-        "--to",
-        metavar="SECONDS|STAMP",
-        parser=parsers.log_time,
-        help="Use the log up to here.",
-        show_default="its end",
-    ),
+    float | None, _log_time("--to", help="Use the log up to here.", show_default="its end")
 ]
 PLANAR = (2,)
-"""Components of the pose that driving on a plane cannot tell, where no motion says which: tz."""
+"""Components of the pose that driving on a plane does not determine, without the motion: tz."""
 WORDS_OR_YAML = "summary on a terminal, else yaml"
-"""Default of ``--format``, as output.chosen_format has it."""
+"""Default of ``--format``, see output.chosen_format."""
 FormatOption = Annotated[
     FormatName | None,
     output_option(
@@ -186,7 +179,7 @@ Quiet = Annotated[bool, output_option("-q", "--quiet", help="Errors only on stde
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
-    """What to read and on which robot; the names are those of a CalibrationRequest."""
+    """What to read and on which robot; the names are those of CalibrationRequest."""
 
     imu_topics: list[str] = _topics(
         "imu",
@@ -289,9 +282,9 @@ class RecordingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class KnownOptions:
-    """What is known beforehand; the names are those of MatchedOptions, where they agree.
+    """What is known beforehand; names that MatchedOptions has too mean the same.
 
-    None leaves a value to the method, or to the run that is solved again.
+    None is the default of the method, or of the run that is solved again.
     """
 
     accel_bias_std: float | None = _bias(
@@ -347,17 +340,13 @@ class KnownOptions:
         help="The robot drives on a plane and turns about its upright axis alone: holds the "
         "height, which such motion cannot tell, as --fix tz does where z is upright.",
     )
-    prior_std: PoseStd | None = _known(
+    prior_std: PoseStd | None = _pose_std(
         None,
-        metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
-        parser=parsers.pose_std,
         help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
         show_default="unknown",
     )
-    base_std: PoseStd | None = _known(
+    base_std: PoseStd | None = _pose_std(
         None,
-        metavar="2mm,0.5deg|tx=1mm,rz=0.2deg",
-        parser=parsers.pose_std,
         help="How well the URDF's pose of the --base-imu in its link is known, 1 sigma.",
         show_default="learnt, as the robot's lengths and zeros",
     )
@@ -372,7 +361,7 @@ class KnownOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorOptions(KnownOptions):
-    """How to estimate; the names are those of MatchedOptions and PaperOptions, where they agree."""
+    """How to estimate; names that MatchedOptions or PaperOptions have too mean the same."""
 
     imu_model: str | None = _known(
         None,
@@ -419,7 +408,7 @@ class EstimatorOptions(KnownOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ExtraFiles:
-    """Files beside the result; what makes each is in cli/extras.py, by the field's name."""
+    """Files beside the result; cli/extras.py makes each, by the field's name."""
 
     statistics: Path | None = file_option(
         "FILE.npz",
@@ -467,7 +456,7 @@ else:
             for each in fields(ExtraFiles)
         ],
     )
-    """The same for many logs: whether each is to have one."""
+    """The same for many logs: whether each log gets such a file."""
 
 
 def calibration_request(
@@ -477,12 +466,12 @@ def calibration_request(
     estimator: EstimatorOptions,
     require: Tolerance | None = None,
 ) -> CalibrationRequest:
-    """What the options ask for.
+    """The request that the options make.
 
     Raises:
         ChoiceError: An option contradicts another or belongs to the other method, or there is no
             such IMU.
-        InputError: The data sheet of the user's own states something else.
+        InputError: The user's own data sheet cannot be used.
     """
     from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.signals.imu.units import Units
@@ -511,14 +500,14 @@ def calibration_request(
 
 
 def part_asked(start: float | None, end: float | None) -> Part | None:
-    """The part of a log that is asked for; None for all of it."""
+    """The part of a log to use; None for all of it."""
     from imucalib_cli.logs.part import Part
 
     return None if start is None and end is None else Part(start=start, end=end)
 
 
 def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:
-    """The parent of all IMUs, and those of single ones; ChoiceError where one has two."""
+    """The parent of all IMUs, and parents of single IMUs; ChoiceError where one has two."""
     of_all = [text for text in given if "=" not in text]
     of_one = [(imu, frame) for imu, _, frame in (t.rpartition("=") for t in given if "=" in t)]
     if len(of_all) > 1 or len(dict(of_one)) < len(of_one):
@@ -530,7 +519,7 @@ def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], .
 
 
 def options_given(ctx: typer.Context) -> dict[str, str]:
-    """Names of the options on the command line, and the panel of each."""
+    """The options on the command line, each with its panel of the help."""
     return {
         parameter.opts[-1]: getattr(parameter, "rich_help_panel", None) or ""
         for parameter in ctx.command.params
@@ -540,23 +529,9 @@ def options_given(ctx: typer.Context) -> dict[str, str]:
 
 
 _MATCHED_ONLY = {
-    "--time-offset",
-    "--max-offset",
-    "--accel-bias",
-    "--gyro-bias",
-    "--tilt-std",
-    "--fix",
-    "--planar",
-    "--prior-std",
-    "--base-imu",
-    "--base-std",
-    "--sensor-model",
-    "--robot",
-    "--statistics",
-    "--residuals",
-    "--debug-mcap",
-    "--plot",
-    "--kinematics-report",
+    *("--time-offset", "--max-offset", "--accel-bias", "--gyro-bias", "--tilt-std", "--robot"),
+    *("--fix", "--planar", "--prior-std", "--base-imu", "--base-std", "--sensor-model"),
+    *("--statistics", "--residuals", "--debug-mcap", "--plot", "--kinematics-report"),
 }
 
 
@@ -583,30 +558,29 @@ def _estimator_options(
 
 
 def changed_options(known: KnownOptions) -> Callable[[MatchedOptions], MatchedOptions]:
-    """From the options of a run to the same with what is given now.
+    """A function that replaces options of an earlier run by the options given now.
 
     Raises:
         ChoiceError: An option contradicts another.
     """
     given = _given(known, *(PLANAR if known.planar else ()))
-    if given["pose"] is None:
-        del given["pose"]
     return lambda options: replace(options, **given)
 
 
 def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
-    """What of MatchedOptions is given, and the prior of the pose, in which more is held."""
+    """Fields of MatchedOptions that are given; ``more`` components of the pose are fixed too."""
     from imucalib_cli.estimate.options import MatchedOptions
 
     if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
         raise ChoiceError(f"--tilt-std means nothing with --gravity {known.gravity}")
-    given = _named_alike(known, MatchedOptions)
+    given = _given_fields(known, MatchedOptions)
     if isinstance(known.gravity, float):
         del given["gravity"]
         given |= {"gravity_norm": known.gravity, "gravity_std": 0.0}
     if known.base_std is not None:
         given["base_std"] = tuple(known.base_std)
-    return {**given, "pose": _pose_prior(known, (*(known.fix or ()), *more))}
+    prior = _pose_prior(known, (*(known.fix or ()), *more))
+    return given if prior is None else {**given, "pose": prior}
 
 
 def _published(estimator: EstimatorOptions) -> PaperOptions:
@@ -614,7 +588,7 @@ def _published(estimator: EstimatorOptions) -> PaperOptions:
 
     if estimator.gravity == "tilt":
         raise ChoiceError("--gravity tilt belongs to --method matched: use fixed, none or a norm")
-    given = _named_alike(estimator, PaperOptions)
+    given = _given_fields(estimator, PaperOptions)
     if estimator.gravity not in {None, "fixed"}:
         given["gravity_norm"] = 0.0 if estimator.gravity == "none" else estimator.gravity
     if estimator.initial is not None:
@@ -622,16 +596,16 @@ def _published(estimator: EstimatorOptions) -> PaperOptions:
     return PaperOptions(**given)
 
 
-def _named_alike(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
-    """What was given of that which a method's options call by the same name."""
+def _given_fields(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
+    """Options that are given and that a method's options call by the same name."""
     values = {each.name: getattr(estimator, each.name, None) for each in fields(kind)}
     return {name: value for name, value in values.items() if value is not None}
 
 
 def _pose_prior(estimator: KnownOptions, held: Sequence[int]) -> PosePrior | None:
-    """What the user knows of the pose, with components held; it may be left to the URDF where.
+    """The prior of the pose, with some components held; its place may come from the URDF later.
 
-    That of --planar is known only with the robot's motion.
+    --planar holds a component that is known only with the robot's motion.
     """
     from imucalib_cli.estimate.options import PosePrior
 
@@ -646,13 +620,12 @@ def _pose_prior(estimator: KnownOptions, held: Sequence[int]) -> PosePrior | Non
                 "needs no guess, so leave it out"
             )
         return None
-    if known is None:
-        return PosePrior(std=tuple(std))
-    return PosePrior(std=tuple(std), R_parent_imu=known.R, t_parent_imu=known.t)
+    R, t = (None, None) if known is None else known
+    return PosePrior(std=tuple(std), R_parent_imu=R, t_parent_imu=t)
 
 
 def _expected_imu(estimator: EstimatorOptions) -> ExpectedImu | None:
-    """The IMU that the user names, with priors for what they say nothing of themselves."""
+    """The IMU that the user names, with priors of the biases that no option gives."""
     name = estimator.imu_model
     if name is None:
         return None
@@ -670,9 +643,9 @@ def _expected_imu(estimator: EstimatorOptions) -> ExpectedImu | None:
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose parameters that are dataclasses are replaced by their fields.
+    """The command with each parameter that is a dataclass replaced by the fields of it.
 
-    Typer reads a command's options from its signature; the command is called with the dataclasses.
+    Typer reads a command's options from its signature; the command itself gets the dataclasses.
     """
     groups: dict[str, type[Any]] = {}
     parameters: list[inspect.Parameter] = []

@@ -1,7 +1,7 @@
-"""Where text goes: results to stdout or a file, words to stderr. Nothing else writes there.
+"""Output: results go to stdout or a file, words to stderr. Nothing else writes there.
 
-Either stream may be full or closed: that a result cannot be written is an error and said in one
-line; that words cannot be written is none.
+Either stream may be full or closed. A result that cannot be written is an error of one line; words
+that cannot be written are dropped.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from imucalib_cli.errors import ImucalibError
 
 _LONGEST = 4000
-"""Letters of a sentence: a name in a file may have a million."""
+"""Letters of a sentence: a name in a file may have a million letters."""
 
 
 def chosen_format(asked: str | None, output: Path | None) -> str:
-    """The format that was asked for; else words on a terminal, YAML into files and pipes."""
+    """The format that is asked for; else words on a terminal, YAML into files and pipes."""
     return asked or ("summary" if output is None and is_terminal(sys.stdout) else "yaml")
 
 
 def deliver(content: str | bytes, output: Path | None = None, *, quiet: bool = False) -> None:
-    """Write a result to a file and say so, or to stdout where none is named.
+    """Write a result to a file and say so; without a file, to stdout.
 
     Raises:
         InputError: As results.atomic.write_whole.
@@ -51,7 +51,7 @@ def deliver(content: str | bytes, output: Path | None = None, *, quiet: bool = F
 
 
 def show(content: str | bytes) -> None:
-    """Write to stdout as it is; of text for a terminal all names have been through ``shown``."""
+    """Write to stdout unchanged; in text for a terminal, names must be escaped by ``shown``."""
     try:
         if isinstance(content, bytes):
             sys.stdout.buffer.write(content)
@@ -59,13 +59,13 @@ def show(content: str | bytes) -> None:
             sys.stdout.write(content)
         sys.stdout.flush()
     except BrokenPipeError:
-        # the reader has what it wanted; keep the interpreter from flushing into the pipe again
+        # the reader has enough; keep the interpreter from flushing into the pipe again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(EXIT_BROKEN_PIPE) from None
 
 
 def say(word: str, sentence: object) -> None:
-    """One line on stderr, whatever the sentence contains: names in a log may hold anything."""
+    """Print one line on stderr; names in a log may hold anything, which is escaped."""
     line = shown(" ".join(str(sentence).split()))
     if len(line) > _LONGEST:
         line = f"{line[:_LONGEST]}… ({len(line)} letters)"
@@ -73,13 +73,13 @@ def say(word: str, sentence: object) -> None:
 
 
 def say_error(error: ImucalibError) -> None:
-    """An error in one line, and what it gives to be copied."""
+    """Print an error in one line, and its snippet to copy."""
     say("error", error)
     sys.stderr.write(shown_lines(getattr(error, "snippet", "")))
 
 
 def is_terminal(stream: TextIO) -> bool:
-    """Whether a human reads the stream."""
+    """Whether a person reads the stream."""
     return stream.isatty()
 
 
@@ -89,22 +89,22 @@ def takes_codes(stream: TextIO) -> bool:
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """Whether to colour: on a terminal that can, unless NO_COLOR is set (no-color.org)."""
+    """Whether to use colour: on a terminal that can, unless NO_COLOR is set (no-color.org)."""
     return takes_codes(stream) and not os.environ.get("NO_COLOR")
 
 
 def guard_streams() -> None:
-    """Replace stdout by one that fails in our words, and stderr by one that never fails.
+    """Replace stdout by one whose errors are one line, and stderr by one that never fails.
 
-    A closed stdout is no fault until something is written to it: results may go to files.
+    A closed stdout is an error only when something is written: results may go to files.
     """
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - to the end
     elif (descriptor := _descriptor(sys.stderr)) is not None:
         sys.stderr = _text(_Stderr(descriptor, "w", closefd=False), sys.stderr.encoding)
     if sys.stdout is None:
-        # takes the free descriptor 1 from the files that are opened later; not writable, so
-        # that writing fails as it does on a closed descriptor
+        # occupies descriptor 1, so that no file opened later gets it; not writable, so that
+        # writing fails as on a closed descriptor
         closed = os.open(os.devnull, os.O_RDONLY)
         sys.stdout = _text(_Stdout(closed, "w", closefd=False), "utf-8")
     elif (descriptor := _descriptor(sys.stdout)) is not None:
@@ -112,7 +112,7 @@ def guard_streams() -> None:
 
 
 def _descriptor(stream: TextIO) -> int | None:
-    """Of a stream on a plain file; the console of Windows is another class."""
+    """Descriptor of a stream on a plain file; None of others, such as the console of Windows."""
     if not isinstance(stream, io.TextIOWrapper):
         return None
     raw = getattr(stream.buffer, "raw", stream.buffer)  # itself where unbuffered
@@ -120,7 +120,7 @@ def _descriptor(stream: TextIO) -> int | None:
 
 
 def _text(raw: io.FileIO, encoding: str) -> io.TextIOWrapper:
-    # a terminal that knows no ± still gets a line
+    # a terminal without the letter ± still gets a line
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding,
@@ -130,7 +130,7 @@ def _text(raw: io.FileIO, encoding: str) -> io.TextIOWrapper:
 
 
 class _Stdout(io.FileIO):
-    """Says what is wrong with stdout, once; a reader that went away is left to others."""
+    """Raises one InputError if stdout cannot be written; a closed pipe is handled elsewhere."""
 
     def write(self, data: Buffer, /) -> int:
         try:
@@ -144,7 +144,7 @@ class _Stdout(io.FileIO):
 
 
 class _Stderr(io.FileIO):
-    """Loses words that nobody can take: a full disk under a log file changes no result."""
+    """Drops words that cannot be written: a full disk under a log file changes no result."""
 
     def write(self, data: Buffer, /) -> int:
         try:

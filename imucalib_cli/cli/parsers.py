@@ -1,18 +1,20 @@
-"""What a user types for a quantity, as a value in SI units. Typer calls these for the options.
+"""Parsers of option values: text to SI units, names and paths. Typer calls them.
 
-No numpy is imported before a value is read, so that ``--help`` and completion stay fast.
+numpy is imported only when a value needs it, so that ``--help`` and completion stay fast.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
+from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.robot.names import frame_name
 from imucalib_cli.shown import without_secrets
 
@@ -35,11 +37,11 @@ _NANOSECONDS = 1e12
 _LAST_START = 7_258_118_400
 """s since 1970: stamps in ns end in 2262."""
 _LONGEST_OFFSET = 600.0
-"""s: clocks further apart than this share no log; a search needs memory by its width."""
+"""s: clocks further apart share no log; the search needs memory in proportion."""
 
 
 class WrongValue(typer.BadParameter):
-    """A value that is not understood; its text begins with the value, for the option's name."""
+    """A value that cannot be parsed; its message begins with the value."""
 
     def __init__(self, message: str) -> None:
         super().__init__(without_secrets(message))
@@ -61,13 +63,13 @@ class Pose(NamedTuple):
 def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float:
     """A duration with its unit (s, ms, us), or a bare number of seconds; may be negative."""
     value, unit = _split(text, expected)
-    if unit and unit not in _SECONDS:
+    if unit not in {"", *_SECONDS}:
         raise WrongValue(f"{text}: no unit of time; expected {expected}")
     return value * _SECONDS.get(unit, 1.0)
 
 
 def moment(text: str) -> datetime:
-    """A date, or a date and time, as ISO 8601 has it; UTC where it names no zone."""
+    """A date, or a date and time, in ISO 8601; UTC where no zone is given."""
     try:
         found = datetime.fromisoformat(re.sub(r"[zZ]$", "+00:00", text))
     except ValueError:
@@ -86,11 +88,9 @@ def unix_time(text: str) -> int:
 
 
 def duration(text: str) -> float:
-    """Seconds, more than none."""
+    """A positive number of seconds."""
     value = seconds(text, expected := "seconds, such as 600 or 500ms")
-    if value <= 0.0:
-        raise WrongValue(f"{text}: must be positive; expected {expected}")
-    return value
+    return _positive(value, text, expected)
 
 
 def time_offset(text: str) -> float | None:
@@ -107,7 +107,7 @@ def log_time(text: str) -> float:
 
 
 def largest_offset(text: str) -> float:
-    """Seconds, more than none."""
+    """A positive number of seconds, at most _LONGEST_OFFSET."""
     value = seconds(text)
     if not 0.0 < value <= _LONGEST_OFFSET:
         raise WrongValue(f"{text}: expected more than 0 and at most {_LONGEST_OFFSET:g} s")
@@ -148,51 +148,45 @@ def gravity(text: str) -> str | float:
     """``tilt``, ``fixed``, ``none``, or the norm in m/s²."""
     if text in {"tilt", "fixed", "none"}:
         return text
-    return _positive(text, "tilt, fixed, none, or the norm in m/s² such as 9.81")
+    expected = "tilt, fixed, none, or the norm in m/s² such as 9.81"
+    return _positive(_number(text, expected), text, expected)
 
 
 def degrees(text: str) -> float:
-    """An angle in degrees, as rad, more than none."""
-    return math.radians(
-        _positive(text, "degrees, such as 0.5 (for no tilt at all --gravity fixed)")
-    )
+    """A positive angle in degrees, as rad."""
+    expected = "degrees, such as 0.5 (for no tilt at all --gravity fixed)"
+    return math.radians(_positive(_number(text, expected), text, expected))
 
 
 def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
     """A length and an angle with their units, such as ``1mm,0.1deg``, in either order.
 
-    Of the two one may be left out, which then is that of ``left_out``, or else without bound.
+    One of the two may be missing: it is taken from ``left_out``, by default without bound.
     """
     from imucalib_cli.results.comparison.requirement import Tolerance
 
     expected = "a length, an angle or both, such as 1mm,0.1deg"
-    length = angle = None
+    found: dict[str, float] = {}
     for part in text.split(","):
         value, unit = _split(part.strip(), expected, text)
-        if value <= 0.0:
-            raise WrongValue(f"{text}: must be positive; expected {expected}")
-        if unit in _METRES and length is None:
-            length = value * _METRES[unit]
-        elif unit in _RADIANS and angle is None:
-            angle = value * _RADIANS[unit]
-        else:
+        _positive(value, text, expected)
+        name = "translation" if unit in _METRES else "rotation"
+        factor = (_METRES | _RADIANS).get(unit)
+        if factor is None or name in found:
             raise WrongValue(f"{text}: expected {expected}")
-    default = left_out or Tolerance()
-    return Tolerance(
-        translation=default.translation if length is None else length,
-        rotation=default.rotation if angle is None else angle,
-    )
+        found[name] = value * factor
+    return replace(left_out or Tolerance(), **found)
 
 
 def within(text: str) -> Tolerance:
-    """As :func:`tolerance`; what is left out keeps the default of ``verify``."""
+    """As :func:`tolerance`; a missing part has the default of ``verify``."""
     from imucalib_cli.results.comparison.verdicts import WITHIN
 
     return tolerance(text, WITHIN)
 
 
 def pose(text: str) -> Pose:
-    """``"x y z roll pitch yaw"`` in m and rad, by blanks or commas."""
+    """``"x y z roll pitch yaw"`` in m and rad, separated by blanks or commas."""
     import numpy as np
 
     from imucalib_cli.robot.rotations import matrix_from_rpy
@@ -212,23 +206,22 @@ def tilt(text: str) -> tuple[float, ...]:
 
 
 def components(text: str) -> list[int]:
-    """Components of the pose, such as ``tx,rz``, as places in tx ty tz rx ry rz."""
+    """Components of the pose, such as ``tx,rz``, as indices into tx ty tz rx ry rz."""
     return _components(text, text)
 
 
 def pose_std(
     text: str, expected: str = "2mm,0.5deg for all components or tx=1mm,rz=0.2deg for some"
 ) -> list[float]:
-    """Standard deviations of the pose, six, inf where none is given.
+    """Six standard deviations of the pose, m and rad; inf where none is given.
 
-    ``2mm,0.5deg`` is of every component, ``tx=1mm,rz=0.2deg`` of some.
+    ``2mm,0.5deg`` holds for every component, ``tx=1mm,rz=0.2deg`` for some.
     """
     std = [math.inf] * 6
     for part in text.split(","):
         name, _, quantity = part.rpartition("=")
         value, unit = _split(quantity.strip(), expected, text)
-        if value <= 0.0:
-            raise WrongValue(f"{text}: must be positive; expected {expected}")
+        _positive(value, text, expected)
         units, kind = (_METRES, range(3)) if unit in _METRES else (_RADIANS, range(3, 6))
         places = _components(name.strip(), text) if name else [*kind]
         if unit not in units or any(place not in kind for place in places):
@@ -250,7 +243,7 @@ def robot(text: str) -> str | tuple[float, float]:
 
 
 def memory(text: str) -> int:
-    """Bytes, with their unit: 800MB, 2GB, 1.5GiB."""
+    """A number of bytes with its unit: 800MB, 2GB, 1.5GiB."""
     expected = "an amount of memory, such as 800MB or 2GB"
     value, unit = _split(text, expected)
     if unit not in _BYTES or value <= 0.0:
@@ -272,20 +265,22 @@ def parent(text: str) -> str:
 
 
 def imu_name(text: str) -> str:
-    """Name of an IMU as configs/imus spells it: ICM-20948 is icm20948; what is none stays."""
+    """Name of an IMU as configs/imus spells it: ICM-20948 is icm20948; others are kept."""
     from imucalib_cli.signals.imu.data_sheet import imu_names
 
-    spelled = {_letters(name): name for name in imu_names()}
-    return spelled.get(_letters(text), text)
+    def letters(name: str) -> str:
+        return re.sub(r"[\s_-]", "", name).lower()
+
+    return {letters(name): name for name in imu_names()}.get(letters(text), text)
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Names by commas."""
+    """Names separated by commas."""
     return tuple(each.strip() for each in text.split(",")) if text else ()
 
 
 def joint_columns(text: str) -> JointColumns:
-    """Which numbers of a message are joints: ``TOPIC:FIELD[first:end]=name,...``."""
+    """Which numbers of a message are joints, as ``TOPIC:FIELD[first:end]=name,...``."""
     from imucalib_cli.logs.messages.columns import joint_columns
 
     try:
@@ -295,16 +290,14 @@ def joint_columns(text: str) -> JointColumns:
 
 
 def local_file(text: str) -> Path:
-    """A path, where a URL is not taken."""
-    from imucalib_cli.logs.remote.url import is_url
-
+    """A path; a URL is refused."""
     if is_url(text):
         raise WrongValue(f"{text}: is a URL; name a file on disk")
     return Path(text)
 
 
 def output_file(text: str) -> Path | None:
-    """The file that ``-o`` names; None for stdout."""
+    """The file of ``-o``; None for stdout."""
     if text == "-":
         return None
     path = Path(_not_empty(text))
@@ -314,7 +307,7 @@ def output_file(text: str) -> Path | None:
 
 
 def file_ending(*suffixes: str) -> Callable[[str], Path]:
-    """What reads the name of a file whose suffix says its form."""
+    """A parser of names of files that have one of some suffixes."""
 
     def parse(text: str) -> Path:
         path = Path(_not_empty(text))
@@ -326,19 +319,19 @@ def file_ending(*suffixes: str) -> Callable[[str], Path]:
 
 
 def log_file(text: str) -> Path:
-    """The log that ``-o`` names, which may be a folder."""
+    """The log of ``-o``, which may be a folder."""
     if text in {"", "-"}:
         raise WrongValue(f"{text or 'is empty'}: a log goes to a file or a folder: name one")
     return local_file(text)
 
 
 def file_or_folder(text: str) -> str | None:
-    """What ``-o`` names; None for stdout."""
+    """The file or folder of ``-o``; None for stdout."""
     return None if text == "-" else _not_empty(text)
 
 
 def output_folder(text: str) -> Path:
-    """The folder that ``-o`` names."""
+    """The folder of ``-o``."""
     if text == "-":
         raise WrongValue("-: results go to a folder, tables to stdout by --format: name a folder")
     return Path(_not_empty(text))
@@ -354,10 +347,6 @@ def _not_empty(text: str) -> str:
         raise WrongValue("is empty, as of a variable that is not set: name the file to write")
     local_file(text)
     return text
-
-
-def _letters(name: str) -> str:
-    return re.sub(r"[\s_-]", "", name).lower()
 
 
 def _components(text: str, whole: str) -> list[int]:
@@ -382,8 +371,7 @@ def _at_least_zero(text: str, expected: str) -> float:
     return value
 
 
-def _positive(text: str, expected: str) -> float:
-    value = _number(text, expected)
+def _positive(value: float, text: str, expected: str) -> float:
     if value <= 0.0:
         raise WrongValue(f"{text}: must be positive; expected {expected}")
     return value

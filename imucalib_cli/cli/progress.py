@@ -1,4 +1,4 @@
-"""How work gets on: a bar on a terminal; elsewhere long work says a line now and then."""
+"""Progress: a bar on a terminal; elsewhere long work prints a line now and then."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import sys
 import threading
 import time
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from dataclasses import KW_ONLY, dataclass
+from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.output import say, takes_codes
@@ -19,26 +20,25 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 PATIENCE = 2.0
-"""s before the bar appears."""
+"""s until the bar appears."""
 LINE_PATIENCE = 5.0
-"""s before anything is said where no bar is."""
+"""s until the first line where no bar is."""
 _LINES = 10
-"""Of the whole work."""
+"""Lines for the whole work."""
 _OFF = "\r\x1b[2K\x1b[?25h"
-"""Clears a terminal's line and shows its cursor again, as ECMA-48 and xterm have it."""
+"""Clears a terminal's line and shows its cursor again (ECMA-48, xterm)."""
 
 
 class ProgressBar:
-    """Context manager whose :meth:`report` may be called as often as one likes, from any thread.
+    """Context manager; any thread may call :meth:`report`, as often as it likes.
 
-    The bar is on stderr, only if that is a terminal, and only after two seconds.
+    The bar appears on stderr after two seconds, if stderr is a terminal.
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
         self._enabled = takes_codes(sys.stderr) and not quiet
         self._lock = threading.Lock()
-        self._words = "starting"
-        self._share: float | None = None
+        self._state: dict[str, Any] = {"description": "starting", "total": None, "completed": 0.0}
         self._bar: Progress | None = None
         self._task: TaskID | None = None
         self._leaving = ExitStack()
@@ -60,9 +60,10 @@ class ProgressBar:
         self._leaving.close()
 
     def report(self, words: str, share: float | None = None) -> None:
-        """Say what is being done and which share of it, 0 to 1, if that is known."""
+        """Show what is being done and its share, 0 to 1, if that is known."""
+        total = None if share is None else 1.0
         with self._lock:
-            self._words, self._share = shown(words), share
+            self._state = {"description": shown(words), "total": total, "completed": share or 0.0}
             self._show()
 
     def _break_off(self) -> None:
@@ -72,7 +73,7 @@ class ProgressBar:
             sys.stderr.write(_OFF)
 
     def _appear(self) -> None:
-        # rich is imported only now: most runs end before
+        # rich is imported only now: most runs end earlier
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -86,43 +87,36 @@ class ProgressBar:
                 console=Console(file=sys.stderr),
                 transient=True,
             )
-            self._task = self._bar.add_task(self._words, total=None)
+            self._task = self._bar.add_task("", total=None)
             self._bar.start()
             self._show()
 
     def _show(self) -> None:
-        if self._bar is None or self._task is None:
-            return
-        total = None if self._share is None else 1.0
-        self._bar.update(
-            self._task, description=self._words, total=total, completed=self._share or 0.0
-        )
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, **self._state)
 
 
+@dataclass(eq=False)
 class CountProgress:
-    """Context manager that is told how many of many alike are done, some at a time.
+    """Context manager for many tasks of one kind: how many are done and how long the rest takes.
 
-    Interrupted, it says how many are kept in a file or a folder, and how to go on. What is kept
-    there, such as rows, is said at the beginning if it is named.
+    When it is interrupted it says how many are kept in ``place``, and how to go on. ``kept`` names
+    what ``place`` holds, such as rows.
     """
 
-    def __init__(
-        self,
-        name: str,
-        noun: str,
-        place: Path | None,
-        kept: str = "",
-        *,
-        fresh: bool,
-        jobs: int,
-        quiet: bool,
-    ) -> None:
-        self._name, self._noun, self._jobs = name, noun, jobs
-        self._place, self._kept, self._fresh = place, kept, fresh
-        self._bar = ProgressBar(quiet=quiet)
+    name: str
+    noun: str
+    place: Path | None
+    kept: str = ""
+    _: KW_ONLY
+    fresh: bool
+    jobs: int
+    quiet: bool
+
+    def __post_init__(self) -> None:
+        self._bar = ProgressBar(quiet=self.quiet)
         self._leaving = ExitStack()
-        self._lines = not takes_codes(sys.stderr) and not quiet
-        self._quiet = quiet
+        self._lines = not takes_codes(sys.stderr) and not self.quiet
         self._lock = threading.Lock()
         self._begun = time.monotonic()
         self._before: int | None = None
@@ -132,7 +126,7 @@ class CountProgress:
         self._timer.daemon = True
 
     def __enter__(self) -> Self:
-        self._leaving.enter_context(last_words(self._tell_interrupted))
+        self._leaving.enter_context(last_words(self._say_interrupted))
         self._leaving.enter_context(self._bar)
         if self._lines:
             self._timer.start()
@@ -143,20 +137,20 @@ class CountProgress:
         self._lines = False
         self._leaving.close()
         if kind is KeyboardInterrupt:
-            self._tell_interrupted()
+            self._say_interrupted()
 
     @property
     def before(self) -> int:
-        """How many an earlier session did."""
+        """Number that an earlier session did."""
         return self._before or 0
 
     def report(self, done: int, of: int) -> None:
-        """Say how many are done; the first time, how many an earlier session did."""
+        """Report how many are done; the first call tells how many an earlier session did."""
         if self._before is None:
             self._before, self._begun = done, time.monotonic()
         self._done, self._all = done, of
-        words = f"{done} of {of} {self._noun}{self._left()}"
-        self._bar.report(f"{self._name}: {words}", done / max(of, 1))
+        words = f"{done} of {of} {self.noun}{self._time_left()}"
+        self._bar.report(f"{self.name}: {words}", done / max(of, 1))
         if not self._lines or time.monotonic() - self._begun < LINE_PATIENCE:
             return
         self._say_begun()
@@ -164,15 +158,15 @@ class CountProgress:
             part = done * _LINES // max(of, 1)
             if self._said is not None and part > self._said:
                 self._said = part
-                say(self._name, words)
+                say(self.name, words)
 
-    def _tell_interrupted(self) -> None:
-        if self._quiet or not self._all or self._place is None:
+    def _say_interrupted(self) -> None:
+        if self.quiet or not self._all or self.place is None:
             return
-        self._quiet = True  # once is enough
-        again = f"the same command {'without --fresh ' if self._fresh else ''}goes on"
-        kept = f"{self._done} of {self._all} {self._noun} are kept in {self._place}; {again}"
-        say("interrupted", kept if self._done else f"none of {self._all} {self._noun} was done")
+        self.quiet = True  # once is enough
+        again = f"the same command {'without --fresh ' if self.fresh else ''}goes on"
+        kept = f"{self._done} of {self._all} {self.noun} are kept in {self.place}; {again}"
+        say("interrupted", kept if self._done else f"none of {self._all} {self.noun} was done")
 
     def _say_begun(self) -> None:
         with self._lock:
@@ -180,13 +174,13 @@ class CountProgress:
                 return
             self._said = self._done * _LINES // max(self._all, 1)
             before = f", {self._before} of them done before" if self._before else ""
-            kept = f", {self._kept} in {self._place}" if self._kept else ""
-            say(self._name, f"{self._all} {self._noun}{before}{kept}")
+            kept = f", {self.kept} in {self.place}" if self.kept else ""
+            say(self.name, f"{self._all} {self.noun}{before}{kept}")
 
-    def _left(self) -> str:
-        """How long the rest will take if it takes as long as what was done in this session."""
+    def _time_left(self) -> str:
+        """The time for the rest, at the speed of this session."""
         here = self._done - self.before
-        if here < self._jobs or self._done == self._all:
+        if here < self.jobs or self._done == self._all:
             return ""
         each = (time.monotonic() - self._begun) / here
         return f", about {_duration(each * (self._all - self._done))} left"

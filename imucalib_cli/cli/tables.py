@@ -1,4 +1,4 @@
-"""Lines and tables on stdout: to a person as wide as the terminal, to all else plain."""
+"""Lines and tables on stdout: fitted to a terminal, plain for files and pipes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from imucalib_cli.layout import Block
 
 _NARROWEST = 8
-"""Letters of a line below which a column of text cannot be read."""
+"""Least width of a column of text, in letters; a narrower one cannot be read."""
 
 
 def deliver_blocks(
     blocks: Iterable[Block], output: Path | None = None, *, quiet: bool = False
 ) -> None:
-    """Write lines and tables to a file, or to stdout where none is named.
+    """Write lines and tables to a file; without a file, to stdout.
 
     Raises:
         InputError: As results.atomic.write_whole.
@@ -38,9 +38,9 @@ def deliver_blocks(
 
 
 def _fitted(table: Table, width: int, height: int) -> str:
-    """A table folded to a width; plain, so folded by the terminal, where that is too narrow.
+    """A table folded to a width; plain where the terminal is too narrow for that.
 
-    Where it is wider, heads of numbers are broken at spaces and gutters are halved.
+    A table that is too wide gets the heads of its numbers broken at spaces, and half the gutters.
     """
     from rich.console import Console
     from rich.padding import Padding
@@ -73,7 +73,7 @@ def _fitted(table: Table, width: int, height: int) -> str:
     console = Console(
         file=text,
         width=width,
-        height=height,  # without it rich takes a dumb terminal to be 80 wide
+        height=height,  # without it rich assumes that a dumb terminal is 80 wide
         force_terminal=True,
         color_system="standard" if wants_colour(sys.stdout) else None,
     )

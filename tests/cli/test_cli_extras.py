@@ -6,7 +6,7 @@ import csv
 import json
 import re
 import sys
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,6 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from imucalib_cli.cli.extras import EXTRAS, write_extras
-from imucalib_cli.cli.main import main
 from imucalib_cli.cli.options import ExtraFiles, flag_of
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
@@ -34,7 +33,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.estimate.details import WindowSeries
-    from tests.conftest import Imucalib, LogWriter
+    from imucalib_cli.results.result import Result
+    from tests.conftest import Imucalib
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 ARM = (SAMPLES / "rihibot.mcap", "--urdf", SAMPLES / "rihibot.urdf")
@@ -42,30 +42,21 @@ ARM = (SAMPLES / "rihibot.mcap", "--urdf", SAMPLES / "rihibot.urdf")
 
 @pytest.fixture(scope="module")
 def arm() -> Outcome:
-    urdf = SAMPLES / "rihibot.urdf"
-    return calibrate(CalibrationRequest(logs=(SAMPLES / "rihibot.mcap",), urdf=urdf, details=True))
-
-
-@pytest.fixture(scope="module")
-def bar() -> Outcome:
-    return calibrate(
-        CalibrationRequest(
-            logs=(SAMPLES / "barbot.bag",),
-            parent="bar_link",
-            estimator=MatchedOptions(gravity="none"),
-            part=Part(end=15.0),
-            details=True,
-        )
-    )
+    log, _, urdf = ARM
+    return calibrate(CalibrationRequest(logs=(log,), urdf=urdf, details=True))
 
 
 @pytest.fixture(scope="module")
 def two(arm: Outcome) -> Outcome:
-    """Two IMUs whose frames differ by what a topic may not hold."""
+    """Two IMUs whose frames differ by a letter that a topic may not have."""
     (one,) = arm.calibrated
-    transform = msgspec.structs.replace(one.result.transform, child="imu-link")
-    other = replace(one, result=msgspec.structs.replace(one.result, transform=transform))
+    other = replace(one, result=renamed(one.result, "imu-link"))
     return replace(arm, calibrated=(one, other))
+
+
+def renamed(result: Result, child: str) -> Result:
+    transform = msgspec.structs.replace(result.transform, child=child)
+    return msgspec.structs.replace(result, transform=transform)
 
 
 def windows_of(outcome: Outcome) -> WindowSeries:
@@ -74,17 +65,19 @@ def windows_of(outcome: Outcome) -> WindowSeries:
     return details.windows
 
 
-def write(outcome: Outcome, *, written: Sequence[Path] = (), **files: Path) -> None:
+def write_all(outcome: Outcome, written: Sequence[Path] = (), /, **files: Path) -> list[Any]:
+    """Write the files; returns the errors."""
     extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
-    for failure in write_extras(
-        extras, outcome, read=[], written=written, force=False, quiet=False
-    ):
-        raise failure
+    return write_extras(extras, outcome, read=[], written=written, force=False, quiet=False)
+
+
+def write(outcome: Outcome, **files: Path) -> None:
+    assert write_all(outcome, **files) == []
 
 
 @dataclass(frozen=True)
 class Messages:
-    """An MCAP that was written, and its messages by topic."""
+    """An MCAP, and its messages by topic."""
 
     path: Path
     found: dict[str, list[tuple[int, Any]]]
@@ -104,10 +97,6 @@ def of_arm(arm: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Messages:
 @pytest.fixture(scope="module")
 def of_two(two: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Messages:
     return written(two, tmp_path_factory.mktemp("two"))
-
-
-def test_every_option_has_a_maker() -> None:
-    assert {each.name for each in fields(ExtraFiles)} == set(EXTRAS)
 
 
 def test_a_csv_has_every_instant_with_its_stamp_and_units(arm: Outcome, tmp_path: Path) -> None:
@@ -181,6 +170,10 @@ def test_an_mcap_holds_what_was_measured_and_predicted(arm: Outcome, of_arm: Mes
     assert weights == windows.weight[:, None].tolist()
     ((_, description),) = found["/robot_description"]
     assert description.data == (SAMPLES / "rihibot.urdf").read_text()
+    with of_arm.path.open("rb") as file:
+        (attachment,) = make_reader(file).iter_attachments()
+    assert attachment.name == "result.yaml"
+    assert read_results(attachment.data.decode(), "result.yaml") == [arm.results[0]]
 
 
 def test_the_robot_moves_as_the_estimate_has_it(arm: Outcome, of_arm: Messages) -> None:
@@ -216,22 +209,19 @@ def moved(outcome: Outcome, origin_ns: int) -> Outcome:
     return replace(outcome, recording=replace(outcome.recording, sources=sources))
 
 
-def test_a_log_may_begin_at_zero(arm: Outcome, tmp_path: Path) -> None:
-    path = tmp_path / "out.mcap"
+def test_a_log_may_begin_at_zero_and_must_end_before_2038(arm: Outcome, tmp_path: Path) -> None:
     windows = windows_of(arm)
-    write(moved(arm, -round(1e9 * windows.t[0])), debug_mcap=path)
-    found = decoded(path)
+    found = written(moved(arm, -round(1e9 * windows.t[0])), tmp_path).found
     assert found["/imucalib/imu_link/measured"][0][0] == 0
     offset = arm.results[0].time_offset.seconds
     early = int((windows.t - windows.t[0] < offset).sum())
     assert early > 0  # the robot's stamps of these windows are before 0
     assert len(found["/tf"]) == len(windows.t) - early
-
-
-def test_stamps_that_no_message_can_hold_are_refused(arm: Outcome, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="after 2038"):
-        write(moved(arm, 2**31 * 1_000_000_000), debug_mcap=tmp_path / "out.mcap")
-    assert not list(tmp_path.iterdir())
+    late = moved(arm, 2**31 * 1_000_000_000)
+    (failure,) = write_all(late, debug_mcap=tmp_path / "late.mcap")
+    assert isinstance(failure, InputError)
+    assert "after 2038" in str(failure)
+    assert not (tmp_path / "late.mcap").exists()
 
 
 def test_a_moving_base_carries_the_joints(arm: Outcome) -> None:
@@ -258,29 +248,26 @@ def test_a_moving_base_carries_the_joints(arm: Outcome) -> None:
     assert (alone.parent, alone.child) == ("map", result.parent)
 
 
-def test_a_body_without_a_urdf_moves_as_its_poses_do(bar: Outcome, tmp_path: Path) -> None:
-    path = tmp_path / "out.mcap"
-    write(bar, debug_mcap=path)
-    found, windows = decoded(path), windows_of(bar)
-    (stamped,) = found["/tf"][100][1].transforms
-    assert (stamped.header.frame_id, stamped.child_frame_id) == (
-        bar.results[0].provenance.world,
-        "bar_link",
+def test_a_body_without_a_urdf_moves_as_its_poses_do(tmp_path: Path) -> None:
+    request = CalibrationRequest(
+        logs=(SAMPLES / "barbot.bag",),
+        parent="bar_link",
+        estimator=MatchedOptions(gravity="none"),
+        part=Part(end=15.0),
+        details=True,
     )
+    bar = calibrate(request)
+    found, windows = written(bar, tmp_path).found, windows_of(bar)
+    (stamped,) = found["/tf"][100][1].transforms
+    assert stamped.header.frame_id == bar.results[0].provenance.world
+    assert stamped.child_frame_id == "bar_link"
     assert transform(stamped)[:3, 3] == pytest.approx(windows.p_world_parent[100])
     assert "/robot_description" not in found
     layout = json.loads((tmp_path / "out.foxglove.json").read_text())
     assert "urdf" not in layout["configById"]["3D!robot"]["layers"]
 
 
-def test_the_mcap_carries_the_result(arm: Outcome, of_arm: Messages) -> None:
-    with of_arm.path.open("rb") as file:
-        (attachment,) = make_reader(file).iter_attachments()
-    assert attachment.name == "result.yaml"
-    assert read_results(attachment.data.decode(), "result.yaml") == [arm.results[0]]
-
-
-def test_rosbags_reads_the_same(of_arm: Messages) -> None:
+def test_rosbags_and_inspect_read_the_same(of_arm: Messages, imucalib: Imucalib) -> None:
     ours, seen = of_arm.found, 0
     with AnyReader([of_arm.path]) as reader:
         assert {connection.topic for connection in reader.connections} == set(ours)
@@ -293,9 +280,6 @@ def test_rosbags_reads_the_same(of_arm: Messages) -> None:
                 (same,) = (each for each_ns, each in ours[connection.topic] if each_ns == ns)
                 assert message.linear_acceleration.z == same.linear_acceleration.z
     assert seen == sum(map(len, ours.values()))
-
-
-def test_inspect_reads_the_mcap(of_arm: Messages, imucalib: Imucalib) -> None:
     out = imucalib("inspect", of_arm.path).out
     assert "/imucalib/imu_link/measured" in out
     assert "imu_link_nominal in wrist_3_link (static)" in out
@@ -306,11 +290,7 @@ def test_inspect_reads_the_mcap(of_arm: Messages, imucalib: Imucalib) -> None:
     [("imu_link", "imu_link"), ("/front/imu__0", "front_imu_0"), ("3dm", "imu_3dm"), ("!", "_")],
 )
 def test_topics_are_what_ros_allows(arm: Outcome, child: str, topic: str) -> None:
-    (result,) = arm.results
-    transform = msgspec.structs.replace(result.transform, child=child)
-    assert topics_of([msgspec.structs.replace(result, transform=transform)]) == [
-        f"/imucalib/{topic}"
-    ]
+    assert topics_of([renamed(arm.results[0], child)]) == [f"/imucalib/{topic}"]
 
 
 def panels_of(layout: Any, panels: dict[str, Any]) -> set[str]:
@@ -362,46 +342,35 @@ def test_each_of_several_imus_has_its_files_and_topics(
     assert len(children) == len(set(children))
 
 
-def test_the_files_of_several_imus_spare_inputs_and_outputs(
-    two: Outcome, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(ChoiceError, match="would be written twice"):
-        write(two, residuals=tmp_path / "out.csv", written=[tmp_path / "out.imu_link.csv"])
-    assert not list(tmp_path.iterdir())
-    assert capsys.readouterr().err == ""
-
-
 @pytest.mark.parametrize("suffix", slow_after(1, ["svg", "pdf", "png"]))
 def test_a_figure_is_the_same_bytes_each_time(arm: Outcome, suffix: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    for name in ("a", "b"):
-        write(arm, plot=tmp_path / f"{name}.{suffix}")
+    from imucalib_cli.report.paper_plot import draw_residuals
+
+    windows = windows_of(arm)
+    write(arm, plot=tmp_path / f"a.{suffix}")
     content = (tmp_path / f"a.{suffix}").read_bytes()
-    assert content == (tmp_path / f"b.{suffix}").read_bytes()
+    assert content == draw_residuals(windows, f".{suffix}")
     if suffix == "svg":
         text = content.decode()
         assert re.search(r"<text[^>]*>acceleration x, m/s²</text>", text)
         assert {"measured", "predicted", "residual"} <= set(re.findall(r">(\w+)</text>", text))
         assert ">left out<" not in text
+        weight = np.where(np.abs(windows.t - 30.0) < 2.0, 0.0, 1.0)
+        assert b">left out<" in draw_residuals(replace(windows, weight=weight), ".svg")
 
 
-def test_what_was_left_out_is_shaded(arm: Outcome) -> None:
-    pytest.importorskip("matplotlib")
-    from imucalib_cli.report.paper_plot import draw_residuals
-
-    windows = windows_of(arm)
-    weight = np.where(np.abs(windows.t - 30.0) < 2.0, 0.0, 1.0)
-    holed = replace(windows, weight=weight)
-    assert b">left out<" in draw_residuals(holed, ".svg")
-
-
-# The command line, before anything is computed.
-
-
-def test_the_published_method_has_no_series(imucalib: Imucalib, tmp_path: Path) -> None:
-    told = ["--method", "paper", "--residuals", tmp_path / "out.csv"]
-    said = imucalib("run", *(*ARM, *told), code=2)
-    assert said.err.startswith("error: --residuals belongs to --method matched")
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--residuals out.csv --method paper", "--residuals belongs to --method matched"),
+        ("--residuals out.txt", "--residuals out.txt: expected a file ending in .csv or .parquet"),
+        ("--debug-mcap -", "--debug-mcap -: expected a file ending in .mcap"),
+        ("--plot=", "--plot is empty"),
+    ],
+)
+def test_wrong_files_are_one_line(options: str, words: str, imucalib: Imucalib) -> None:
+    assert imucalib("run", *ARM, *options.split(), code=2).err.startswith(f"error: {words}")
 
 
 @pytest.mark.parametrize(
@@ -420,45 +389,28 @@ def test_what_is_not_installed_is_said_at_once(
 
 
 @pytest.mark.parametrize(
-    ("option", "name", "words"),
+    ("files", "code", "words"),
     [
-        ("--residuals", "out.txt", "expected a file ending in .csv or .parquet"),
-        ("--debug-mcap", "-", "expected a file ending in .mcap"),
-        ("--plot", "", "is empty"),
+        ("--debug-mcap LOG", 2, "is an input and would be overwritten"),
+        (f"--debug-mcap {SAMPLES}/rihibot.mcap", 2, "is a log and would be overwritten"),
+        ("-o a.csv --residuals a.csv", 2, "would be written twice"),
+        ("-o a.foxglove.json --debug-mcap a.mcap", 2, "would be written twice"),
+        ("--plot nowhere/a.svg", 1, "there is no folder"),
     ],
 )
-def test_the_suffix_says_the_form(option: str, name: str, words: str, imucalib: Imucalib) -> None:
-    err = imucalib("run", *ARM, option, name, code=2).err
-    assert option in err
-    assert words in err
-
-
 def test_no_input_and_no_other_output_is_written_over(
-    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    *, files: str, code: int, words: str, run_arm: Imucalib, arm_log: Path
 ) -> None:
-    log = log_writer.imu().joints().write()
-    before = log.read_bytes()
-    run = ["run", str(log), "--urdf", str(arm_urdf)]
-    for files, words in (
-        (["--debug-mcap", log], "is an input and would be overwritten"),
-        (["--debug-mcap", SAMPLES / "rihibot.mcap"], "is a log and would be overwritten"),
-        (["-o", tmp_path / "a.csv", "--residuals", tmp_path / "a.csv"], "would be written twice"),
-        (
-            ["-o", tmp_path / "a.foxglove.json", "--debug-mcap", tmp_path / "a.mcap"],
-            "would be written twice",
-        ),
-        (["--plot", tmp_path / "nowhere" / "a.svg"], "there is no folder"),
-    ):
-        assert main([*run, *map(str, files)]) in {1, 2}
-        assert words in capsys.readouterr().err
-    assert log.read_bytes() == before
+    before = arm_log.read_bytes()
+    assert words in run_arm(*files.replace("LOG", str(arm_log)).split(), code=code).err
+    assert arm_log.read_bytes() == before
 
 
 def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path) -> None:
-    taken = tmp_path / "out.foxglove.json"  # a result that was written before
     files = {"debug_mcap": tmp_path / "out.mcap", "residuals": tmp_path / "out.csv"}
-    extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
-    (failure,) = write_extras(extras, arm, read=[], written=[taken], force=False, quiet=True)
+    # a result that was written before
+    (failure,) = write_all(arm, [tmp_path / "out.foxglove.json"], **files)
+    assert isinstance(failure, ChoiceError)
     assert "would be written twice" in str(failure)
     assert [each.name for each in tmp_path.iterdir()] == ["out.csv"]
 
@@ -469,7 +421,7 @@ def test_a_run_writes_all_of_them(arm: Outcome, tmp_path: Path, imucalib: Imucal
     result = tmp_path / "result.yaml"
     given = [part for name, file in files.items() for part in (flag_of(name), file)]
     # Over its own files, those of a run before.
-    write(arm, written=(), **files)
+    write(arm, **files)
     result.write_text(to_yaml(arm.results))
     times = {file: file.stat().st_mtime_ns for file in tmp_path.iterdir()}
     err = imucalib("run", *ARM, "-o", result, *given).err

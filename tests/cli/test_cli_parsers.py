@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 from typing import TYPE_CHECKING
 
@@ -155,3 +156,15 @@ def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
 )
 def test_imus_are_found_however_they_are_written(text: str, name: str) -> None:
     assert parsers.imu_name(text) == name
+
+
+@pytest.mark.slow
+def test_a_result_says_what_was_held(run_arm: Imucalib) -> None:
+    """With the estimator itself, on a log that fits no pose: the answer is still what was held."""
+    options = ("--format", "json", "--fix", "tx,ty,tz,rx,ry,rz", "--sensor-model", "ideal")
+    document = json.loads(run_arm(*options, code=3).out)
+    assert document["transform"]["translation"] == [0.05, 0.0, 0.0]
+    np.testing.assert_array_equal(document["covariance"], np.zeros((6, 6)))
+    told = document["provenance"]["options"]
+    assert told["sensor_model"] == "ideal"
+    assert (told["pose.std"], told["pose.t_parent_imu"]) == ("0 0 0 0 0 0", "0.05 0 0")

@@ -1,7 +1,8 @@
-"""`imucalib run` with a stand-in for the estimator: topics, frames, output and exit codes."""
+"""`imucalib run` with a stand-in for the estimator: topics, frames, options, output, exit codes."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import shlex
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.findings import Severity, texts
@@ -22,10 +24,16 @@ if TYPE_CHECKING:
     from tests.conftest import Imucalib, LogWriter
 
 pytestmark = pytest.mark.usefixtures("estimator")
+INF = math.inf
+ELSEWHERE = "-1 2 3 0 0 1.5707963267948966"
+
+
+def names_in(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
 
 
 def test_a_document_on_stdout_and_warnings_on_stderr(
-    estimator: Estimator, run_arm: Imucalib
+    estimator: Estimator, run_arm: Imucalib, arm_log: Path, arm_urdf: Path
 ) -> None:
     out, err = run_arm()
     document = yaml.safe_load(out)
@@ -33,66 +41,56 @@ def test_a_document_on_stdout_and_warnings_on_stderr(
     assert document["transform"]["child"] == "imu_link"
     assert document["diagnostics"]["nominal"]["joint"] == "imu_joint"
     assert document["diagnostics"]["nominal"]["distance_mm"] == pytest.approx(10.0)
-    assert document["provenance"]["topics"] == {"imu": "/imu/data", "motion": ["/joint_states"]}
-    assert document["provenance"]["world"] == "base"
+    provenance = document["provenance"]
+    assert provenance["topics"] == {"imu": "/imu/data", "motion": ["/joint_states"]}
+    assert provenance["world"] == "base"
+    sha256 = hashlib.sha256(arm_log.read_bytes()).hexdigest()
+    assert provenance["files"] == [{"path": str(arm_log), "sha256": sha256}]
+    assert provenance["urdf"]["sha256"] == hashlib.sha256(arm_urdf.read_bytes()).hexdigest()
     assert err == "warning: the moon is full\n"
-    samples, path, _ = estimator.calls[0]
+    samples, path, options = estimator.calls[0]
     assert len(samples.t) == 400
     assert path.parent == "hand"
-
-
-def test_fingerprints_are_those_of_sha256sum(
-    arm_log: Path, arm_urdf: Path, run_arm: Imucalib
-) -> None:
-    import hashlib
-
-    said = run_arm("--format", "json")
-    provenance = json.loads(said.out)["provenance"]
-    assert provenance["files"] == [
-        {"path": str(arm_log), "sha256": hashlib.sha256(arm_log.read_bytes()).hexdigest()}
-    ]
-    assert provenance["urdf"]["sha256"] == hashlib.sha256(arm_urdf.read_bytes()).hexdigest()
-
-
-def test_quiet_leaves_stderr_empty(run_arm: Imucalib) -> None:
+    assert vars(options) == vars(MatchedOptions())
     assert run_arm("-q").err == ""
 
 
-def test_output_file_leaves_stdout_empty(tmp_path: Path, run_arm: Imucalib) -> None:
+def test_an_output_file_leaves_stdout_empty(tmp_path: Path, run_arm: Imucalib) -> None:
     target = tmp_path / "result.json"
     assert run_arm("--format", "json", "-o", target).out == ""
     assert json.loads(target.read_text())["schema"] == 1
-    assert [p for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+    assert not [name for name in names_in(tmp_path) if name.startswith(".")]
 
 
-def test_output_folder_gets_a_file_for_each_imu(
-    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
+@pytest.mark.parametrize(
+    ("imus", "fmt", "endings"),
+    [
+        ({"/a": "imu_link", "/b": "hand"}, "yaml", ["hand.yaml", "imu_link.yaml"]),
+        ({"/a/imu": "imu_link", "/b/imu": "imu_link"}, "yaml", ["a_imu.yaml", "b_imu.yaml"]),
+        ({"/a": "imu_link"}, "urdf", ["imu_link.joint.xml"]),
+    ],
+    ids=["frames", "topics of one frame", "a joint alone, which is no URDF"],
+)
+def test_an_output_folder_gets_a_file_for_each_imu(
+    *,
+    imus: dict[str, str],
+    fmt: str,
+    endings: list[str],
+    log_writer: LogWriter,
+    arm_urdf: Path,
+    tmp_path: Path,
+    imucalib: Imucalib,
 ) -> None:
-    log = log_writer.imu("/a").imu("/b", frame="hand").joints().write()
-    folder = tmp_path / "new"
-    imucalib("run", log, "--urdf", arm_urdf, "-o", f"{folder}/")
-    names = sorted(path.name for path in folder.iterdir())
-    assert names == [f"{log.stem}.hand.yaml", f"{log.stem}.imu_link.yaml"]
+    for topic, frame in imus.items():
+        log_writer.imu(topic, frame=frame)
+    log = log_writer.joints().write()
+    imucalib("run", log, "--urdf", arm_urdf, "--format", fmt, "-o", f"{tmp_path}/new/")
+    assert names_in(tmp_path / "new") == [f"{log.stem}.{ending}" for ending in endings]
 
 
-def test_a_joint_alone_is_not_called_a_urdf(
-    arm_log: Path, tmp_path: Path, run_arm: Imucalib
+def test_an_untrusted_result_is_written_and_exits_3(
+    estimator: Estimator, run_arm: Imucalib
 ) -> None:
-    folder = tmp_path / "new"
-    run_arm("--format", "urdf", "-q", "-o", f"{folder}/")
-    assert [path.name for path in folder.iterdir()] == [f"{arm_log.stem}.imu_link.joint.xml"]
-
-
-def test_imus_of_one_frame_do_not_overwrite_each_other(
-    log_writer: LogWriter, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
-) -> None:
-    log = log_writer.imu("/a/imu").imu("/b/imu").joints().write()
-    imucalib("run", log, "--urdf", arm_urdf, "-o", f"{tmp_path}/new/")
-    names = sorted(path.name for path in (tmp_path / "new").iterdir())
-    assert names == [f"{log.stem}.a_imu.yaml", f"{log.stem}.b_imu.yaml"]
-
-
-def test_untrusted_result_is_written_and_exits_3(estimator: Estimator, run_arm: Imucalib) -> None:
     estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,))
     out, err = run_arm(code=3)
     document = yaml.safe_load(out)
@@ -102,7 +100,7 @@ def test_untrusted_result_is_written_and_exits_3(estimator: Estimator, run_arm: 
 
 
 @pytest.mark.parametrize("fmt", ["tf", "urdf"])
-def test_untrusted_pose_is_refused_unless_forced(
+def test_an_untrusted_pose_is_refused_unless_forced(
     fmt: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
     estimator.estimate = replace(
@@ -111,8 +109,7 @@ def test_untrusted_pose_is_refused_unless_forced(
     out, err = run_arm("--format", fmt, code=3)
     assert out == ""
     assert "it contradicts itself" in err
-    said = run_arm("--format", fmt, "--force", code=3)
-    assert "imu_link" in said.out
+    assert "imu_link" in run_arm("--format", fmt, "--force", code=3).out
 
 
 def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
@@ -121,33 +118,47 @@ def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
     document = yaml.safe_load(out)
     assert document["status"] == "untrusted"
     assert document["provenance"]["options"]["require"] == "0.09mm,0.1deg"
-    words = (
-        "--require asks for 0.09 mm, the largest sigma is 0.1 mm along x of hand: record about 1.2"
-    )
-    assert f"untrusted: imu_link: {words} times as long" in err
+    assert (
+        "untrusted: imu_link: --require asks for 0.09 mm, the largest sigma is 0.1 mm along x of "
+        "hand: record about 1.2 times as long"
+    ) in err
     said = run_arm("--require", "1mm")
     assert yaml.safe_load(said.out)["provenance"]["options"]["require"] == "1mm"
 
 
-def test_options_are_recorded_in_the_words_of_the_documentation(run_arm: Imucalib) -> None:
-    def recorded(*options: str) -> dict[str, Any]:
-        document = json.loads(run_arm("--format", "json", *options).out)
-        found: dict[str, Any] = document["provenance"]["options"]
-        return found
-
-    told = recorded()
-    assert (told["time_offset"], told["window"], told["require"]) == ("auto", "auto", "none")
-    assert (told["accel_bias_std"], told["gyro_bias_std"], told["tilt_std"]) == (
-        "free",
-        "free",
-        "unknown",
-    )
-    told = recorded("--time-offset", "-42ms", "--tilt-std", "0.5", "--window", "51")
-    assert (told["time_offset"], told["window"]) == (-0.042, "51")
-    assert told["tilt_std"] == pytest.approx(math.radians(0.5))
-    told = recorded("--method", "paper")
-    assert told["exclusion_threshold"] == "the method's"
-    assert told["t_initial"] == "the URDF's joint, or the identity"
+@pytest.mark.parametrize(
+    ("options", "recorded"),
+    [
+        (
+            "",
+            {
+                "time_offset": "auto",
+                "window": "auto",
+                "require": "none",
+                "accel_bias_std": "free",
+                "gyro_bias_std": "free",
+                "tilt_std": "unknown",
+            },
+        ),
+        (
+            "--time-offset -42ms --tilt-std 0.5 --window 51",
+            {"time_offset": -0.042, "window": "51", "tilt_std": pytest.approx(math.radians(0.5))},
+        ),
+        (
+            "--method paper",
+            {
+                "exclusion_threshold": "the method's",
+                "t_initial": "the URDF's joint, or the identity",
+            },
+        ),
+    ],
+)
+def test_options_are_recorded_in_the_words_of_the_documentation(
+    options: str, recorded: dict[str, Any], run_arm: Imucalib
+) -> None:
+    document = json.loads(run_arm("--format", "json", *options.split()).out)
+    told = document["provenance"]["options"]
+    assert {name: told[name] for name in recorded} == recorded
     assert None not in told.values()
 
 
@@ -168,38 +179,77 @@ def test_the_joint_to_paste_has_the_name_it_has_in_the_urdf(run_arm: Imucalib) -
     assert '<origin xyz="0.06 0 0" rpy="0 0 0"/>' in out
 
 
-def test_options_reach_the_estimator(estimator: Estimator, run_arm: Imucalib) -> None:
-    options = "--window 200ms --time-offset -0.042 --accel-bias 0.05 --gyro-bias none"
-    more = "--gravity 9.81 --tilt-std 0.5 --max-offset 250ms --degree 4"
-    run_arm(*options.split(), *more.split())
-    told = estimator.options
-    assert isinstance(told, MatchedOptions)
-    assert told.window.seconds == pytest.approx(0.2)
-    assert (told.time_offset, told.accel_bias_std, told.gyro_bias_std) == (-0.042, 0.05, 0.0)
-    assert (told.gravity, told.gravity_norm, told.degree) == ("tilt", 9.81, 4)
-    assert told.tilt_std == pytest.approx(math.radians(0.5))
-    assert told.max_offset == 0.25
+POSE = {"R_parent_imu": np.eye(3), "t_parent_imu": [0.05, 0.0, 0.0]}
+QUARTER = Rotation.from_euler("z", 90, degrees=True).as_matrix()
 
 
-def test_defaults_are_those_of_the_estimator(estimator: Estimator, run_arm: Imucalib) -> None:
-    run_arm()
-    assert vars(estimator.options) == vars(MatchedOptions())
-
-
-def test_the_published_method_starts_from_the_urdf_or_as_told(
-    estimator: Estimator, run_arm: Imucalib
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ("--window 200ms", {"window.seconds": 0.2}),
+        (
+            "--time-offset -0.042 --accel-bias 0.05 --gyro-bias none --max-offset 250ms --degree 4",
+            {
+                "time_offset": -0.042,
+                "accel_bias_std": 0.05,
+                "gyro_bias_std": 0.0,
+                "max_offset": 0.25,
+                "degree": 4,
+            },
+        ),
+        (
+            "--gravity 9.81 --tilt-std 0.5",
+            {"gravity": "tilt", "gravity_norm": 9.81, "tilt_std": math.radians(0.5)},
+        ),
+        ("--sensor-model ideal", {"sensor_model": "ideal", "pose": None}),
+        ("--sensor-model auto", {"sensor_model": "auto", "pose": None}),
+        # A pose that is known comes from the URDF's joint.
+        (
+            "--fix tx,rz",
+            {"pose.std": [0, INF, INF, INF, INF, 0], **{f"pose.{k}": v for k, v in POSE.items()}},
+        ),
+        (
+            "--prior-std 2mm,ry=0.5deg --fix tz",
+            {"pose.std": [2e-3, 2e-3, 0.0, INF, math.radians(0.5), INF]},
+        ),
+        (
+            f"--fix ty --initial '{ELSEWHERE}'",
+            {"pose.t_parent_imu": [-1.0, 2.0, 3.0], "pose.R_parent_imu": QUARTER},
+        ),
+        (
+            "--method paper --exclude 3",
+            {"exclusion_threshold": 3.0, "t_initial": POSE["t_parent_imu"]},
+        ),
+        (
+            f"--method paper --initial '{ELSEWHERE}'",
+            {"t_initial": [-1.0, 2.0, 3.0], "R_initial": QUARTER},
+        ),
+    ],
+)
+def test_options_reach_the_estimator(
+    options: str, expected: dict[str, Any], estimator: Estimator, run_arm: Imucalib
 ) -> None:
-    run_arm("--method", "paper", "--exclude", "3")
-    told = estimator.options
-    assert isinstance(told, PaperOptions)
-    assert told.exclusion_threshold == 3.0
-    assert told.t_initial is not None
-    np.testing.assert_array_equal(told.t_initial, [0.05, 0.0, 0.0])
-    initial = "-1 2 3 0 0 1.5707963267948966"
-    run_arm("--method", "paper", "--initial", initial)
-    told = estimator.options
-    np.testing.assert_array_equal(told.t_initial, [-1.0, 2.0, 3.0])
-    np.testing.assert_allclose(told.R_initial @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
+    run_arm(*shlex.split(options))
+    assert isinstance(estimator.options, PaperOptions if "paper" in options else MatchedOptions)
+    for name, value in expected.items():
+        found: Any = estimator.options
+        for part in name.split("."):
+            found = getattr(found, part)
+        if isinstance(value, str) or value is None:
+            assert found == value
+        else:
+            np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-15)
+
+
+def test_a_pose_is_needed_where_no_joint_of_the_urdf_has_it(
+    estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    log = log_writer.imu(frame="elsewhere").joints().write()
+    run = imucalib.with_("run", log, "--urdf", arm_urdf, "--parent", "hand", "--prior-std", "1mm")
+    assert 'give --initial "X Y Z R P Y"' in run(code=2).err
+    assert not estimator.calls
+    run("--initial", ELSEWHERE)
+    assert estimator.calls
 
 
 @pytest.mark.parametrize(
@@ -210,28 +260,22 @@ def test_the_published_method_starts_from_the_urdf_or_as_told(
         ("--window 50", "--window 50: samples must be odd"),
         ("--window 5 --degree 5", "take at least 7 samples"),
         ("--max-offset 1e9", "--max-offset 1e9: expected more than 0 and at most 600 s"),
-        ("--max-offset 0", "--max-offset 0: expected more than 0"),
         ("--exclude 3", "--exclude belongs to --method paper"),
         ("--method paper --time-offset 0", "--time-offset belongs to --method matched"),
         ("--gravity down", "--gravity down: is not a number; expected tilt"),
         ("--gravity fixed --tilt-std 1", "--tilt-std means nothing with --gravity fixed"),
-        ("--require 1", "--require 1: expected a length, an angle or both"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
-        ("--clock sun", "'sun' is not one of 'auto', 'header', 'log'"),
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
-        ("--imu-topic /imu", "/imu is not in the log"),
-        ("--parent nowhere", "--parent nowhere: no such link"),
         ("--imu-link nowhere", "--imu-link nowhere: no such link"),
         ("--fix x", "--fix x: 'x' is no component; expected some of tx, ty, tz, rx, ry, rz"),
-        ("--prior-std 2", "--prior-std 2:"),
         ("--initial '1 2 3 0 0 1'", "--initial belongs to --fix, --prior-std or --method paper"),
         ("--fix tx --initial '1 2 3'", "expected six numbers"),
-        ("--fix tx --method paper", "--fix belongs to --method matched"),
-        ("--prior-std 1mm --method paper", "--prior-std belongs to --method matched"),
-        ("--sensor-model ideal --method paper", "--sensor-model belongs to --method"),
-        ("--sensor-model none", "'none' is not one of 'auto', 'ideal'"),
+        *(
+            (f"{option} --method paper", f"{option.split()[0]} belongs to --method matched")
+            for option in ("--fix tx", "--prior-std 1mm", "--sensor-model ideal")
+        ),
     ],
 )
 def test_wrong_usage_is_one_line_and_exit_2(
@@ -245,72 +289,27 @@ def test_wrong_usage_is_one_line_and_exit_2(
     assert not estimator.calls
 
 
-def test_joint_states_without_a_urdf_ask_for_it(arm_log: Path, imucalib: Imucalib) -> None:
-    assert "give --urdf" in imucalib("run", arm_log, code=2).err
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        (None, "does not exist"),
-        (b"", "is empty"),
-        (b"hello, I am no log", "is not a log"),
-        (b"\x89MCAP0\r\n", ""),
-    ],
-)
-def test_what_is_no_log_is_one_line_and_exit_1(
-    content: bytes | None, complaint: str, tmp_path: Path, imucalib: Imucalib
+def test_a_log_that_ends_after_its_first_bytes_is_one_line(
+    tmp_path: Path, imucalib: Imucalib
 ) -> None:
-    path = tmp_path / "log.mcap"
-    if content is not None:
-        path.write_bytes(content)
-    out, err = imucalib("run", path, code=1)
+    (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
+    out, err = imucalib("run", tmp_path / "log.mcap", code=1)
     assert out == ""
     assert err.startswith("error: ")
-    assert complaint in err
     assert err.count("\n") == 1
 
 
-def test_a_log_without_an_imu_lists_what_it_has(
-    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
-) -> None:
-    log = log_writer.joints().text().write()
-    err = imucalib("run", log, "--urdf", arm_urdf, code=1).err
-    assert "/joint_states (sensor_msgs/JointState)" in err
-    assert "/chatter (std_msgs/String)" in err
-
-
 @pytest.mark.parametrize(
-    ("accel", "options", "code", "words"),
-    [
-        (0.01, [], 1, "rerun with --gravity none"),
-        (0.01, ["--gravity", "none"], 0, ""),
-        (1.0, [], 0, "taken as g and multiplied by 9.80665"),
-        (9.8, ["--gravity", "none"], 0, "yet --gravity none was given"),
-    ],
+    ("accel", "words"), [(0.01, ""), (9.8, "yet --gravity none was given")], ids=["floats", "rests"]
 )
-def test_gravity_at_rest_must_fit_the_option(
-    *,
-    accel: float,
-    options: list[str],
-    code: int,
-    words: str,
-    log_writer: LogWriter,
-    arm_urdf: Path,
-    imucalib: Imucalib,
+def test_a_body_without_gravity_may_be_told(
+    accel: float, words: str, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(accel=accel).joints().write()
-    assert words in imucalib("run", log, "--urdf", arm_urdf, *options, code=code).err
+    assert words in imucalib("run", log, "--urdf", arm_urdf, "--gravity", "none").err
 
 
-def test_stamps_that_never_meet_are_told(
-    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
-) -> None:
-    log = log_writer.imu(start=100.0).joints().write()
-    assert "they do not overlap" in imucalib("run", log, "--urdf", arm_urdf, code=1).err
-
-
-def test_summary_on_stdout_holds_both_directions(run_arm: Imucalib) -> None:
+def test_a_summary_holds_both_directions(run_arm: Imucalib) -> None:
     out = run_arm("--format", "summary").out
     assert "pose of imu_link in hand: p_hand = R p_imu_link + t" in out
     assert "pose of hand in imu_link: p_imu_link = R p_hand + t" in out
@@ -319,25 +318,15 @@ def test_summary_on_stdout_holds_both_directions(run_arm: Imucalib) -> None:
     assert "\x1b" not in out
 
 
-def test_a_file_given_twice_is_a_mistake(arm_log: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
-    assert "is given twice" in imucalib("run", arm_log, arm_log, "--urdf", arm_urdf, code=2).err
-
-
-def test_one_imu_link_is_not_for_two_imus(
-    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
-) -> None:
-    log = log_writer.imu("/one").imu("/two").joints().write()
-    said = imucalib("run", log, "--urdf", arm_urdf, "--imu-link", "imu_link", code=2)
-    assert "--imu-topic: /one, /two" in said.err
+def test_a_file_given_twice_is_a_mistake(run_arm: Imucalib, arm_log: Path) -> None:
+    assert "is given twice" in run_arm(arm_log, code=2).err
 
 
 def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
     frames = ("--parent", "/upper", "--imu-link", "/imu_link", "--world", "/base")
     document = yaml.safe_load(run_arm(*frames).out)
-    assert (document["transform"]["parent"], document["transform"]["child"]) == (
-        "upper",
-        "imu_link",
-    )
+    transform = document["transform"]
+    assert (transform["parent"], transform["child"]) == ("upper", "imu_link")
     assert document["provenance"]["world"] == "base"
 
 
@@ -369,7 +358,7 @@ def test_axes_that_are_held_are_told_once(
     ],
     ids=["loose", "held", "not determined"],
 )
-def test_where_the_place_is_least_known_is_told(
+def test_the_direction_of_the_largest_sigma_is_told(
     estimator: Estimator, std: tuple[float, float, float], told: list[str], run_arm: Imucalib
 ) -> None:
     covariance = np.diag([*(each**2 for each in std), 1e-10, 1e-10, 1e-10])

@@ -47,6 +47,13 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield path
 
 
+@pytest.fixture
+def study(small: Path, tmp_path: Path, imucalib: Imucalib) -> Imucalib:
+    """A study that is soon done, in a folder that is not made yet."""
+    place = ("--config", small, "-o", tmp_path / "out", "--jobs", "1")
+    return imucalib.with_("study", "derivation", *place)
+
+
 def test_every_study_is_listed_and_has_parameters(imucalib: Imucalib) -> None:
     listed = [line.split()[0] for line in imucalib("study").out.splitlines()]
     assert listed == list(STUDIES)
@@ -58,9 +65,8 @@ def test_every_study_is_listed_and_has_parameters(imucalib: Imucalib) -> None:
 
 
 @pytest.mark.slow
-def test_tables_figures_and_rows(small: Path, tmp_path: Path, imucalib: Imucalib) -> None:
-    arguments = ("derivation", "--config", small, "-o", tmp_path / "out", "--jobs", "1")
-    shown = imucalib("study", *arguments)
+def test_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -> None:
+    shown = study()
     assert shown.out.startswith("### Derived less measured acceleration")
     assert shown.out.endswith("|\n")
     files = sorted(path.name for path in (tmp_path / "out").iterdir())
@@ -69,11 +75,11 @@ def test_tables_figures_and_rows(small: Path, tmp_path: Path, imucalib: Imucalib
         assert str(tmp_path / "out" / name) in shown.err
     # Nothing is left to run: the file does not grow, and says the same in other forms.
     before = (tmp_path / "out" / "derivation.jsonl").read_bytes()
-    shown = imucalib("study", *arguments, "--no-figures", "--format", "json", "-q")
+    shown = study("--no-figures", "--format", "json", "-q")
     assert shown.err == ""
     tables = json.loads(shown.out)
     assert [table["title"] for table in tables][-1] == "Claims of section 4.2"
-    said = imucalib("study", *arguments, "--no-figures", "--format", "csv", "-q")
+    said = study("--no-figures", "--format", "csv", "-q")
     lines = list(csv.reader(io.StringIO(said.out)))
     assert len(lines) == sum(1 + len(table["rows"]) for table in tables)
     assert (tmp_path / "out" / "derivation.jsonl").read_bytes() == before
@@ -87,16 +93,10 @@ def test_tables_figures_and_rows(small: Path, tmp_path: Path, imucalib: Imucalib
         ("derivation --config missing.yaml", 1, "missing.yaml"),
     ],
 )
-def test_what_is_not_there_is_one_line(  # noqa: PLR0917 - three of them are fixtures
-    line: str,
-    code: int,
-    words: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    imucalib: Imucalib,
+def test_what_is_not_there_is_one_line(
+    line: str, code: int, words: str, tmp_path: Path, imucalib: Imucalib
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    shown = imucalib("study", *line.split(), code=code)
+    shown = imucalib("study", *line.split(), "-o", tmp_path / "out", code=code)
     assert shown.out == ""
     assert len(shown.err.splitlines()) == 1
     assert words in shown.err
@@ -110,35 +110,14 @@ def test_a_wrong_parameter_is_named(small: Path, tmp_path: Path, imucalib: Imuca
     assert "windos" in said.err
 
 
-@pytest.fixture
-def derivation(small: Path, tmp_path: Path) -> tuple[str, ...]:
-    """Arguments of a study that is soon done, in a folder that is not made yet."""
-    return ("derivation", "--config", str(small), "-o", str(tmp_path / "out"), "--jobs", "1")
-
-
-@pytest.fixture
-def study(imucalib: Imucalib, derivation: tuple[str, ...]) -> Imucalib:
-    return imucalib.with_("study", *derivation)
-
-
-@pytest.mark.parametrize(
-    ("name", "missing", "words"),
-    [
-        ("noise", "mujoco", "needs MuJoCo, which is not installed: pip install 'imucalib[study]'"),
-        ("methods", "cv2", "needs OpenCV, which is not installed: pip install 'imucalib[study]'"),
-    ],
-)
-def test_what_a_study_needs_is_looked_for_before_any_run(  # noqa: PLR0917 - fixtures
-    name: str,
-    missing: str,
-    words: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    imucalib: Imucalib,
+def test_what_a_study_needs_is_looked_for_before_any_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
-    monkeypatch.setitem(sys.modules, missing, None)
-    said = imucalib("study", name, "--quick", "-o", tmp_path / "out", code=1)
-    assert said.err == f"error: study {name} {words}\n"
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    said = imucalib("study", "noise", "--quick", "-o", tmp_path / "out", code=1)
+    assert said.err == (
+        "error: study noise needs MuJoCo, which is not installed: pip install 'imucalib[study]'\n"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -157,10 +136,10 @@ def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
 
 @pytest.mark.slow
 def test_figures_of_a_quick_run_have_their_own_names(
-    derivation: tuple[str, ...], tmp_path: Path, study: Imucalib
+    small: Path, tmp_path: Path, study: Imucalib
 ) -> None:
     (tmp_path / "out").mkdir()
-    quick = yaml.safe_load(Path(derivation[2]).read_text("utf-8")) | {"quick": {"windows": [5]}}
+    quick = yaml.safe_load(small.read_text("utf-8")) | {"quick": {"windows": [5]}}
     (tmp_path / "quick.yaml").write_text(yaml.safe_dump(quick), encoding="utf-8")
     study("--config", tmp_path / "quick.yaml", "--quick", "-q")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
@@ -176,18 +155,14 @@ def test_rows_that_lack_something_are_not_the_rows_of_a_study(
     file = tmp_path / "out" / "derivation.jsonl"
     header, first, *rest = file.read_text("utf-8").splitlines(keepends=True)
     entry = json.loads(first)
-    lacking = _without(entry, "elsewhere")
+    lacking = [{k: v for k, v in row.items() if k != "elsewhere"} for row in entry["rows"]]
     damaged: Any
-    for damaged in ({"cell": {}}, [], entry | {"rows": [5]}, lacking):
+    for damaged in ({"cell": {}}, [], entry | {"rows": [5]}, entry | {"rows": lacking}):
         file.write_text(header + json.dumps(damaged) + "\n" + "".join(rest), encoding="utf-8")
         shown = study("--no-figures", "-q", code=2)
         assert shown.out == ""
         assert shown.err.startswith(f"error: {file}: not the rows of a study")
         assert shown.err.endswith("name another folder with -o, or give --fresh\n")
-
-
-def _without(entry: dict[str, Any], key: str) -> dict[str, Any]:
-    return entry | {"rows": [{k: v for k, v in row.items() if k != key} for row in entry["rows"]]}
 
 
 def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
@@ -205,11 +180,7 @@ def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
 
 @pytest.mark.parametrize("done", [0, 1])
 def test_an_interruption_says_what_is_kept(
-    done: int,
-    derivation: tuple[str, ...],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    study: Imucalib,
+    done: int, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     measure, calls = DerivationStudy.measure, iter(range(9))
 
@@ -222,7 +193,7 @@ def test_an_interruption_says_what_is_kept(
     # The lines of progress depend on the machine's speed; here none is due.
     monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0)
     said = study(code=130).err
-    runs = len(load_study("derivation", Path(derivation[2])).cells())
+    runs = len(load_study("derivation", small).cells())
     file = tmp_path / "out" / "derivation.jsonl"
     if done:
         words = f"1 of {runs} runs are kept in {file}; the same command goes on"

@@ -1,4 +1,4 @@
-"""What a person at a terminal sees, and that pipes and files are not concerned."""
+"""What a terminal shows, and that no name from a file commands it; pipes and files stay plain."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import fcntl
 import json
 import os
 import re
+import shlex
 import struct
 import sys
 import termios
 import threading
+import time
 import tty
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +21,13 @@ import pytest
 import yaml
 
 from imucalib_cli.cli.main import main
-from imucalib_cli.cli.output import wants_colour
+from imucalib_cli.cli.output import say, wants_colour
+from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.findings import Severity, texts
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.results.formats import FORMATS
 from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
@@ -111,28 +115,48 @@ def result(tmp_path: Path) -> Path:
     return path
 
 
-def test_run_shows_the_summary_and_how_to_get_the_yaml(
-    shown: Shown, arm: tuple[object, ...]
+SUMMARY = "imu_link in hand: \x1b[32mok\x1b[0m\n"
+NOTE = "note: for the result as YAML add -o FILE or --format yaml, or pipe it\n"
+WARNING = "warning: the moon is full\n"
+BOTH = ("stdout", "stderr")
+
+
+@pytest.mark.parametrize(
+    ("options", "streams", "out", "err"),
+    [
+        ("", BOTH, SUMMARY, NOTE),
+        ("--quiet", BOTH, SUMMARY, ""),
+        ("-o TARGET", BOTH, "", f"wrote: TARGET\n{SUMMARY}"),
+        ("-o TARGET -q", BOTH, "", ""),
+        ("--format yaml", BOTH, "schema: 1\n", WARNING),
+        ("--format summary", BOTH, SUMMARY, ""),
+        ("", ("stderr",), "schema: 1\n", SUMMARY),
+        ("", (), "schema: 1\n", WARNING),
+    ],
+)
+def test_run_shows_words_to_people_and_yaml_to_programs(
+    *,
+    options: str,
+    streams: tuple[str, ...],
+    out: str,
+    err: str,
+    shown: Shown,
+    arm: tuple[object, ...],
+    tmp_path: Path,
 ) -> None:
-    code, out, err = shown("run", *arm)
+    file = tmp_path / "out.yaml"
+    given = options.replace("TARGET", str(file)).split()
+    code, seen, said = shown("run", *arm, *given, streams=streams)
     assert code == 0
-    assert out.startswith("imu_link in hand: \x1b[32mok\x1b[0m\n")
-    assert "60.00 ± 0.10 mm" in out
-    assert "warning: the moon is full" in out
-    assert "schema:" not in out
-    assert err == "note: for the result as YAML add -o FILE or --format yaml, or pipe it\n"
-    assert shown("run", *arm, "--quiet") == (0, out, "")
-
-
-def test_run_into_a_file_shows_the_summary_and_where_the_file_is(
-    shown: Shown, arm: tuple[object, ...], tmp_path: Path
-) -> None:
-    target = tmp_path / "out.yaml"
-    code, out, err = shown("run", *arm, "-o", target)
-    assert (code, out) == (0, "")
-    assert err.startswith(f"wrote: {target}\nimu_link in hand: \x1b[32mok\x1b[0m\n")
-    assert yaml.safe_load(target.read_text())["status"] == "ok"
-    assert shown("run", *arm, "-o", target, "-q") == (0, "", "")
+    for text, begin in ((seen, out), (said, err.replace("TARGET", str(file)))):
+        summary = text[text.find(SUMMARY) :] if SUMMARY in begin else ""
+        assert text.startswith(begin)
+        assert bool(text) == bool(begin)
+        assert not summary or ("60.00 ± 0.10 mm" in summary and WARNING in summary)
+        assert ("schema:" in text) == ("schema:" in begin)
+        assert (NOTE in text) == (begin == NOTE)
+    document = file.read_text() if "TARGET" in options else seen
+    assert SUMMARY in document or yaml.safe_load(document)["status"] == "ok"
 
 
 def test_run_into_a_folder_names_each_file(
@@ -145,27 +169,6 @@ def test_run_into_a_folder_names_each_file(
     files = [line[7:] for line in err.splitlines() if line.startswith("wrote: ")]
     assert sorted(files) == sorted(map(str, (tmp_path / "new").iterdir()))
     assert len(files) == 2
-
-
-def test_run_gives_the_format_that_is_asked_for(shown: Shown, arm: tuple[object, ...]) -> None:
-    code, out, err = shown("run", *arm, "--format", "yaml")
-    assert code == 0
-    assert yaml.safe_load(out)["schema"] == 1
-    assert err == "warning: the moon is full\n"
-    code, out, err = shown("run", *arm, "--format", "summary")
-    assert "imu_link in hand: \x1b[32mok\x1b[0m\n" in out
-    assert err == ""
-
-
-def test_piped_the_result_is_yaml_and_a_terminal_on_stderr_has_the_summary(
-    shown: Shown, arm: tuple[object, ...]
-) -> None:
-    code, out, err = shown("run", *arm, streams=("stderr",))
-    assert (code, yaml.safe_load(out)["status"]) == (0, "ok")
-    assert err.startswith("imu_link in hand: \x1b[32mok\x1b[0m\n")
-    code, out, err = shown("run", *arm, streams=())
-    assert (code, yaml.safe_load(out)["status"]) == (0, "ok")
-    assert err == "warning: the moon is full\n"
 
 
 def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(
@@ -222,7 +225,11 @@ def test_no_name_commands_the_terminal(
     texts = [
         *shown("inspect", log, columns=60)[1:],
         *shown("inspect", log, "--urdf", arm_urdf, columns=160)[1:],
+        *shown("inspect", log, streams=())[1:],
         *shown("run", log, "--urdf", arm_urdf)[1:],
+        *shown("run", log, "--urdf", arm_urdf, "--format", "summary", streams=())[1:],
+        *shown("run", log, "--urdf", arm_urdf, "--format", "yaml")[1:],
+        *shown("run", log, "--urdf", arm_urdf, "--format", "json")[1:],
         *shown("run", log, "--urdf", arm_urdf, "-o", tmp_path / "o\x1b[2J.yaml")[1:],
         *shown("verify", log, "--urdf", arm_urdf)[1:],
         *shown("diff", result, result)[1:],
@@ -331,3 +338,37 @@ def test_colour_is_for_terminals_that_want_it(
         monkeypatch.setenv("TERM", "xterm")
         monkeypatch.setenv("NO_COLOR", "1")
         assert not wants_colour(stream)
+
+
+def test_a_line_on_stderr_stays_one_short_line(capsys: pytest.CaptureFixture[str]) -> None:
+    say("error", "frame 'a\x1b[2Jb\x07' of\n topic \u202e/c")
+    assert capsys.readouterr().err == "error: frame 'a\\x1b[2Jb\\x07' of topic \\u202e/c\n"
+    say("error", "x" * 1_000_000)
+    assert capsys.readouterr().err.endswith("x… (1000000 letters)\n")
+    say("error", "x" * 3000)
+    assert capsys.readouterr().err == f"error: {'x' * 3000}\n"
+
+
+def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("imucalib_cli.cli.progress.PATIENCE", 0.0)
+    monkeypatch.setattr("imucalib_cli.cli.progress.takes_codes", lambda _: True)
+    with ProgressBar() as bar:
+        time.sleep(0.2)
+        bar.report("reading [/x]\x1b[2J", 0.5)
+        assert bar._state["description"] == "reading [/x]\\x1b[2J"
+
+
+@pytest.mark.parametrize("name", ["x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"])
+def test_tf_arguments_survive_a_shell(name: str) -> None:
+    words = shlex.split(FORMATS["tf"].render([make_result(child=name, parent="hand")]))
+    assert words[-4:] == ["--frame-id", "hand", "--child-frame-id", name]
+
+
+def test_a_pipe_or_an_endless_file_ends_no_command_late(
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    said = imucalib("verify", tmp_path / "pipe", "--urdf", arm_urdf, code=1)
+    assert "is a pipe or a device" in said.err
+    said = imucalib("apply", "/dev/zero", "--urdf", arm_urdf, code=1)
+    assert "more than 4 MB: it should be a result of imucalib run" in said.err

@@ -35,6 +35,7 @@ from tests.troubleshooting.scene import (
     joint,
     noisy,
     on_arm,
+    provocation,
 )
 from tests.web_server import serving
 
@@ -45,26 +46,16 @@ if TYPE_CHECKING:
     from tests.conftest import LogWriter
 
 LINK = '<link name="base_link" />'
-NAMES = (
-    "shoulder_pan_joint",
-    "shoulder_lift_joint",
-    "elbow_joint",
-    "wrist_1_joint",
-    "wrist_2_joint",
-    "wrist_3_joint",
-)
+NAMES = tuple(joint.name for joint in load_system(ARM).joints)
 
 
-def on_a_moving_base(*options: str, urdf: bool = True, **log: Any) -> Provocation:
+@provocation
+def on_a_moving_base(scene: Scene, /, *options: str, urdf: bool = True, **log: Any) -> Seen:
     """An arm on a base that moves, without the IMU in its URDF."""
-
-    def provocation(scene: Scene) -> Seen:
-        shape, file = SHAPES["arm on a moving base"], scene.path("robot.urdf")
-        file.write_text(shape.urdf())
-        made = record(shape, scene.path("log"), mount=random_mount(3), seconds=12.0, **log)
-        return scene.cli("run", made, *(("--urdf", file) if urdf else ()), *options)
-
-    return provocation
+    shape, file = SHAPES["arm on a moving base"], scene.path("robot.urdf")
+    file.write_text(shape.urdf())
+    made = record(shape, scene.path("log"), mount=random_mount(3), seconds=12.0, **log)
+    return scene.cli("run", made, *(("--urdf", file) if urdf else ()), *options)
 
 
 def two_robots(scene: Scene) -> Seen:
@@ -90,25 +81,21 @@ def planar_askew(scene: Scene) -> Seen:
     return scene.cli("run", log, "--urdf", urdf, "--planar")
 
 
-def at(name: str, prepare: Callable[[Path], object]) -> Provocation:
+@provocation
+def at(scene: Scene, name: str, prepare: Callable[[Path], object]) -> Seen:
     """`imucalib run` on a path where there is no sound log."""
-
-    def provocation(scene: Scene) -> Seen:
-        prepare(scene.path(name))
-        return scene.run(scene.path(name))
-
-    return provocation
+    prepare(scene.path(name))
+    return scene.run(scene.path(name))
 
 
-def spoilt(change: Callable[[bytes], bytes], name: str = "log.mcap", **options: Any) -> Provocation:
+@provocation
+def spoilt(
+    scene: Scene, /, change: Callable[[bytes], bytes], name: str = "log.mcap", **options: Any
+) -> Seen:
     """The arm's log with other bytes."""
-
-    def provocation(scene: Scene) -> Seen:
-        log = scene.log(noisy(), name, **options)
-        log.write_bytes(change(log.read_bytes()))
-        return scene.run(log)
-
-    return provocation
+    log = scene.log(noisy(), name, **options)
+    log.write_bytes(change(log.read_bytes()))
+    return scene.run(log)
 
 
 def cut(data: bytes) -> bytes:
@@ -170,30 +157,24 @@ def holds_too_much(scene: Scene) -> Seen:
         return scene.run(log)
 
 
-def urdf(edit: Edit) -> Provocation:
+@provocation
+def urdf(scene: Scene, edit: Edit) -> Seen:
     """A sound log beside a URDF that is none."""
-
-    def provocation(scene: Scene) -> Seen:
-        scene.urdf(edit)
-        return scene.run(scene.writer().imu().joints().write())
-
-    return provocation
+    scene.urdf(edit)
+    return scene.run(scene.writer().imu().joints().write())
 
 
-def remote(url: str = "", **behaviour: Any) -> Provocation:
+@provocation
+def remote(scene: Scene, /, url: str = "", **behaviour: Any) -> Seen:
     """A log behind a URL, or else of a server with a fault."""
-
-    def provocation(scene: Scene) -> Seen:
-        log = scene.writer().imu().write()
-        with (
-            patch.dict(os.environ, {"NO_PROXY": "*", "no_proxy": "*"}),
-            patch("imucalib_cli.logs.remote.http._PAUSE_S", 0.0),
-            serving(log.parent, **behaviour) as web,
-        ):
-            seen = scene.cli("run", url or web.url(log.name))
-            return replace(seen, err=seen.err.replace(web.address, "HOST"))
-
-    return provocation
+    log = scene.writer().imu().write()
+    with (
+        patch.dict(os.environ, {"NO_PROXY": "*", "no_proxy": "*"}),
+        patch("imucalib_cli.logs.remote.http._PAUSE_S", 0.0),
+        serving(log.parent, **behaviour) as web,
+    ):
+        seen = scene.cli("run", url or web.url(log.name))
+        return replace(seen, err=seen.err.replace(web.address, "HOST"))
 
 
 REMOTE: dict[str, Provocation] = {
@@ -246,19 +227,17 @@ def messages(make: Callable[[LogWriter], LogWriter], *arguments: object) -> Prov
     return lambda scene: scene.cli("run", make(scene.writer()).write(), *arguments)
 
 
+@provocation
 def arm_messages(
+    scene: Scene,
     *arguments: object,
     make: Callable[[LogWriter], LogWriter] = lambda log: log,
     frame: str = "imu_link",
     names: tuple[str, ...] = NAMES,
-) -> Provocation:
+) -> Seen:
     """The same with the arm's URDF, on an IMU, the arm's joints and what ``make`` adds."""
-
-    def provocation(scene: Scene) -> Seen:
-        log = make(scene.writer().imu(frame=frame).joints(names=names))
-        return scene.run(log.write(), *arguments)
-
-    return provocation
+    log = make(scene.writer().imu(frame=frame).joints(names=names))
+    return scene.run(log.write(), *arguments)
 
 
 def prefix_extra(scene: Scene) -> Seen:
@@ -271,16 +250,13 @@ def prefixed(scene: Scene) -> Seen:
     return scene.run(scene.log(noisy(), joint_prefix="left_", frame_prefix="robot1/"))
 
 
-def described(said: dict[str, Edit]) -> Provocation:
+@provocation
+def described(scene: Scene, said: dict[str, Edit]) -> Seen:
     """The arm's joints with descriptions of robots by their topics, and no URDF."""
-
-    def provocation(scene: Scene) -> Seen:
-        log = scene.writer().imu().joints(names=NAMES)
-        for topic, edit in said.items():
-            log.text(topic, edit(urdf_text(load_system(ARM))))
-        return scene.cli("run", log.write())
-
-    return provocation
+    log = scene.writer().imu().joints(names=NAMES)
+    for topic, edit in said.items():
+        log.text(topic, edit(urdf_text(load_system(ARM))))
+    return scene.cli("run", log.write())
 
 
 def description_unusable(scene: Scene) -> Seen:
@@ -317,44 +293,39 @@ def later(imu: Any) -> Any:
     return replace(imu, header=replace(imu.header, stamp=stamp))
 
 
+@provocation
 def walking(
+    scene: Scene,
     *arguments: str,
     topics: tuple[str, ...] = (LEG,),
     frame: str = "",
     change: Callable[[Any], Any] = lambda message: message,
     described: bool = True,
-) -> Provocation:
+) -> Seen:
     """A log of a robot on legs, its trunk's IMU, perhaps changed, joints and these topics."""
-
-    def provocation(scene: Scene) -> Seen:
-        text = ROBOT.urdf()
-        urdf = scene.path("robot.urdf")
-        urdf.write_text(text.replace("trunk_imu", frame) if frame else text)
-        raw = [replace(each, topic="/imu/raw") for each in walk() if each.topic == TRUNK]
-        said = tuple(
-            replace(each, message=change(each.message)) if each.topic == TRUNK else each
-            for each in sorted([*walk(), *raw], key=lambda each: each.log_ns)
-        )
-        log = log_of(scene.folder, TRUNK, "/joint_states", *topics, said=said)
-        return scene.run(log, *arguments) if described else scene.cli("run", log, *arguments)
-
-    return provocation
+    text = ROBOT.urdf()
+    urdf = scene.path("robot.urdf")
+    urdf.write_text(text.replace("trunk_imu", frame) if frame else text)
+    raw = [replace(each, topic="/imu/raw") for each in walk() if each.topic == TRUNK]
+    said = tuple(
+        replace(each, message=change(each.message)) if each.topic == TRUNK else each
+        for each in sorted([*walk(), *raw], key=lambda each: each.log_ns)
+    )
+    log = log_of(scene.folder, TRUNK, "/joint_states", *topics, said=said)
+    return scene.run(log, *arguments) if described else scene.cli("run", log, *arguments)
 
 
-def two_legs(edit: Edit = lambda text: text) -> Provocation:
+@provocation
+def two_legs(scene: Scene, edit: Edit = lambda text: text) -> Seen:
     """Such a log with an IMU on another leg too, and the robot's URDF, perhaps spoilt."""
-
-    def provocation(scene: Scene) -> Seen:
-        scene.path("robot.urdf").write_text(edit(ROBOT.urdf()))
-        other = "/imu/other"
-        shape = replace(ROBOT, carrier="FR_calf_link")
-        said = (*walk(), *of_imu(shape, other, "other_imu", random_mount(5)))
-        kept = {(each.topic, each.log_ns): each for each in said}.values()
-        said = tuple(sorted(kept, key=lambda each: each.log_ns))
-        log = log_of(scene.folder, TRUNK, LEG, other, "/joint_states", said=said)
-        return scene.run(log, "--parent", f"{other}=FR_calf_link")
-
-    return provocation
+    scene.path("robot.urdf").write_text(edit(ROBOT.urdf()))
+    other = "/imu/other"
+    shape = replace(ROBOT, carrier="FR_calf_link")
+    said = (*walk(), *of_imu(shape, other, "other_imu", random_mount(5)))
+    kept = {(each.topic, each.log_ns): each for each in said}.values()
+    said = tuple(sorted(kept, key=lambda each: each.log_ns))
+    log = log_of(scene.folder, TRUNK, LEG, other, "/joint_states", said=said)
+    return scene.run(log, "--parent", f"{other}=FR_calf_link")
 
 
 CHOICES: dict[str, Provocation] = {
@@ -453,14 +424,11 @@ def edited(path: Path, pattern: str, new: str) -> Path:
     return path
 
 
-def applied(content: str) -> Provocation:
+@provocation
+def applied(scene: Scene, content: str) -> Seen:
     """`imucalib apply` of a file that is no result."""
-
-    def provocation(scene: Scene) -> Seen:
-        scene.path("result.yaml").write_text(content)
-        return scene.cli("apply", scene.path("result.yaml"), "--urdf", scene.urdf())
-
-    return provocation
+    scene.path("result.yaml").write_text(content)
+    return scene.cli("apply", scene.path("result.yaml"), "--urdf", scene.urdf())
 
 
 def verified(*arguments: object, edit: Edit = lambda text: text, **options: str) -> Provocation:
@@ -470,28 +438,22 @@ def verified(*arguments: object, edit: Edit = lambda text: text, **options: str)
     )
 
 
-def compared(*edits: tuple[str, str], seed: int = 4) -> Provocation:
+@provocation
+def compared(scene: Scene, *edits: tuple[str, str], seed: int = 4) -> Seen:
     """`imucalib diff` of two results, the second one edited."""
-
-    def provocation(scene: Scene) -> Seen:
-        a, b = scene.result("a.yaml"), scene.result("b.yaml", seed=seed)
-        for pattern, new in edits:
-            edited(b, pattern, new)
-        return scene.cli("diff", a, b)
-
-    return provocation
+    a, b = scene.result("a.yaml"), scene.result("b.yaml", seed=seed)
+    for pattern, new in edits:
+        edited(b, pattern, new)
+    return scene.cli("diff", a, b)
 
 
-def followed(*edits: tuple[int, str, str], count: int = 4) -> Provocation:
+@provocation
+def followed(scene: Scene, *edits: tuple[int, str, str], count: int = 4) -> Seen:
     """`imucalib trend` of results of several logs, some edited."""
-
-    def provocation(scene: Scene) -> Seen:
-        results = [scene.result(f"{k}.yaml", seed=3 + k) for k in range(count)]
-        for place, pattern, new in edits:
-            edited(results[place], pattern, new)
-        return scene.cli("trend", *results, "--format", "csv")
-
-    return provocation
+    results = [scene.result(f"{k}.yaml", seed=3 + k) for k in range(count)]
+    for place, pattern, new in edits:
+        edited(results[place], pattern, new)
+    return scene.cli("trend", *results, "--format", "csv")
 
 
 def diff_unpaired(scene: Scene) -> Seen:
@@ -526,15 +488,12 @@ def kinematics_of_two(scene: Scene) -> Seen:
     return scene.cli("apply", one, other, "--urdf", urdf, "--kinematics", "--add")
 
 
-def written(name: str, prepare: Callable[[Scene], object] = lambda _: None) -> Provocation:
+@provocation
+def written(scene: Scene, name: str, prepare: Callable[[Scene], object] = lambda _: None) -> Seen:
     """`imucalib run -o` to that name in the folder, where something may lie."""
-
-    def provocation(scene: Scene) -> Seen:
-        log = scene.log(noisy())
-        prepare(scene)
-        return scene.run(log, "-o", scene.path(name))
-
-    return provocation
+    log = scene.log(noisy())
+    prepare(scene)
+    return scene.run(log, "-o", scene.path(name))
 
 
 def output_full(scene: Scene) -> Seen:
@@ -618,30 +577,24 @@ def study_needs(scene: Scene) -> Seen:
         return study(scene, "methods")
 
 
-def rows_of_study(content: str, *, locked: bool = False) -> Provocation:
+@provocation
+def rows_of_study(scene: Scene, content: str, *, locked: bool = False) -> Seen:
     """A study whose file holds that already."""
-
-    def provocation(scene: Scene) -> Seen:
-        scene.path("study").mkdir()
-        with scene.path("study/noise-quick.jsonl").open("w") as file:
-            file.write(content)
-            file.flush()
-            if locked:
-                fcntl.flock(file, fcntl.LOCK_EX)
-            return study(scene)
-
-    return provocation
+    scene.path("study").mkdir()
+    with scene.path("study/noise-quick.jsonl").open("w") as file:
+        file.write(content)
+        file.flush()
+        if locked:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        return study(scene)
 
 
-def compared_with_kalibr(content: str) -> Provocation:
+@provocation
+def compared_with_kalibr(scene: Scene, content: str) -> Seen:
     """`imucalib compare` with that file of Kalibr's."""
-
-    def provocation(scene: Scene) -> Seen:
-        scene.path("kalibr.yaml").write_text(content)
-        options = ["--kalibr", scene.path("kalibr.yaml"), "--camera-link", "camera_link"]
-        return scene.cli("compare", scene.result(), "--urdf", scene.urdf(), *options)
-
-    return provocation
+    scene.path("kalibr.yaml").write_text(content)
+    options = ["--kalibr", scene.path("kalibr.yaml"), "--camera-link", "camera_link"]
+    return scene.cli("compare", scene.result(), "--urdf", scene.urdf(), *options)
 
 
 UPRIGHT = [[float(row == column) for column in range(4)] for row in range(4)]

@@ -50,34 +50,38 @@ def in_halves(said: Message) -> Iterator[Message]:
         yield "/camera/accel/sample", kind, accel, log_ns
 
 
-def one_short(said: Message) -> Iterator[Message]:
+def joints(change: Callable[[Message], Message]) -> Rewrite:
+    """Change joint states, and nothing else."""
+
+    def rewrite(said: Message) -> Iterator[Message]:
+        yield change(said) if said[1] == "sensor_msgs/msg/JointState" else said
+
+    return rewrite
+
+
+@joints
+def one_short(said: Message) -> Message:
     """Positions of all joints but one."""
     topic, kind, it, log_ns = said
-    if kind == "sensor_msgs/msg/JointState":
-        it = replace(it, position=it.position[:-1])
-    yield topic, kind, it, log_ns
+    return topic, kind, replace(it, position=it.position[:-1]), log_ns
 
 
-def as_array(said: Message) -> Iterator[Message]:
+@joints
+def as_array(said: Message) -> Message:
     """Positions without names."""
-    _, kind, it, log_ns = said
-    if kind != "sensor_msgs/msg/JointState":
-        yield said
-        return
+    _, _, it, log_ns = said
     array = "std_msgs/msg/Float64MultiArray"
-    yield "/arm/state", array, make(array, data=it.position), log_ns
+    return "/arm/state", array, make(array, data=it.position), log_ns
 
 
-def as_motors(said: Message) -> Iterator[Message]:
+@joints
+def as_motors(said: Message) -> Message:
     """Positions of motors that are numbered."""
-    _, kind, it, log_ns = said
-    if kind != "sensor_msgs/msg/JointState":
-        yield said
-        return
+    _, _, it, log_ns = said
     state = "unitree_go/msg/LowState"
     motors = [make("unitree_go/msg/MotorState", q=q) for q in [*it.position, *[0.0] * 14]]
     tick = it.header.stamp.sec % 1000 * 1000 + it.header.stamp.nanosec // 10**6
-    yield "/lowstate", state, make(state, motor_state=motors, tick=tick), log_ns
+    return "/lowstate", state, make(state, motor_state=motors, tick=tick), log_ns
 
 
 def run_as(rewrite: Rewrite, *arguments: str) -> Provocation:
@@ -100,12 +104,12 @@ def numbered(scene: Scene) -> Seen:
     return scene.run(rewritten(scene, as_motors), "--imu-topic", "/imu/data", "--clock", "log")
 
 
+POSITION = ("/joints", "foxglove.JointState", {"name": ["pan"], "position": [1.0]}, 1)
+
+
 def in_protobuf(scene: Scene) -> Seen:
     """Without the package that reads it."""
-    message = {"name": ["pan"], "position": [1.0]}
-    log = write_plain(
-        scene.path("log.mcap"), [("/joints", "foxglove.JointState", message, 1)], "protobuf"
-    )
+    log = write_plain(scene.path("log.mcap"), [POSITION], "protobuf")
     missing = ChoiceError("not here")
     for kept in (message_class, reading_of):  # of logs that were read before
         kept.cache_clear()
@@ -119,10 +123,8 @@ def in_protobuf(scene: Scene) -> Seen:
 def with_half_a_definition(scene: Scene) -> Seen:
     """Messages in protobuf whose descriptors are cut short."""
     schema, classes = protobuf_files()
-    message = {"name": ["pan"], "position": [1.0]}
-    said = [("/joints", "foxglove.JointState", message, 1)]
     with patch("tools.republish.protobuf_files", return_value=(schema[:-9], classes)):
-        return scene.run(write_plain(scene.path("log.mcap"), said, "protobuf"))
+        return scene.run(write_plain(scene.path("log.mcap"), [POSITION], "protobuf"))
 
 
 _COLUMNS = ",".join("abcdef")

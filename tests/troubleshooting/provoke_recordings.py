@@ -30,6 +30,7 @@ from tests.troubleshooting.scene import (
     noisy,
     on_arm,
     on_body,
+    provocation,
     with_imu,
     with_robot,
 )
@@ -206,22 +207,19 @@ def dead_axis_without_noise() -> Recording:
     return with_imu(clean(ARM), gyro=clean(ARM).imu.gyro * (1, 0, 1))
 
 
+@provocation
 def struck(
-    *options: str | float, run: Sequence[str] = (), edit: Edit = lambda text: text
-) -> Provocation:
+    scene: Scene, *options: str | float, run: Sequence[str] = (), edit: Edit = lambda text: text
+) -> Seen:
     """Feet that strike with every step; the URDF may be spoilt."""
-
-    def provocation(scene: Scene) -> Seen:
-        log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
-        made = scene.cli(
-            *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems"),
-            *("--duration", 8, *options),
-        )
-        assert made.code == 0
-        urdf.write_text(edit(urdf.read_text()))
-        return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot", *run)
-
-    return provocation
+    log, urdf = scene.path("walk.mcap"), scene.path("walk.urdf")
+    made = scene.cli(
+        *("simulate", "walker", "-o", log, "--urdf", urdf, "--grade", "mems"),
+        *("--duration", 8, *options),
+    )
+    assert made.code == 0
+    urdf.write_text(edit(urdf.read_text()))
+    return scene.cli("run", log, "--urdf", urdf, "--imu-topic", "/imu/FL_foot", *run)
 
 
 SENSORS: dict[str, Provocation] = {
@@ -397,13 +395,9 @@ ROBOT: dict[str, Provocation] = {
 
 def part(start: float, stop: float) -> Recording:
     """Some seconds of the arm's recording."""
-    (robot,) = noisy().robot
-    imu_rows, robot_rows = ((each.t >= start) & (each.t < stop) for each in (noisy().imu, robot))
-    return replace(
-        noisy(),
-        imu=rows_kept(noisy().imu, imu_rows),
-        robot=(rows_kept(robot, robot_rows),),
-    )
+    imu, (robot,) = noisy().imu, noisy().robot
+    imu_rows, robot_rows = ((each.t >= start) & (each.t < stop) for each in (imu, robot))
+    return replace(noisy(), imu=rows_kept(imu, imu_rows), robot=(rows_kept(robot, robot_rows),))
 
 
 def too_short() -> Recording:
@@ -423,17 +417,12 @@ def moving_only(*joints: int) -> Callable[[], Recording]:
     def make() -> Recording:
         system = load_system(ARM)
         assert system.arm is not None
-        start = system.arm.start_deg
-        moves = [
-            replace(
-                move,
-                to_deg=tuple(
-                    90.0 * (-1.0) ** i + 30.0 * j if j in joints else angle
-                    for j, angle in enumerate(start)
-                ),
-            )
-            for i, move in enumerate(system.arm.moves)
-        ]
+        moves = []
+        for i, move in enumerate(system.arm.moves):
+            to_deg = list(system.arm.start_deg)
+            for j in joints:
+                to_deg[j] = 90.0 * (-1.0) ** i + 30.0 * j
+            moves.append(replace(move, to_deg=tuple(to_deg)))
         few = replace(system, arm=replace(system.arm, moves=tuple(moves)))
         return record(few, PhysicsOptions(duration=20.0, imu_rate=RATE, robot_rate=RATE))
 
@@ -493,17 +482,14 @@ def poses_unusable() -> Recording:
     return with_robot(noisy(BODY), position=position)
 
 
-def inspected(gyro: float = 1.0, accel: float = 1.0) -> Provocation:
+@provocation
+def inspected(scene: Scene, gyro: float = 1.0, accel: float = 1.0) -> Seen:
     """The warnings of `imucalib inspect`, which go to stdout, on multiplied values of the IMU."""
-
-    def provocation(scene: Scene) -> Seen:
-        imu = noisy().imu
-        recording = with_imu(noisy(), gyro=imu.gyro * gyro, accel=imu.accel * accel)
-        seen = scene.cli("inspect", scene.log(recording))
-        warnings = (line for line in seen.out.splitlines() if line.startswith("warning"))
-        return Seen(seen.code, "\n".join(warnings))
-
-    return provocation
+    imu = noisy().imu
+    recording = with_imu(noisy(), gyro=imu.gyro * gyro, accel=imu.accel * accel)
+    seen = scene.cli("inspect", scene.log(recording))
+    warnings = (line for line in seen.out.splitlines() if line.startswith("warning"))
+    return Seen(seen.code, "\n".join(warnings))
 
 
 def from_the_middle(size: float) -> Floats:

@@ -9,7 +9,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from tests.troubleshooting.provoke_recordings import moving_only
-from tests.troubleshooting.scene import ARM, RATE, Scene, Seen, noisy, with_imu
+from tests.troubleshooting.scene import ARM, RATE, Scene, Seen, noisy, provocation, with_imu
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,15 +19,12 @@ if TYPE_CHECKING:
     from tests.troubleshooting.scene import Provocation
 
 
-def together(*seeds: int, also: Callable[[], Recording] | None = None) -> Provocation:
+@provocation
+def together(scene: Scene, *seeds: int, also: Callable[[], Recording] | None = None) -> Seen:
     """`imucalib run --joint` on recordings of the arm, and another one."""
-
-    def provocation(scene: Scene) -> Seen:
-        recordings = [noisy(seed=seed) for seed in seeds] + ([also()] if also else [])
-        logs = [scene.log(each, f"log{index}.mcap") for index, each in enumerate(recordings)]
-        return scene.run(*logs, "--joint")
-
-    return provocation
+    recordings = [noisy(seed=seed) for seed in seeds] + ([also()] if also else [])
+    logs = [scene.log(each, f"log{index}.mcap") for index, each in enumerate(recordings)]
+    return scene.run(*logs, "--joint")
 
 
 def moved() -> Recording:

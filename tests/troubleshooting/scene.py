@@ -7,7 +7,7 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
@@ -103,6 +103,12 @@ class Scene:
 
 Provocation = Callable[[Scene], Seen]
 """What makes a message appear."""
+P = ParamSpec("P")
+
+
+def provocation(seen: Callable[Concatenate[Scene, P], Seen]) -> Callable[P, Provocation]:
+    """Call a function with all but the scene, and get a provocation."""
+    return lambda *args, **kwargs: lambda scene: seen(scene, *args, **kwargs)
 
 
 def _see_that_it_reads(written: str) -> None:
@@ -114,16 +120,16 @@ def _see_that_it_reads(written: str) -> None:
             raise
 
 
+@provocation
 def on_arm(
-    make: Callable[[], Recording] = noisy, *arguments: object, urdf: Edit = lambda text: text
-) -> Provocation:
+    scene: Scene,
+    make: Callable[[], Recording] = noisy,
+    *arguments: object,
+    urdf: Edit = lambda text: text,
+) -> Seen:
     """`imucalib run` on a recording of the arm, beside its URDF, perhaps spoilt."""
-
-    def provocation(scene: Scene) -> Seen:
-        scene.urdf(urdf)
-        return scene.run(scene.log(make()), *arguments)
-
-    return provocation
+    scene.urdf(urdf)
+    return scene.run(scene.log(make()), *arguments)
 
 
 def on_body(make: Callable[[], Recording] = lambda: noisy(BODY)) -> Provocation:

@@ -68,7 +68,10 @@ def provoked(key: str, folder: Path) -> Told:
         codes[text] = finding.code
         return text
 
-    with patch.object(Finding, "message", property(message)):
+    with (
+        patch.object(Finding, "message", property(message)),
+        patch("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0),  # on a slow machine too
+    ):
         seen = PROVOCATIONS[key](Scene(folder))
     lines: dict[Line, None] = {}  # how often the same is said hangs on the compressor
     for line in seen.err.splitlines():

@@ -6,7 +6,7 @@ import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import exit_code, worst
-from imucalib_cli.cli.files import files_of, telling_what_is_left
+from imucalib_cli.cli.files import files_of, warning_of_old_outputs
 from imucalib_cli.cli.options import OutputFile, Quiet, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import local_file
@@ -59,7 +59,7 @@ def apply_command(
         raise ChoiceError("--kinematics writes a URDF of its own: leave --in-place out")
     if kinematics and output is None and str(urdf) != "-":
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
-    with telling_what_is_left(output):
+    with warning_of_old_outputs(output):
         names = result_names(results)
         applied = apply(names, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
         if applied.content is not None:

@@ -9,18 +9,9 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from imucalib_cli.cli import parsers
+from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of, listed
-from imucalib_cli.cli.options import (
-    EstimatorOptions,
-    ExtrasForEachLog,
-    Quiet,
-    RecordingOptions,
-    Require,
-    calibration_request,
-    output_option,
-)
+from imucalib_cli.cli.files import files_of, given_names
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
@@ -46,9 +37,9 @@ def batch_command(
         "stdin.",
     ),
     *,
-    recording: RecordingOptions,
-    estimator: EstimatorOptions,
-    output: Path | None = output_option(
+    recording: options.RecordingOptions,
+    estimator: options.EstimatorOptions,
+    output: Path | None = options.output_option(
         None,
         "-o",
         "--output",
@@ -58,28 +49,28 @@ def batch_command(
         "finished there is not done again.",
         show_default="none: nothing is kept",
     ),
-    fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = output_option(
+    fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = options.output_option(
         None,
         "--format",
         help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
         show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
     ),
-    markdown: Path | None = output_option(
+    markdown: Path | None = options.output_option(
         None,
         metavar="FILE",
         parser=parsers.output_file,
         help="Also write a table for a summary of CI.",
         show_default="none",
     ),
-    junit: Path | None = output_option(
+    junit: Path | None = options.output_option(
         None,
         metavar="FILE",
         parser=parsers.output_file,
         help="Also write JUnit XML.",
         show_default="none",
     ),
-    require: Require = None,
-    extras: ExtrasForEachLog,
+    require: options.Require = None,
+    extras: options.ExtrasForEachLog,
     workers: int | None = _work(
         None,
         min=1,
@@ -114,32 +105,36 @@ def batch_command(
         "--rehash",
         help="Read all logs to see whether they are as they were, though size and time are.",
     ),
-    quiet: Quiet = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
     from imucalib_cli.batch.batch import SUMMARY, Batch
     from imucalib_cli.batch.content_key import context_of, urdf_hash
     from imucalib_cli.batch.local import MEMORY, default_workers
     from imucalib_cli.batch.logs import find_logs
-    from imucalib_cli.batch.tables import TABLES, counted, json_line
+    from imucalib_cli.batch.tables import counted, json_line
     from imucalib_cli.batch.task import Task
     from imucalib_cli.cli.extras import for_each_log
     from imucalib_cli.robot.urdf import load_robot
 
-    _see_options(output, extras, dask, workers or memory)
-    request = calibration_request(ctx, (), recording, estimator, require)
+    _check_options(output, extras, dask, workers or memory)
+    request = options.calibration_request(ctx, (), recording, estimator, require)
     if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
         raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
     if request.urdf is not None:
-        load_robot(request.urdf)  # once, rather than in an error of every log
+        load_robot(request.urdf)  # one error here, not one for every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    found = find_logs(listed(logs, "logs"), left_out=output)
+    found = find_logs(given_names(logs, "logs"), left_out=output)
     if not found.logs:
         raise InputError("the list of logs on stdin is empty: write one path a line")
     paths = (path for log in found.logs for path in log.paths)
     read = files_of(*paths, recording.urdf, estimator.imu_model)
-    _see_places(read, output, (markdown, junit))
-    tell = partial(_tell_finding, quiet=quiet)
+    _check_places(read, output, (markdown, junit))
+
+    def tell(finding: "Finding") -> None:
+        if not quiet:
+            say("note", finding.message)
+
     for finding in found.findings:
         tell(finding)
     chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
@@ -172,20 +167,20 @@ def batch_command(
             if chosen == "jsonl":
                 deliver(json_line(record))
     ordered = [records[log] for log in found.logs]
-    _show(ordered, chosen)
-    for form, path in {"markdown": markdown, "junit": junit}.items():
-        if path is not None:
-            deliver(TABLES[form](ordered), path, quiet=quiet)
+    _give(ordered, chosen, {"markdown": markdown, "junit": junit}, quiet=quiet)
     if not quiet and chosen != "summary":
         kept = "" if output is None else f"; {output / SUMMARY}"
         say("batch", f"{counted(ordered)}{kept}")
     raise typer.Exit(worst(record.exit_code for record in ordered))
 
 
-def _see_options(
-    output: Path | None, extras: ExtrasForEachLog, dask: str | None, of_this_machine: int | None
+def _check_options(
+    output: Path | None,
+    extras: options.ExtrasForEachLog,
+    dask: str | None,
+    of_this_machine: int | None,
 ) -> None:
-    """Raise ChoiceError where an option means nothing beside another."""
+    """Raise ChoiceError where options contradict each other."""
     if output is None and any(vars(extras).values()):
         raise ChoiceError("files beside the results need a folder: add -o FOLDER")
     if dask not in {None, "local"} and of_this_machine:
@@ -195,19 +190,25 @@ def _see_options(
         )
 
 
-def _show(records: "Sequence[Record]", form: str) -> None:
+def _give(
+    records: "Sequence[Record]", chosen: str, files: "dict[str, Path | None]", *, quiet: bool
+) -> None:
+    """Write a table of all logs in the chosen form to stdout, and others to files."""
     from imucalib_cli.batch.tables import TABLES, words
 
-    if form == "summary":
+    if chosen == "summary":
         deliver_blocks(words(records))
-    elif form and form != "jsonl":
-        deliver(TABLES[form](records))
+    elif chosen not in {"", "jsonl"}:
+        deliver(TABLES[chosen](records))
+    for form, path in files.items():
+        if path is not None:
+            deliver(TABLES[form](records), path, quiet=quiet)
 
 
-def _see_places(
+def _check_places(
     read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
 ) -> None:
-    """See before any work that nothing is lost by what is written."""
+    """Check before any work that nothing is lost by writing."""
     from imucalib_cli.batch.batch import SUMMARY
     from imucalib_cli.results.atomic import see_folder_writable
     from imucalib_cli.results.places import see_places
@@ -229,13 +230,8 @@ def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) 
     return DaskWorkers(dask, workers, memory, timeout)
 
 
-def _tell_finding(finding: "Finding", *, quiet: bool) -> None:
-    if not quiet:
-        say("note", finding.message)
-
-
 def _tell(record: "Record", *, quiet: bool) -> None:
-    """What is wrong with a log: as GitHub shows it where it runs there."""
+    """Print what is wrong with a log; on GitHub in the form that GitHub shows."""
     from imucalib_cli.batch.tables import complaints, github_lines
 
     if os.environ.get("GITHUB_ACTIONS") == "true":

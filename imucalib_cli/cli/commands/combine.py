@@ -2,17 +2,10 @@
 
 import typer
 
-from imucalib_cli.cli.commands.run import deliverable, give, tell
+from imucalib_cli.cli import options
+from imucalib_cli.cli.commands.run import deliverable, report_findings, write_results
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.files import files_of, listed, writing
-from imucalib_cli.cli.options import (
-    FormatOption,
-    KnownOptions,
-    OutputFile,
-    Quiet,
-    Require,
-    changed_options,
-)
+from imucalib_cli.cli.files import files_of, given_names, writing
 from imucalib_cli.cli.output import chosen_format, say, say_error
 from imucalib_cli.cli.parsers import local_file
 
@@ -24,11 +17,11 @@ def combine_command(
         "statistics, or folders of these; - reads a list of them from stdin.",
     ),
     *,
-    known: KnownOptions,
-    fmt: FormatOption = None,
-    output: OutputFile = None,
-    require: Require = None,
-    quiet: Quiet = False,
+    known: options.KnownOptions,
+    fmt: options.FormatOption = None,
+    output: options.OutputFile = None,
+    require: options.Require = None,
+    quiet: options.Quiet = False,
 ) -> None:
     """Solve several logs of one mount together, or one again with other priors, without the logs.
 
@@ -37,16 +30,16 @@ def combine_command(
     from imucalib_cli.jobs.combine import combine
     from imucalib_cli.jobs.result_files import read_statistics_files
 
-    paths = [local_file(each) for each in listed(results, "results")]
+    paths = [local_file(each) for each in given_names(results, "results")]
     logs, foreign, unread = read_statistics_files(paths)
     for each in () if quiet else foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")
     with writing(output, read=files_of(*paths, *(log.name for log in logs))):
-        found, failures = combine(logs, changed_options(known), require)
+        found, failures = combine(logs, options.changed_options(known), require)
         chosen = chosen_format(fmt, output)
-        give(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
+        write_results(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
         if not quiet:
-            tell(found, chosen, output, hint=fmt is None)
+            report_findings(found, chosen, output, hint=fmt is None)
         for failure in (unused := [*unread, *failures]):
             say_error(failure)
         raise typer.Exit(exit_code_of(unused, found))

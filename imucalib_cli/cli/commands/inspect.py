@@ -4,20 +4,8 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
+from imucalib_cli.cli import options
 from imucalib_cli.cli.files import files_of, reading, writing
-from imucalib_cli.cli.options import (
-    AllowRemoteScan,
-    CsvColumns,
-    JointColumnsOption,
-    Logs,
-    OutputFile,
-    PartFrom,
-    PartTo,
-    Quiet,
-    Verbose,
-    output_option,
-    part_asked,
-)
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
@@ -25,28 +13,30 @@ from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
-else:  # typer evaluates it too; to it it is what the parser makes
+else:  # typer evaluates it; the parser decides the type
     LogPath = object
 
 
 def inspect_command(
-    logs: Logs,
+    logs: options.Logs,
     *,
-    csv_columns: CsvColumns = None,
-    joints: JointColumnsOption = None,
-    allow_remote_scan: AllowRemoteScan = False,
-    part_from: PartFrom = None,
-    part_to: PartTo = None,
+    csv_columns: options.CsvColumns = None,
+    joints: options.JointColumnsOption = None,
+    allow_remote_scan: options.AllowRemoteScan = False,
+    part_from: options.PartFrom = None,
+    part_to: options.PartTo = None,
     urdf: LogPath | None = typer.Option(
         None,
         metavar="FILE|URL",
         parser=path_or_url,
         help="Also say what of the log is in this URDF.",
     ),
-    fmt: Literal["text", "json"] = output_option("text", "--format", help="Form of the report."),
-    output: OutputFile = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    fmt: Literal["text", "json"] = options.output_option(
+        "text", "--format", help="Form of the report."
+    ),
+    output: options.OutputFile = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
     from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -63,7 +53,7 @@ def inspect_command(
                 csv_columns=csv_columns or (),
                 joint_columns=tuple(joints or ()),
                 allow_remote_scan=allow_remote_scan,
-                part=part_asked(part_from, part_to),
+                part=options.part_asked(part_from, part_to),
             )
             report = inspect(request, bar.report)
         if fmt == "json":

@@ -7,21 +7,15 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.extras import see_extras, write_extras
-from imucalib_cli.cli.files import deliver_into, files_of, of_log, reading, telling_what_is_left
-from imucalib_cli.cli.options import (
-    LOG,
-    EstimatorOptions,
-    ExtraFiles,
-    FormatOption,
-    Logs,
-    Quiet,
-    RecordingOptions,
-    Require,
-    Verbose,
-    calibration_request,
-    output_option,
+from imucalib_cli.cli.extras import check_extras, write_extras
+from imucalib_cli.cli.files import (
+    deliver_into,
+    files_named_after,
+    files_of,
+    reading,
+    warning_of_old_outputs,
 )
 from imucalib_cli.cli.output import (
     chosen_format,
@@ -49,12 +43,12 @@ if TYPE_CHECKING:
 
 def run_command(
     ctx: typer.Context,
-    logs: Logs,
+    logs: options.Logs,
     *,
-    recording: RecordingOptions,
-    estimator: EstimatorOptions,
-    fmt: FormatOption = None,
-    output: str | None = output_option(
+    recording: options.RecordingOptions,
+    estimator: options.EstimatorOptions,
+    fmt: options.FormatOption = None,
+    output: str | None = options.output_option(
         None,
         "-o",
         "--output",
@@ -63,8 +57,8 @@ def run_command(
         help="Where to write; a folder gets <log>.<imu>.yaml.",
         show_default="stdout",
     ),
-    require: Require = None,
-    force: bool = output_option(
+    require: options.Require = None,
+    force: bool = options.output_option(
         False,
         "--force",
         help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
@@ -74,17 +68,17 @@ def run_command(
         False,
         "--joint",
         help="Each LOG is a recording of its own; one result from all of them.",
-        rich_help_panel=LOG,
+        rich_help_panel=options.LOG,
     ),
-    kinematics_report: bool = output_option(
+    kinematics_report: bool = options.output_option(
         False,
         "--kinematics-report",
         help="Also list what the log tells of the robot: joint zeros and origins, with what "
         "was known beforehand and what no log can tell.",
     ),
-    extras: ExtraFiles,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    extras: options.ExtraFiles,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Find where every IMU of a recording sits on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
@@ -93,19 +87,19 @@ def run_command(
     from imucalib_cli.results.atomic import see_folder_writable
     from imucalib_cli.results.places import see_places
 
-    request = calibration_request(ctx, logs, recording, estimator, require)
+    request = options.calibration_request(ctx, logs, recording, estimator, require)
     read = files_of(*logs, recording.urdf, estimator.imu_model)
     target = None if output is None else Path(output)
     chosen = chosen_format(fmt, target)
     folder = target if output is not None and is_folder(output) else None
-    # found out before minutes of computing what would come to light after them
+    # checked here, not after minutes of computing
     if folder is not None:
         see_folder_writable(folder)
     single = [] if target is None or folder is not None else [target]
-    beside = see_extras(extras)
+    beside = check_extras(extras)
     request = replace(request, details=bool(beside))
     if joint:
-        _see_joint(logs, estimator, beside, kinematics_report=kinematics_report)
+        _check_joint(logs, estimator, beside, kinematics_report=kinematics_report)
     see_places(
         read=read,
         written=[*single, *beside],
@@ -113,8 +107,8 @@ def run_command(
         made_here=is_made_here,
         folder=folder,
     )
-    older = [*single, *beside, *([] if folder is None else of_log(folder, logs[0]))]
-    with telling_what_is_left(*older), reading(*logs, recording.urdf, verbose=verbose):
+    older = [*single, *beside, *([] if folder is None else files_named_after(folder, logs[0]))]
+    with warning_of_old_outputs(*older), reading(*logs, recording.urdf, verbose=verbose):
         with ProgressBar(quiet=quiet) as bar:
             if joint:
                 found, failures = calibrate_together(request, bar.report)
@@ -127,16 +121,16 @@ def run_command(
                 folder, results, logs[0], chosen, force=force, quiet=quiet, read=read
             )
         else:
-            give(results, chosen, target, quiet=quiet)
+            write_results(results, chosen, target, quiet=quiet)
         if not joint:
             failures += write_extras(
                 extras, outcome, read=read, written=single, force=force, quiet=quiet
             )
             if kinematics_report:
-                # beside a result on stdout that programs read it goes to stderr
+                # to stderr where stdout has a result for programs
                 _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         if not quiet:
-            tell(found, chosen, target, hint=fmt is None)
+            report_findings(found, chosen, target, hint=fmt is None)
         for failure in failures:
             say_error(failure)
         raise typer.Exit(exit_code_of(failures, found))
@@ -154,14 +148,14 @@ def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
             sys.stderr.write(plain(blocks))
 
 
-def _see_joint(
+def _check_joint(
     logs: "Sequence[LogPath]",
-    estimator: EstimatorOptions,
+    estimator: options.EstimatorOptions,
     beside: "Sequence[Path]",
     *,
     kinematics_report: bool,
 ) -> None:
-    """Raise ChoiceError where something is asked that --joint cannot do."""
+    """Raise ChoiceError where --joint cannot do what other options ask for."""
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
     if len(logs) == 1:
@@ -174,8 +168,10 @@ def _see_joint(
         )
 
 
-def give(results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: bool) -> None:
-    """Write results in a format to a file, or to stdout; a summary to stdout is paged."""
+def write_results(
+    results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: bool
+) -> None:
+    """Write results in a format to a file, or to stdout."""
     if results and fmt == "summary" and target is None:
         show(_in_words(results, sys.stdout))
     elif results:
@@ -183,7 +179,7 @@ def give(results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: b
 
 
 def deliverable(results: "Sequence[Result]", fmt: str, *, force: bool) -> "list[Result]":
-    """Results that may be written in a format; of others an error says why not."""
+    """Results that may be written in a format; an error is printed for each other one."""
     usable = []
     for result in results:
         try:
@@ -201,8 +197,10 @@ def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
     return "\n".join(summarise(result, colour=wants_colour(stream)) for result in results)
 
 
-def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool) -> None:
-    """To a person the summary, unless stdout has it; beside a result, and to a log, what is wrong.
+def report_findings(
+    results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool
+) -> None:
+    """Print on stderr what stdout does not say: the summary on a terminal, else the findings.
 
     Where stdout has words, a ``hint`` says how to get the result as YAML.
     """
@@ -213,7 +211,7 @@ def tell(results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bo
         sys.stderr.write(_in_words(results, sys.stderr))
     elif not (is_terminal(sys.stderr) and in_words):
         for result in results:
-            # the cause, where one was found, before what comes of it
+            # a cause that was found comes first, its effects follow
             for reason in (*result.diagnostics.distrust, *unobservable_fields(result)):
                 say("untrusted", f"{result.child}: {reason}")
         for finding in findings_of(results):

@@ -1,6 +1,6 @@
-"""``imucalib simulate``: options of the simulation, and one call of it.
+"""``imucalib simulate``: the options of a simulation, and the call of it.
 
-The options are named as the fields of simulate.options; None leaves a value to system and grade.
+Options have the names of the fields in simulate.options; None is the default of system and grade.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     Tilt = tuple[float, float]
     Options = TypeVar("Options", PhysicsOptions, NoiseOptions, LogOptions)
-else:  # typer evaluates these too; to it each is what the parser makes
+else:  # typer evaluates these too; the parsers of the options decide the types
     Tilt = Vector = object
 
 _METRES_PER_UG = 9.80665e-6
@@ -46,7 +46,7 @@ _camera = partial(typer.Option, rich_help_panel="Camera")
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
-    """Every option but the system's and those of the command itself."""
+    """All options of the simulation itself."""
 
     duration: float | None = _motion(None, help="s.")
     imu_rate: float | None = _motion(None, help="Hz, any number.")
@@ -232,14 +232,14 @@ def simulate_command(
 
 
 def _with_options(defaults: Options, options: SimulateOptions) -> Options:
-    """Options of a part of the simulation: those that were given in place of the defaults."""
+    """Options of one part of the simulation: the defaults, replaced by what is given."""
     given = {each.name: getattr(options, each.name, None) for each in fields(defaults)}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     return replace(defaults, **chosen)
 
 
 def _with_noise(options: SimulateOptions) -> NoiseOptions:
-    """Noise of the grade or the data sheet that is named, and what single options say."""
+    """Noise of the named grade or data sheet, changed by single options."""
     from imucalib_cli.simulate.load import load_grade, load_imu
 
     if options.imu_model is None:

@@ -17,9 +17,6 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from imucalib_cli.layout import Block
     from imucalib_cli.study.study import Row, Study
     from imucalib_cli.study.tables import Table as StudyTable
     from imucalib_cli.study.tables import TableFormat
@@ -70,7 +67,11 @@ def study_command(
     from imucalib_cli.study.study import STUDIES, can_draw, load_study, see_installed
 
     if not name:
-        _list({known: words for known, (_, words) in STUDIES.items()})
+        listed = tuple((known, words) for known, (_, words) in STUDIES.items())
+        if is_terminal(sys.stdout):
+            deliver_blocks([Table(("study", "what it repeats or asks"), listed)])
+        else:
+            deliver("".join(f"{known:14} {words}\n" for known, words in listed))
         return
     if name not in STUDIES:
         *known, last = STUDIES
@@ -113,36 +114,23 @@ def study_command(
             say("figure", path)
 
 
-def _list(studies: dict[str, str]) -> None:
-    if is_terminal(sys.stdout):
-        deliver_blocks([Table(("study", "what it repeats or asks"), tuple(studies.items()))])
-    else:
-        deliver("".join(f"{name:14} {words}\n" for name, words in studies.items()))
-
-
 def _print(tables: "list[StudyTable]", fmt: "TableFormat | None") -> None:
     from imucalib_cli.study.tables import render_tables
 
-    if fmt is None and is_terminal(sys.stdout):
-        deliver_blocks(_blocks(tables))
-    else:
+    if fmt is not None or not is_terminal(sys.stdout):
         deliver(render_tables(tables, fmt or "markdown"))
-
-
-def _blocks(tables: "Iterable[StudyTable]") -> "Iterator[Block]":
+        return
     for table in tables:
-        yield table.title
-        if table.note:
-            yield from ("", table.note)
-        yield from ("", Table(table.header, table.rows), "")
+        words = (table.title, "", *([table.note, ""] if table.note else []))
+        deliver_blocks([*words, Table(table.header, table.rows), ""])
 
 
 def _tables(study: "Study", rows: "list[Row]", file: Path, *, old: bool) -> "list[StudyTable]":
-    """Tables of rows; ChoiceError where somebody changed their file into another study's."""
+    """Tables of rows; ChoiceError where the file does not hold rows of this study."""
     try:
         return study.tables(rows)
     except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        if not old:  # nobody's fault but ours
+        if not old:  # an error of this code
             raise
         from imucalib_cli.study.runner import REMEDY
 

@@ -7,7 +7,7 @@ from typing import Literal
 import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
-from imucalib_cli.cli.files import files_of, telling_what_is_left
+from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import OutputFile, Quiet, Within, file_option, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import moment
@@ -44,14 +44,11 @@ def trend_command(
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional
-    from imucalib_cli.results.places import see_places
 
     names = result_names(results)
-    written = [path for path in (output, plot) if path is not None]
-    see_places(read=files_of(*names), written=written)
     if plot is not None:
         optional("matplotlib", "--plot needs", "plot")
-    with telling_what_is_left(*written):
+    with writing(output, plot, read=files_of(*names)):
         answers, failures = trend_of(names, within, since)
         if fmt == "text":
             from imucalib_cli.results.trend.table import blocks

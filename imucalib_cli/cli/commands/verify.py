@@ -7,23 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from imucalib_cli.cli import parsers
+from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, reading, writing
-from imucalib_cli.cli.options import (
-    OUTPUT,
-    PLANAR,
-    AnswersFormat,
-    EstimatorOptions,
-    OutputFile,
-    Quiet,
-    RecordingOptions,
-    Verbose,
-    Within,
-    calibration_request,
-    options_given,
-    output_option,
-)
 from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
@@ -36,11 +22,11 @@ if TYPE_CHECKING:
     from imucalib_cli.results.fields import Field
 
     Components = list[int]
-else:  # typer evaluates this too
+else:  # typer evaluates it
     Components = object
 
 _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
-"""Options of the recording that mean something for a result too."""
+"""Options of a recording that hold for results too."""
 
 
 def verify_command(
@@ -50,10 +36,10 @@ def verify_command(
         help="One recording, as for `imucalib run`; or results of it, - for stdin.",
     ),
     *,
-    recording: RecordingOptions,
-    estimator: EstimatorOptions,
-    within: Within = None,
-    ignore: Components | None = output_option(
+    recording: options.RecordingOptions,
+    estimator: options.EstimatorOptions,
+    within: options.Within = None,
+    ignore: Components | None = options.output_option(
         None,
         metavar="tx,ty,tz,rx,ry,rz",
         parser=parsers.components,
@@ -61,10 +47,10 @@ def verify_command(
         "parent frame.",
         show_default="none",
     ),
-    fmt: AnswersFormat = None,
-    output: OutputFile = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
+    fmt: options.AnswersFormat = None,
+    output: options.OutputFile = None,
+    quiet: options.Quiet = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
     from imucalib_cli.jobs.result_files import is_result
@@ -80,7 +66,7 @@ def verify_command(
     ):
         results = [name for name in logs if is_result(name)]
         if results:
-            _see_results(ctx, logs, results)
+            _check_results(ctx, logs, results)
             if recording.urdf is None:
                 raise ChoiceError("a result is compared with what a URDF tells: give --urdf")
             found = verify_results(
@@ -89,10 +75,10 @@ def verify_command(
                 within or WITHIN,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
-                ignored=ignored | frozenset(PLANAR if estimator.planar else ()),
+                ignored=ignored | frozenset(options.PLANAR if estimator.planar else ()),
             )
         else:
-            request = calibration_request(ctx, paths, recording, estimator)
+            request = options.calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
                 found = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
         by_file: dict[str, list[VerifyAnswer]] = {}
@@ -115,7 +101,7 @@ def give_answers(
     output: Path | None,
     quiet: bool,
 ) -> int:
-    """Write answers, and a sentence each where it is not the answer; the worst IMU's exit code."""
+    """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU."""
     from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
     from imucalib_cli.results.comparison.answers import as_csv
 
@@ -149,12 +135,12 @@ def give_answers(
 
 
 def named(answer: Any, sentence: str, *, several: bool) -> str:
-    """A sentence on an answer, of several after the file that it is about."""
+    """A sentence on an answer; if there are several, its file comes first."""
     return f"{answer.about}: {sentence}" if several and answer.about else sentence
 
 
-def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
-    """See that nothing but results is given, and no option that only a log can answer."""
+def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
+    """Raise ChoiceError where logs are mixed with results, or an option is for logs only."""
     from imucalib_cli.jobs.result_files import display_name
 
     if len(results) < len(given):
@@ -162,8 +148,8 @@ def _see_results(ctx: typer.Context, given: list[str], results: list[str]) -> No
         raise ChoiceError(
             f"{results[0]} is a result and {other} is none: give logs or results, not both"
         )
-    for option, panel in options_given(ctx).items():
-        if panel not in {"", OUTPUT} and option not in _OF_RESULTS:
+    for option, panel in options.options_given(ctx).items():
+        if panel not in {"", options.OUTPUT} and option not in _OF_RESULTS:
             raise ChoiceError(
                 f"{option} is for logs, {results[0]} is a result, computed already: leave it out"
             )
