@@ -99,7 +99,7 @@ def messages() -> str:
             f"`{code}`",
             _VALUE.sub("…", _CONDITION.sub("[", words)).replace("||", " or: ")
             if isinstance(words, str)
-            else _subject(words),
+            else f"*{inspect.getdoc(words)}*",
         )
         for code, words in sorted({**told, **causes}.items())
     )

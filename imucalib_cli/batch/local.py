@@ -39,8 +39,10 @@ _NEEDED = (
     "imucalib_cli.logs.slow",
     "imucalib_cli.logs.messages.wire",
     "imucalib_cli.results.codec",
+    "lxml.etree",
     "numpy.fft",
     "numpy.random",
+    "yourdfpy",
     "zstandard",
 )
 """Modules that are imported late but that every log uses: a tenth of a second each."""

@@ -1,31 +1,38 @@
-"""A URDF as a tree of links and joints, without anything that kinematics do not need."""
+"""A URDF as a tree of links and joints, without anything that kinematics do not need.
+
+Our own check (:mod:`imucalib_cli.robot.urdf_check`) reads the file first and keeps only its
+kinematic elements; yourdfpy parses those. Errors in visuals, meshes, inertias and extensions
+therefore do not matter.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
+import logging
 import sys
 from collections import Counter
-from contextlib import redirect_stdout
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Literal, cast
+from functools import cache, cached_property
+from io import BytesIO
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.names import frame_name
 from imucalib_cli.robot.packages import packages_near
-from imucalib_cli.robot.rotations import matrix_from_rpy
-from imucalib_cli.robot.urdf_check import checked_urdf
+from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
-    from collections.abc import Container
+    from collections.abc import Iterator
     from pathlib import Path
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.robot.urdf_xml import Element
 
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
@@ -182,15 +189,19 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
     Raises:
         InputError: It is no valid URDF; the error names the elements.
     """
-    name, link_elements, joint_elements = checked_urdf(data, path)
-    links = tuple(map(frame_name, link_elements))
+    kinematics = check_urdf(data, path)
+    with _quiet():
+        model = _yourdfpy().URDF.load(
+            BytesIO(kinematics), build_scene_graph=False, load_meshes=False
+        )
+    links = tuple(frame_name(link.name) for link in model.robot.links)
     if len(set(links)) < len(links):
         twice = Counter(links).most_common(1)[0][0]
         raise InputError(f"{path}: links '{twice}' and '/{twice}' are one frame: rename one")
-    joints = tuple(_joint(*item, joint_elements) for item in joint_elements.items())
+    joints = tuple(map(_joint, model.robot.joints))
     children = {joint.child for joint in joints}
     return Robot(
-        name=name,
+        name=model.robot.name,
         root=next(link for link in links if link not in children),
         links=links,
         joints=joints,
@@ -200,28 +211,64 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
     )
 
 
-def _joint(name: str, element: Element, joints: Container[str]) -> Joint:
-    axis = _numbers(element.value("axis", "xyz", "1 0 0"))
+class _NoMeshes(ModuleType):
+    """Placeholder for trimesh's types in yourdfpy's annotations."""
+
+    def __getattr__(self, name: str) -> type:
+        return object
+
+
+@cache
+def _yourdfpy() -> Any:
+    # Import a private copy of yourdfpy with a stand-in for trimesh that has only its
+    # transformations: meshes and scenes are not used, and importing them takes 0.5 s and 70 MB.
+    # sys.modules is restored, so that other users of yourdfpy in this process get all of it.
+    ours = ("yourdfpy", "trimesh")
+
+    def taken_out() -> dict[str, ModuleType]:
+        names = [name for name in sys.modules if name.partition(".")[0] in ours]
+        return {name: sys.modules.pop(name) for name in names}
+
+    with _quiet():
+        spec = importlib.util.find_spec("trimesh")
+        before = taken_out()
+        if spec is not None:
+            standing_in = _NoMeshes("trimesh")
+            standing_in.__path__ = list(spec.submodule_search_locations or ())
+            sys.modules["trimesh"] = standing_in
+        try:
+            return importlib.import_module("yourdfpy")
+        finally:
+            taken_out()
+            sys.modules.update(before)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep yourdfpy and trimesh from writing to stderr: our own check reports errors."""
+    loggers = [logging.getLogger(name) for name in ("yourdfpy", "trimesh")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _joint(parsed: Any) -> Joint:
+    origin = np.eye(4) if parsed.origin is None else np.asarray(parsed.origin, dtype=np.float64)
+    axis = np.asarray(parsed.axis, dtype=np.float64)
     norm = float(np.sqrt(axis @ axis))
-    mimic = None
-    followed = element.value("mimic", "joint")
-    if followed in joints:  # otherwise the joint has a position of its own, or none
-        multiplier, offset = (
-            float(element.value("mimic", attribute, default))
-            for attribute, default in (("multiplier", "1"), ("offset", "0"))
-        )
-        mimic = Mimic(joint=followed, multiplier=multiplier, offset=offset)
+    mimic = parsed.mimic
     return Joint(
-        name=name,
-        kind=cast("JointKind", element.attributes["type"]),
-        parent=frame_name(element.value("parent", "link")),
-        child=frame_name(element.value("child", "link")),
-        R_origin=matrix_from_rpy(_numbers(element.value("origin", "rpy", "0 0 0"))) + 0.0,
-        p_origin=_numbers(element.value("origin", "xyz", "0 0 0")),
+        name=parsed.name,
+        kind=cast("JointKind", parsed.type),
+        parent=frame_name(parsed.parent),
+        child=frame_name(parsed.child),
+        R_origin=np.ascontiguousarray(origin[:3, :3]),
+        p_origin=np.ascontiguousarray(origin[:3, 3]),
         axis=axis / norm if norm > 0.0 else axis,
-        mimic=mimic,
+        mimic=mimic and Mimic(joint=mimic.joint, multiplier=mimic.multiplier, offset=mimic.offset),
     )
-
-
-def _numbers(text: str) -> Floats:
-    return np.array([float(word) for word in text.split()])

@@ -1,10 +1,11 @@
-"""Check the elements of a URDF: names, numbers, and whether links and joints form a tree."""
+"""Check the elements of a URDF: names, numbers, tree; keep only those that kinematics need."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.urdf_xml import parse_xml
@@ -29,13 +30,21 @@ _NUMBERS = {
     ("mimic", "offset"): 1,
 }
 """How many numbers each attribute holds."""
+_KEPT = {
+    "parent": ("link",),
+    "child": ("link",),
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "mimic": ("joint", "multiplier", "offset"),
+}
+"""Elements of a joint, and their attributes."""
 _SHOWN = 3
 _LONGEST = 80
 """Most characters of a word that a message shows."""
 
 
-def checked_urdf(data: bytes, path: Path | str) -> tuple[str, Elements, Elements]:
-    """Name of the robot, its links by name and its joints by name.
+def check_urdf(data: bytes, path: Path | str) -> bytes:
+    """Refuse an invalid URDF; return only its links and joints, as XML.
 
     Limits may be missing. Elements that kinematics do not need (visuals, inertias, transmissions,
     extensions) are not checked.
@@ -57,7 +66,7 @@ def checked_urdf(data: bytes, path: Path | str) -> tuple[str, Elements, Elements
         if len(faults) > _SHOWN:
             told.append(f"and {len(faults) - _SHOWN} more faults")
         raise InputError(f"{path}: {'; '.join(told)}")
-    return root.attributes.get("name") or "robot", links, joints
+    return _kinematics_only(root, links, joints)
 
 
 def _in_one_line(text: str) -> str:
@@ -90,7 +99,7 @@ def _check_joint(name: str, joint: Element, faults: Faults) -> None:
     for tag in ("parent", "child"):
         if not joint.value(tag, "link"):
             faults.append((joint, f"joint '{name}' has no <{tag} link=...>"))
-    for tag in ("parent", "child", "origin", "axis", "mimic"):
+    for tag in _KEPT:
         if len(joint.findall(tag)) > 1:
             faults.append((joint, f"joint '{name}' has more than one <{tag}>"))
     _check_numbers(name, joint, faults)
@@ -179,3 +188,21 @@ def _check_mimics(joints: Elements, faults: Faults) -> None:
             faults.append((mimic, f"joint '{name}' mimics '{target}', which has no position"))
     for name in _on_loop(followed):
         faults.append((joints[name], f"joint '{name}' mimics itself in the end"))
+
+
+def _kinematics_only(root: Element, links: Elements, joints: Elements) -> bytes:
+    robot = ET.Element("robot", name=root.attributes.get("name") or "robot")
+    for name in links:
+        ET.SubElement(robot, "link", name=name)
+    for name, joint in joints.items():
+        kept = ET.SubElement(robot, "joint", name=name, type=joint.attributes["type"])
+        for tag, attributes in _KEPT.items():
+            element = joint.find(tag)
+            # A joint that mimics a missing joint has its own position, or none.
+            if element is not None and (
+                tag != "mimic" or element.attributes.get("joint") in joints
+            ):
+                found = {a: element.attributes[a] for a in attributes if a in element.attributes}
+                ET.SubElement(kept, tag, found)
+    kinematics: bytes = ET.tostring(robot, encoding="utf-8")
+    return kinematics
