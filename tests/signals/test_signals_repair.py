@@ -21,12 +21,11 @@ from imucalib_cli.signals.imu.units import Units
 from tests.estimate.estimate_arm import (
     Log,
     Moves,
+    beside,
     make_log,
-    nees,
     parent_motion,
     readings,
     rotation_error,
-    sigma,
 )
 from tests.slow import slow_after
 
@@ -58,10 +57,10 @@ def _estimate(mended: Repaired) -> Estimate:
 def _see_right(estimate: Estimate, log: Log, most: float = 1.5e-3) -> None:
     """The error passes chi-squared of six, and sigmas are at most ``most``, m."""
     assert estimate.trusted, estimate.distrust
-    std = sigma(estimate)
-    assert nees(estimate, log.mount) < 28.0
-    assert std[:3].max() < most
-    assert std[3:].max() < np.radians(0.03) * most / 1.5e-3
+    solved = beside(estimate, log.mount)
+    assert solved.nees < 28.0
+    assert solved.sigma[:3].max() < most
+    assert solved.sigma[3:].max() < np.radians(0.03) * most / 1.5e-3
 
 
 def _scaled(gyro: Any = 1.0, accel: Any = 1.0) -> Log:
