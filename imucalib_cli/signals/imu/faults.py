@@ -96,7 +96,7 @@ class Fault:
             "start": imu.t[rows[0]],
             "end": imu.t[rows[-1]],
         }
-        return warning("imu.frozen" if self.kind == "frozen" else "imu.saturated", **values)
+        return warning(f"imu.{self.kind}", **values)
 
 
 def sensor_faults(
