@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate import again
+from imucalib_cli.estimate.checks.segments import parts_of_log
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
@@ -154,7 +154,7 @@ def details_of(
         imu_accel=clean.accel,
         imu_gyro=clean.gyro,
         spectra=log.spectra,
-        stretches=again.stretches_of(log, np.sqrt(np.diag(covariance))),
+        stretches=parts_of_log(log, np.sqrt(np.diag(covariance))),
         dependence=dependence,
         offset=_offset_profile(fit),
     )

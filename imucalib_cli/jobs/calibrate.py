@@ -215,7 +215,7 @@ def _estimate(
         from imucalib_cli.estimate.matched import calibrate_matched
 
         return calibrate_matched(samples, path, options, details=details)
-    from imucalib_cli.estimate.published.method import calibrate_paper
+    from imucalib_cli.paper.method import calibrate_paper
 
     return calibrate_paper(samples, path, options)
 

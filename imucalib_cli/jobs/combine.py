@@ -9,13 +9,13 @@ import numpy as np
 from msgspec import UNSET, structs
 
 from imucalib_cli import __version__
+from imucalib_cli.combine.imus import SOLVED_TOGETHER
+from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
-from imucalib_cli.estimate.again import combine_logs, solve_again
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
 from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.estimate.model.unknowns import TABLE
-from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.findings import Severity, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.input.request import recorded_estimator
@@ -27,7 +27,7 @@ from imucalib_cli.results.statistics_file import StoredLog
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from imucalib_cli.estimate.again import Combined, OwnValues
+    from imucalib_cli.combine.logs import Combined, OwnValues
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.findings import Finding

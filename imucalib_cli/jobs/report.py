@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.again import stretches_of
+from imucalib_cli.estimate.checks.segments import parts_of_log
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.report.figures import Material
 from imucalib_cli.report.page import page
@@ -41,6 +41,6 @@ def report_of_file(name: str) -> str:
     log, stretches = read_statistics(Path(name)), None
     covariance = log.result.uncertain_pose.covariance
     if covariance is not None:
-        stretches = stretches_of(log.statistics, np.sqrt(np.diag(covariance)))
+        stretches = parts_of_log(log.statistics, np.sqrt(np.diag(covariance)))
     spectra = log.statistics.spectra
     return page([Material(result=log.result, spectra=spectra, stretches=stretches)])

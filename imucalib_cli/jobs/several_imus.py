@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+from imucalib_cli.combine.imus import OnRobot, groups, solve_agreeing
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.matched import estimate_of
-from imucalib_cli.estimate.several_imus import OnRobot, groups, solve_agreeing
 from imucalib_cli.findings import Severity, note, warning
 
 if TYPE_CHECKING:

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from imucalib_cli import __version__
+from imucalib_cli.combine.imus import SOLVED_TOGETHER
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
 from imucalib_cli.estimate.checks.specification import OtherWindow
@@ -24,7 +25,6 @@ from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import TABLE, JointCurve, Mount, Origin
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.several_imus import SOLVED_TOGETHER
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics, NormalEquations
 from imucalib_cli.results.codec import result_from, to_document
 

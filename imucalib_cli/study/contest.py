@@ -12,7 +12,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
-from imucalib_cli.estimate.published.method import calibrate_paper
+from imucalib_cli.paper.method import calibrate_paper
 from imucalib_cli.results.pose import PoseError, pose_error
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.simulate.load import load_grade

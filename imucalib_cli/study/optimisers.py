@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.windows import WindowRows
-    from imucalib_cli.estimate.published.filters import Instants
+    from imucalib_cli.paper.filters import Instants
     from imucalib_cli.study.study import Row
 
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]

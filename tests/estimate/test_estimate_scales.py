@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from imucalib_cli.estimate.solution.between import USUAL, Together, combine
+from imucalib_cli.combine.scatter import USUAL, Together, combine
 from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
 
 if TYPE_CHECKING:

@@ -13,14 +13,14 @@ from scipy.linalg import solve as solve_dense
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.estimate.several_imus import (
+from imucalib_cli.combine.imus import (
     OnRobot,
     System,
     groups,
     solve_agreeing,
     solve_together,
 )
+from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.jobs.several_imus import together
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.dead_reckoning import dead_reckon

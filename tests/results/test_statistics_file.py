@@ -14,7 +14,7 @@ import yaml
 from msgspec import structs
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.again import stretches_of
+from imucalib_cli.estimate.checks.segments import parts_of_log
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.results.codec import to_yaml
@@ -89,7 +89,7 @@ def test_the_parts_of_the_log_are_those_of_the_report(file: Path, calibrated: Ca
     assert details is not None
     assert details.stretches is not None
     assert covariance is not None
-    found = stretches_of(read_statistics(file).statistics, np.sqrt(np.diag(covariance)))
+    found = parts_of_log(read_statistics(file).statistics, np.sqrt(np.diag(covariance)))
     assert found is not None
     # A few longer parts in place of many: ends and sums are the same.
     share = details.stretches.share.reshape(len(found.share), -1, 6).sum(axis=1)

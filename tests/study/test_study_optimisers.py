@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import PaperOptions
-from imucalib_cli.estimate.published.filters import filtered_instants
+from imucalib_cli.paper.filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study import optimisers

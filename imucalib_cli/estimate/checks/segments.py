@@ -16,7 +16,7 @@ from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, inverse_of,
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.solution.normal_equations import NormalEquations
+    from imucalib_cli.estimate.solution.normal_equations import LogStatistics, NormalEquations
     from imucalib_cli.estimate.solution.scales import Problem
 
 
@@ -303,3 +303,19 @@ class Segments:
             np.median(steps, axis=0) / MEDIAN_CHI2 - np.median(expected, axis=0), 0.0
         )
         return np.diag(walked / _APART * len(self._A) / 3.0)
+
+
+def parts_of_log(log: LogStatistics, std: Floats) -> LogParts | None:
+    """What each part of a log says about the pose, whose stated sigma is ``std`` (6,).
+
+    None where a component of the pose is held.
+    """
+    equations, layout = log.equations, log.equations.layout
+    free = np.flatnonzero(layout.free)
+    pose = np.flatnonzero(np.isin(free, layout.pose))
+    if len(pose) < len(layout.pose):
+        return None
+    problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
+    noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
+    sums = PartSums.of(log.parts, noise, problem, u, equations)
+    return sums.log_parts(log.edges, pose, std)

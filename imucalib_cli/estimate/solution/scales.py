@@ -18,13 +18,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
-    from imucalib_cli.estimate.solution.between import Together
 
 _POINTS: Final = 64
 """Importance points: the mean and covariance they give vary by some per cent of sigma. At least an
@@ -195,7 +194,25 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     return np.asarray(u)
 
 
-def integrate(problem: Problem | Together, mode: Floats) -> Posterior:
+class Marginal(Protocol):
+    """A likelihood of learnt scales, and the mean of the other unknowns at given scales."""
+
+    @property
+    def bounds(self) -> Floats:
+        """(k, 2), of the logarithms of the scales."""
+
+    @property
+    def prior(self) -> Prior:
+        """Of the scales that come first."""
+
+    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+        """As :meth:`Problem.likelihood`."""
+
+    def covariance(self, u: Floats) -> Floats:
+        """As :meth:`Problem.covariance`."""
+
+
+def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for pairs that are
@@ -233,7 +250,7 @@ def integrate(problem: Problem | Together, mode: Floats) -> Posterior:
     )
 
 
-def _chain(problem: Problem | Together, start: Floats) -> tuple[Floats, Floats]:
+def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
     """Points as dense as they are likely, and their steps: each sweep moves every scale once.
 
     Returns:
@@ -268,7 +285,7 @@ def _even_points(count: int, dimensions: int) -> Floats:
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
-def _proposal(problem: Problem | Together, mode: Floats) -> tuple[Floats, Floats]:
+def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     """Points and the logarithm of the density they are drawn from.
 
     Each scale is drawn from its likelihood with the others at the mode, over its whole range: where

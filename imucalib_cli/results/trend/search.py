@@ -183,7 +183,7 @@ def explained(series: Series, model: Model) -> Explained[Model]:
 
     Fisher's scoring in the variances of the two parts, each the same in all directions. So a step
     along one direction does not look like scatter, and a few recordings determine the two numbers.
-    estimate/solution/between.py integrates over both with a prior, because sigma must be right for
+    combine/scatter.py integrates over both with a prior, because sigma must be right for
     two logs too. Here thousands of partitions are compared, and the most likely value is enough.
     """
     parts = np.eye(2)[series.parts]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.published.filters import Instants
+from imucalib_cli.paper.filters import Instants
 from imucalib_cli.robot.rotations import nearest_rotation, vee
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.kernels import convolve_at, savitzky_golay

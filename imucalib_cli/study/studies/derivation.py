@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
-from imucalib_cli.estimate.published.filters import filtered_instants
+from imucalib_cli.paper.filters import filtered_instants
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory

@@ -19,10 +19,10 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.model.windows import Windowing, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
-from imucalib_cli.estimate.published.filters import filtered_instants
 from imucalib_cli.estimate.solution.robust import residual_scales
 from imucalib_cli.estimate.solution.solve import Known, solve_globally
 from imucalib_cli.estimate.window_choice import choose_window
+from imucalib_cli.paper.filters import filtered_instants
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
-from imucalib_cli.estimate.published.filters import DEFAULT_EXCLUSION, filtered_instants
-from imucalib_cli.estimate.published.method import calibrate_paper
+from imucalib_cli.paper.filters import DEFAULT_EXCLUSION, filtered_instants
+from imucalib_cli.paper.method import calibrate_paper
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Log,

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate.again import combine_logs, solve_again
+from imucalib_cli.combine import scatter
+from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.solution import between
 from tests.estimate.estimate_arm import (
     LINKS,
     MOUNT,
@@ -29,7 +29,7 @@ from tests.estimate.estimate_arm import (
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.again import Combined
+    from imucalib_cli.combine.logs import Combined
     from imucalib_cli.estimate.model.state import State
 
 Floats = NDArray[np.float64]
@@ -135,8 +135,8 @@ def test_logs_on_a_still_mount_are_the_sum_of_their_statistics(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # As good as no scatter between logs.
-    monkeypatch.setattr(between, "USUAL", (1e-9, 1e-9))
-    monkeypatch.setattr(between, "_RANGE", (1e-2, 1.0))
+    monkeypatch.setattr(scatter, "USUAL", (1e-9, 1e-9))
+    monkeypatch.setattr(scatter, "_RANGE", (1e-2, 1.0))
     logs = [make_log(Moves(seed=seed, seconds=15.0)).noisy(seed) for seed in (1, 2, 3)]
     estimates = [solve(log, robot="exact", sensor_model="ideal") for log in logs]
     answer = together(estimates).answer

@@ -2,7 +2,7 @@
 
 What logs share (the pose, errors of the robot and of the sensor) is the same for all of them. What
 each recording has of its own (biases, gravity, clocks) is eliminated from its equations, and the
-pose of each log may differ a little from the common one (solution/between.py).
+pose of each log may differ a little from the common one (combine/scatter.py).
 """
 
 from __future__ import annotations
@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucalib_cli.combine.scatter import Together, combine, disagreeing
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.checks.segments import PartSums
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE
-from imucalib_cli.estimate.solution.between import Together, combine, disagreeing
 from imucalib_cli.estimate.solution.normal_equations import Answer, embedded_matrix, prior_offset
 from imucalib_cli.estimate.solution.spectrum import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.options import MatchedOptions
@@ -46,22 +44,6 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     wrong = contradicted(answer, lambda _: equations, equations.solve)
     rest = judge.of_answer(answer, log, contradicted=wrong is not None)
     return answer, [*([] if wrong is None else [wrong]), *rest]
-
-
-def stretches_of(log: LogStatistics, std: Floats) -> LogParts | None:
-    """What each part of a log says about the pose, whose stated sigma is ``std`` (6,).
-
-    None where a component of the pose is held.
-    """
-    equations, layout = log.equations, log.equations.layout
-    free = np.flatnonzero(layout.free)
-    pose = np.flatnonzero(np.isin(free, layout.pose))
-    if len(pose) < len(layout.pose):
-        return None
-    problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
-    noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
-    sums = PartSums.of(log.parts, noise, problem, u, equations)
-    return sums.log_parts(log.edges, pose, std)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

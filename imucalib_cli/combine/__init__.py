@@ -1,0 +1,1 @@
+"""Several logs of a mount, or several IMUs of a log, solved together from their statistics."""
