@@ -42,8 +42,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     # A text without a code.
     "text": "{text}",
     # The recording and its files.
-    "log.cut_short": "{file}: the {what} is cut short or damaged at byte {byte} of {size}: what "
-    "stands before is used",
+    "log.cut_short": "{file}: the {what} is cut short or damaged at byte {byte} of {size}: the "
+    "part before it is used",
     "log.bytes_damaged": "{file}: bytes {start} to {end} are damaged and left out",
     "log.chunk_unchecked": "{file}: a chunk at byte {byte} is damaged or cut short: its messages "
     "are used unchecked",
@@ -63,17 +63,17 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "log.part_unusable": "{file}: left out: {reason}",
     "log.unpacks_too_large": "{file}: it unpacks to over {ratio} times its size, which no log does",
     "log.holds_too_much": "{file}: it holds more messages than bytes, or numbers of over {ratio} "
-    "times its size, which no log does: what stands before is used",
-    "log.compression_damaged": "{file}: its compression is damaged ({reason}): what stands before "
-    "is used",
+    "times its size, which no log does: the part before them is used",
+    "log.compression_damaged": "{file}: its compression is damaged ({reason}): the part before "
+    "the damage is used",
     "log.database_cut_short": "{file}: the database is cut short or damaged: what can be read is "
     "used",
-    "log.database_companion": "{file}: {name} does not fit what is left of it and is left out",
+    "log.database_companion": "{file}: {name} does not match the database and is not used",
     "log.database_wal": "{file}: its -wal is damaged or was cut off while it was written: {left} "
     "of its {total} pages are left out",
     "log.database_topic": "{file}: topic {number} is left out: its name or type is no text",
-    "log.database_damaged": "{file}: the database is damaged ({reason}): what its pages hold is "
-    "used",
+    "log.database_damaged": "{file}: the database is damaged ({reason}): the rows found in its "
+    "pages are used",
     "log.more_losses": "{file}: and {count} further losses",
     "log.messages_missing": "{topic}: only {found} of the {listed} messages that the index counts "
     "are there",
@@ -98,23 +98,23 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{limit:g} are left out",
     "pose.unusable": "{topic}: {count} poses that are not finite or whose quaternion is not of "
     "unit norm are left out",
-    "joints.prefixed": "{topic}: {count} joints differ from those of {robot} by the prefix "
-    "'{prefix}' and are taken for them; --joint-prefix overrules it",
-    "frames.prefixed": "frames that differ from links of {robot} by the prefix '{prefix}' are "
-    "taken for them ({count} of them)",
-    "base.imu": "{topic} on {link} tells how the robot moves; the other IMUs are calibrated "
+    "joints.prefixed": "{topic}: the names of {count} joints differ from those of {robot} by the "
+    "prefix '{prefix}' and are matched to them; --joint-prefix overrides this",
+    "frames.prefixed": "the names of {count} frames differ from links of {robot} by the prefix "
+    "'{prefix}' and are matched to them",
+    "base.imu": "{topic} on {link} gives the motion of the robot; the other IMUs are calibrated "
     "against it",
-    "pose.told_twice": "{topic} tells the pose of {child} in {parent} too; {used} is used, having "
-    "more messages",
+    "pose.told_twice": "{topic} also gives the pose of {child} in {parent}; {used} is used "
+    "because it has more messages",
     "stream.rows_left_out": "{stream}: left out {not_finite} messages that are not finite, "
     "{astray} with stamps far from the log and {repeated} with repeated stamps; stamps that went "
     "backwards: {backward}",
-    "stream.leaps": "{stream}: {count} messages in which a value leaps away and back by more than "
-    "{least:g} (rad or m) are left out: look after the encoder or its driver",
+    "stream.leaps": "{stream}: {count} messages in which a value jumps by more than {least:g} "
+    "(rad or m) and back are left out: check the encoder or its driver",
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
-    "longest time from {start:.1f} to {end:.1f} s: what is there is used, and sigma is that of it",
+    "longest time from {start:.1f} to {end:.1f} s: the rest is used, and sigma is for the rest",
     # Stamps and clocks.
-    "joints.numbered": "{topic}: the motors are numbered; {count} have the names of {called} in "
+    "joints.numbered": "{topic}: the motors are numbered; {count} get the names of {called} in "
     "{robot}",
     "stamps.none": "{topics:list}: no stamps in the messages; receive times are used for all "
     "topics",
@@ -135,13 +135,13 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "stamps.other_epoch": _STAMPS + "lie {seconds:.4g} s apart from those of other topics" + _THEN,
     "stamps.bunched": "{stream}: stamps come in bursts[ of {batch:many}] ({share:.0%} of the "
     "intervals are far shorter than the {period:ms.4g} between samples[, {lost:some} messages "
-    "seem to be missing]): they are times of arrival, and were replaced by even ticks; the time "
-    "offset contains the unknown delay",
+    "seem to be missing]): they are arrival times and were replaced by evenly spaced stamps; the "
+    "time offset includes the unknown delay",
     "stamps.surplus": "{stream}: {share:.0%} of the intervals are far shorter than those between "
-    "samples, and the motion says that those messages are no samples of an even rate: they are "
-    "left out; look for a driver or a recorder that sends a buffer twice",
+    "samples, and the motion shows that those messages are not samples of a constant rate: they "
+    "are left out; check for a driver or a recorder that sends a buffer twice",
     "stamps.rate_changes": "{stream}: the rate changes within the log ({rates:rates starts}): the "
-    "stamps are used as they are; check the driver's setting if one rate was meant",
+    "stamps are used as recorded; check the driver's setting if one rate was intended",
     # Units and readings of the IMU.
     "imu.accel_looks_like": "{topic}: |accel| at rest is {norm:.4g}, which looks like {unit}; "
     "sensor_msgs/Imu is in m/s²",
@@ -156,10 +156,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "rate at which the robot turns, a constant factor that belongs to no known unit "
     "({known:list}): raw counts or a wrong scale of the gyroscope, or of the joint positions; "
     "correct it in the driver and record again",
-    "imu.gyro_too_fast": "{topic}: gyro reaches {largest:.3g}, more than any in rad/s, and [it is "
-    "{ratio:.3g} times the robot's rate, where deg/s would be 57.3 times||the robot's own motion "
-    "cannot tell its unit]: if it is in deg/s rerun with --gyro-unit deg/s, else mend the driver "
-    "and record again",
+    "imu.gyro_too_fast": "{topic}: gyro reaches {largest:.3g}, more than any gyroscope measures "
+    "in rad/s, and [it is {ratio:.3g} times the robot's rate, where deg/s would be 57.3 "
+    "times||the robot's own motion does not show its unit]: if it is in deg/s rerun with "
+    "--gyro-unit deg/s, else fix the driver and record again",
     "imu.accel_unit_converted": "{topic}: accel at rest is {norm:.4g}: taken as {unit} and "
     "multiplied by {factor:.6g} (--accel-unit m/s2 keeps it)",
     "imu.accel_unit_contradicted": "{topic}: accel at rest is {norm:.4g}, which is gravity in "
@@ -168,68 +168,69 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.gyro_unit_contradicted": "{topic}: gyro reads {ratio:.3g} times the rate at which the "
     "robot turns, which is {unit}, yet --gyro-unit {stated} was given, which would read "
     "{expected:.3g} times: leave the option out",
-    "imu.accel_unit_unknown": "{topic}: accel at rest is {norm:.4g}, neither gravity nor a unit "
-    "that is known: mend its scale, or say --accel-unit or --gravity",
+    "imu.accel_unit_unknown": "{topic}: accel at rest is {norm:.4g}, which is gravity in no known "
+    "unit: correct its scale, or give --accel-unit or --gravity",
     "imu.gravity_unasked": "{topic}: accel at rest is {norm:.4g}, which is gravity in {unit}, yet "
     "--gravity none was given",
-    "imu.gravity_removed": "{topic}: accel at rest is {norm:.4g} m/s², so gravity is not in it: if "
-    "the robot floats without gravity or the driver took gravity off, rerun with --gravity none",
+    "imu.gravity_removed": "{topic}: accel at rest is {norm:.4g} m/s², so it does not contain "
+    "gravity: if the robot is weightless or the driver removes gravity, rerun with --gravity none",
     "imu.zero": "{topic}: [sensor=both?gyro and accel are||{sensor} is] [reads?{reads}||zero] in "
     "all {count} messages: the driver does not fill [sensor=both?them in, and nothing can be "
     "calibrated from it; turn it on in the driver, or choose another {option}||it in, and "
     "{sensor:other} alone does not tell the pose; turn it on in the driver, choose another "
     "{option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]",
     "imu.impossible": "{topic}: {sensor} is beyond {limit:g} {unit} in {count} of {total} "
-    "messages, which no IMU measures: mend the driver or the log's layout and record again",
+    "messages, which no IMU measures: fix the driver or the log's layout and record again",
     "imu.axes_dead": "{topic}: {sensor} {axes:spaced} reads {held:list.4g} from first message to "
     "last while the others vary: the sensor or its driver is broken there, and the pose cannot be "
-    "found with it",
+    "found without it",
     "imu.axes_dead_in_motion": "{topic}: {sensor} {axes:spaced} reads {held:list.4g} from first "
-    "message to last, and the robot turns otherwise: the sensor or its driver is broken there, or "
-    "the IMU rides on another link",
+    "message to last, but the robot turns differently: the sensor or its driver is broken there, "
+    "or the IMU is on another link",
     "imu.frozen": "{topic}: {sensor} {axes:spaced} is frozen at {held:list.5g} {sensor:unit} in "
     "{samples} samples[ in {stretches:many} stretches] between {start:.2f} and {end:.2f} s of the "
-    "log: they were left out; look for a driver that repeats its last message",
+    "log: they were left out; check for a driver that repeats its last message",
     "imu.saturated": "{topic}: {sensor} {axes:spaced} is saturated at {held:list.5g} "
     "{sensor:unit} in {samples} samples[ in {stretches:many} stretches] between {start:.2f} and "
     "{end:.2f} s of the log: they were left out; set a larger range or move more slowly",
     "imu.motion_left_out": "{share:.0%} of the rotation is in samples that were left out as frozen "
     "or saturated: record again with a sound sensor of larger range",
-    "imu.bias_beyond_sheet": "a {sensor} bias of {bias:.2g} {sensor:unit} is far beyond what the "
-    "data sheet of {model} allows ({sigma:.2g}, 1 sigma): it was left free; another IMU than "
-    "--imu-model says, another unit, or a damaged one",
+    "imu.bias_beyond_sheet": "a {sensor} bias of {bias:.2g} {sensor:unit} is far beyond the data "
+    "sheet of {model} ({sigma:.2g}, 1 sigma): it was left free; the IMU is not the one of "
+    "--imu-model, the unit is another, or the sensor is damaged",
     "imu.noise_above_sheet": "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a "
-    "sample, {measured:/ expected} times the {expected:.2g} by the data sheet of {model} at "
-    "{rate:.4g} Hz: the mount is loose or shakes, or this is another IMU; fasten or damp it, or "
-    "correct --imu-model (the result goes by the noise found)",
+    "sample, {measured:/ expected} times the {expected:.2g} of the data sheet of {model} at "
+    "{rate:.4g} Hz: the mount is loose or vibrates, or this is another IMU; fasten or damp it, or "
+    "correct --imu-model (the result uses the measured noise)",
     "imu.noise_below_sheet": "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a "
-    "sample, and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: a filter "
-    "in the driver, a simulated log, or another IMU; if it is another, correct --imu-model",
+    "sample, and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: the "
+    "driver filters it, the log is simulated, or this is another IMU; if it is another, correct "
+    "--imu-model",
     "imu.noise_filtered": "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a "
-    "sample, and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: a filter "
-    "in the driver, for below its cut-off the noise is the sheet's; its delay is part of the time "
-    "offset; if it is another, correct --imu-model",
-    "imu.beyond_range": "{samples} samples of the {sensor:sensor} are beyond the {full_scale:.4g} "
-    "{sensor:unit} where {model} ends by its data sheet: glitches, another unit, or another IMU "
-    "than --imu-model says",
+    "sample, and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: the "
+    "driver filters it, because below the cut-off the noise is that of the sheet; the filter's "
+    "delay is part of the time offset; if this is another IMU, correct --imu-model",
+    "imu.beyond_range": "{samples} samples of the {sensor:sensor} are beyond the range of "
+    "{full_scale:.4g} {sensor:unit} in the data sheet of {model}: glitches, another unit, or an "
+    "IMU other than --imu-model",
     # The robot.
-    "robot.described": "the robot is '{robot}' of the log's {topic}; --urdf overrules it",
+    "robot.described": "the URDF of '{robot}' is taken from the log's {topic}; --urdf overrides it",
     "robot.description_unusable": "{reason}: the log's own description of the robot is not used",
-    "robot.chain_missing": "{parent} is taken to carry '{frame}', for no other frame moves; if a "
-    "joint lies between them, give --urdf, without which {topics:list} cannot be used",
-    "joints.other_robot": "{dropped:list} names joints of {robot} too; {used:list} is used, which "
-    "is in the namespace of the IMU",
-    "cause.pose_unread": "no link of the robot moves as the IMU does, but {topics:list} was not "
+    "robot.chain_missing": "{parent} is taken as the parent of '{frame}', because no other frame "
+    "moves; if a joint lies between them, give --urdf, without which {topics:list} cannot be used",
+    "joints.other_robot": "{dropped:list} also has joints of {robot}; {used:list} is used because "
+    "it is in the namespace of the IMU",
+    "cause.pose_unread": "no link of the robot moves like the IMU, but {topics:list} was not "
     "read: if it is the pose of the robot's base, give --pose-topic {first}",
-    "robot.unused": "{urdf} is not used, the log's own frames tell the motion: {reason}",
+    "robot.unused": "{urdf} is not used; the motion comes from the log's own frames: {reason}",
     "robot.held": "{streams:list}: stands still from {stretches:spans} while the IMU turns: "
     "frozen, or something else moves the robot; these stretches were left out",
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "
     "stood still: record again with a publisher that runs throughout",
     "robot.static": "the robot does not move in this log",
     "nominal.inverted": "[joint {joint}||the nominal pose] seems to hold the pose of the parent "
-    "in the IMU, where the pose of the IMU in the parent belongs: inverted it is "
-    "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} off the pose found, as it stands "
+    "in the IMU instead of the pose of the IMU in the parent: its inverse is "
+    "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} from the pose found, the pose itself "
     "{distance:mm.3g} and {angle:deg.3g}",
     # Requirements of a result, and two results.
     "require.sigma": "--require asks for [" + _TRANSLATION + "]"
@@ -238,54 +239,57 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "[remedy=longer?record about {longer:fig2} times as long (sigma falls with the root of the "
     "duration), or livelier motion]"
     "[remedy=livelier?record livelier motion (faster turns about several axes) and more of it]",
-    "require.no_sigma": "--require asks for [{translation:mm.6g}]"
-    "[translation? and {rotation:deg.6g}][translation=?{rotation:deg.6g}], and --method {method} "
-    "states no sigma to show it: use --method matched",
+    "require.no_sigma": "--require asks for [{translation:mm.6g}][translation? and "
+    "{rotation:deg.6g}][translation=?{rotation:deg.6g}], but --method {method} gives no sigma: "
+    "use --method matched",
     "require.text": "{text}",
-    "trend.unknown_time": "{file}[ and {others:some} more]: when it was recorded is not known (a "
-    "result of an earlier version, or a log without dates), so the results are taken in the order "
-    "given, those of a folder by name",
-    "trend.at_once": "{second}[ and {others:some} more] began before {first} ended, and one mount "
-    "makes no two recordings at once: they are of several robots (give the results of each alone), "
-    "or simulated (imucalib simulate --start dates them); those that begin together are in the "
-    "order of their names",
+    "trend.unknown_time": "{file}[ and {others:some} more]: the recording time is not known (a "
+    "result of an earlier version, or a log without dates), so the results are taken in the given "
+    "order, those of a folder by name",
+    "trend.at_once": "{second}[ and {others:some} more] began before {first} ended, but one mount "
+    "cannot be recorded twice at the same time: the results are of several robots (give the "
+    "results of each robot separately), or simulated (imucalib simulate --start dates them); "
+    "results with the same start are ordered by name",
     "diff.same_log": "{first} and {second} were computed from the same log: their errors are not "
-    "independent, so the sigma of their difference is not true",
+    "independent, so the sigma of their difference is not valid",
     "compare.frames_far": "the poses are farther apart than two calibrations of one mount are: is "
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
     # Several IMUs together.
-    "imus.together": "solved together with {others:list}: the errors of the robot that they share "
-    "are one for all of them",
-    "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that they "
-    "share: with them its pose would be {translation:mm.2g} and {rotation:deg.2g} elsewhere, "
-    "{sigmas:.2g} sigma, so it is solved by itself: see that the URDF is right where their chains "
-    "part, and that all of them sit fast",
+    "imus.together": "solved together with {others:list}: they share the errors of the robot",
+    "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that "
+    "they share: solved together, its pose would differ by {translation:mm.2g} and "
+    "{rotation:deg.2g}, {sigmas:.2g} sigma, so it is solved alone; check the URDF where their "
+    "chains part, and that every IMU is mounted firmly",
     # Many logs, each on its own.
-    "batch.log_twice": "{log} is the same as {first}, and is done once",
-    "batch.log_replaced": "{log} is another recording than when it was calibrated last: the "
-    "results of that one are replaced; to keep both, give each recording a name of its own",
-    "batch.parts_joined": "{first}[ and {others:some} more]: taken for the parts of one recording, "
-    "as their names say; if each is a recording, name them one by one: {pattern:quoted}",
+    "batch.log_twice": "{log} is the same log as {first} and is calibrated once",
+    "batch.log_replaced": "{log} is not the recording that was calibrated under this name before: "
+    "the earlier results are replaced; to keep both, give each recording its own name",
+    "batch.parts_joined": "{first}[ and {others:some} more]: taken as the parts of one recording "
+    "because of their names; if each is a recording of its own, list them one by one: "
+    "{pattern:quoted}",
     # Several logs together.
-    "logs.disagree": "{log} disagrees with the other logs: its pose is {translation:mm.2g} and "
-    "{rotation:deg.2g} from theirs, {sigmas:.2g} sigma with the scatter between them: the mount "
-    "moved, or the log is of another set-up; leave it out, or see when it moved by imucalib trend",
-    "logs.apart": "the logs do not agree on one pose: they are up to {translation:mm.2g} and "
-    "{rotation:deg.2g} from each other, more than a mount that sits fast moves: see when it moved "
-    "by imucalib trend, and combine the logs of each place alone",
+    "logs.disagree": "{log} disagrees with the other logs: its pose differs from theirs by "
+    "{translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} sigma including the scatter between "
+    "logs: the mount moved, or the log is of another set-up; leave it out, or find out when it "
+    "moved with imucalib trend",
+    "logs.apart": "the logs do not agree on one pose: they differ by up to {translation:mm.2g} "
+    "and {rotation:deg.2g}, more than a firm mount moves: find out when it moved with imucalib "
+    "trend, and combine the logs of each position separately",
     "logs.far": "{log} was solved {rotation:deg.2g} from the common pose, too far for its "
-    "statistics to hold there: run it again with --initial and --prior-std near the common pose",
-    "logs.left_out": "{log} is not to be trusted by itself and was left out: {reason}",
-    "logs.missing": "{missing} of the {logs} logs give nothing on this IMU: the result is that of "
+    "statistics to be valid there: run it again with --initial and --prior-std near the common "
+    "pose",
+    "logs.left_out": "{log} is not trusted on its own and was left out: {reason}",
+    "logs.missing": "{missing} of the {logs} logs give no result for this IMU: the result is from "
     "the other {used}; run on each alone to see why",
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
-    "logs.few": "{logs} logs hardly tell how far the mount scatters between recordings (up to "
-    "{translation:mm.2g} and {rotation:deg.2g}): sigma includes that, and more logs lessen it",
+    "logs.few": "{logs} logs are too few to estimate how far the mount scatters between "
+    "recordings (up to {translation:mm.2g} and {rotation:deg.2g}): sigma includes this scatter; "
+    "more logs reduce it",
     # The fit.
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
-    "of the rotation is left over): is this the right parent link, URDF and joint topic[, or do "
-    "the clocks differ by more than {max_offset:g} s (--max-offset)]?",
+    "of the rotation remains unexplained): is this the right parent link, URDF and joint topic[, "
+    "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",
     "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
     "acceleration unexplained: are --gravity, the units and the parent link right?",
     "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "
@@ -293,27 +297,27 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "offset.undetermined": "the motion does not determine the time offset; the value is a guess",
     "rotation.ambiguous": "another rotation fits almost as well: record motion about more than one "
     "axis",
-    "residual.beyond_noise": "what the model leaves of the {sensor:sensor} is {ratio:.2g} times "
-    "the noise that sensor and encoders show: a mount or a link that is not rigid, or kinematics, "
-    "stamps or units that are not what they are taken for",
+    "residual.beyond_noise": "the residuals of the {sensor:sensor} are {ratio:.2g} times the "
+    "noise of sensor and encoders: the mount or a link is not rigid, or kinematics, stamps or "
+    "units are wrong",
     "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
     "were left out: frames, joint order or stamps may be wrong in parts of the log",
     "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
-    "nearly all between {start:.0f} and {end:.0f} s of the log: look what changed there, the "
-    "result is that of the rest]",
+    "nearly all between {start:.0f} and {end:.0f} s of the log: check what happened there; the "
+    "result is from the rest of the log]",
     "imu.strikes": "{topic}: {count:many} strikes of up to {largest:.3g} m/s²: {windows} of "
-    "{total} windows have one, of which {left_out} do not fit the rest and were left out",
+    "{total} windows contain one; {left_out} of them do not fit the rest and were left out",
     "imu.slow": "{topic}: at {rate:.3g} Hz the accelerometer misses what happens between two "
     "samples: set a rate of {enough:g} Hz or more, and its low-pass to less than half of it",
-    "imu.spikes": "{topic}: {count} of {total} samples stand alone, far off those before and "
-    "after, which replace them: look after the sensor's cable, its power and its driver",
+    "imu.spikes": "{topic}: {count} of {total} samples are single spikes and were replaced from "
+    "their neighbours: check the sensor's cable, power supply and driver",
     "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
     "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
     "losses, or choose a shorter --window",
-    "window.dependent": "the answer depends on the filter window: at {seconds:.2g} s instead of "
-    "{used:.2g} s the IMU would be {translation:mm.2g} and {rotation:deg.2g} elsewhere, "
-    "{sigmas:.2g} sigma: something that no unknown of the model explains moves it, such as a "
-    "mount or a joint that gives; sigma includes this difference",
+    "window.dependent": "the result depends on the filter window: with {seconds:.2g} s instead of "
+    "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
+    "sigma: the model does not explain this; a flexible mount or joint, for example, would; sigma "
+    "includes the difference",
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
@@ -332,19 +336,19 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
     "sensor has ({limit:in unit}): [other?not so by a window of {other:.2g} s (try --window), "
     "vibration may look like that][other=?{name:cure}]",
-    "robot.joints_still": "{joints:list} do not move in this log: their zeros and lengths cannot "
-    "be told from the mount, and put {translation:mm.2g} and {rotation:deg.2g} into sigma; move "
-    "them too, or say --robot exact or --robot DEG,MM",
+    "robot.joints_still": "{joints:list} do not move in this log: errors of their zeros and "
+    "lengths look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
+    "sigma; move them too, or give --robot exact or --robot DEG,MM",
     "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
     "from what is stated; leave the option out, or measure again",
-    "prior.untested": "the log says nothing on {components:list} beyond what was told by --fix or "
-    "--prior-std: it neither confirms nor contradicts it",
-    "imu.accel_sign_in_doubt": "gravity comes out far from down, and the motion does not tell "
-    "whether world is mounted so or the accelerometer points down at rest: say --accel-sign up or "
-    "down, or move the parent link along as well",
+    "prior.untested": "the log has no information on {components:list} beyond --fix or "
+    "--prior-std: it neither confirms nor contradicts the given value",
+    "imu.accel_sign_in_doubt": "the estimated gravity is far from down, and the motion does not "
+    "show whether the world frame is tilted or the accelerometer points down at rest: give "
+    "--accel-sign up or down, or also move the parent link along straight lines",
     "bias.unusual": unusual_bias,
     "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
-    "decisively better with their sign reversed, which was done (--accel-sign up keeps them)",
+    "decisively better with the opposite sign, so the sign was reversed (--accel-sign up keeps it)",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
     "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
     "stamps.imu_ticks": "IMU stamps jitter by {jitter:ms.2g} about a constant rate; the constant "
@@ -353,22 +357,22 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "and was used",
     "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
     "and the time offset contains the hold",
-    "gravity.tilted": "gravity is {tilt:deg.0f} off -z of the world: true for a base mounted so, "
-    "else joint signs, frames or the accelerometer's sign are wrong",
+    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if the base is "
+    "mounted like this; otherwise joint signs, frames or the accelerometer's sign are wrong",
     "paper.not_converged": "the solver did not converge: give a better --initial guess",
     "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
     "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "
-    "another minimum perhaps: give a better --initial guess or use --method matched",
-    "paper.gaps": "the method assumes a constant rate; the log has {count} gaps, each side of "
-    "which was filtered alone: prefer --method matched",
+    "perhaps a local minimum: give a better --initial guess or use --method matched",
+    "paper.gaps": "the method assumes a constant rate; the log has {count} gaps, and the parts "
+    "between them were filtered separately: prefer --method matched",
     **{f"cause.{kind.partition('.')[0]}": cause for kind in CAUSES},
     "cause.publishers": publishers,
     "cause.base_moves": "the IMU [turns at {turning:deg.2g}/s][turning? and is accelerated by "
-    "{pushing:.2g} m/s²][turning=?is accelerated by {pushing:.2g} m/s²] (rms) while all that the "
-    "log knows of stands still: {names:list} moves, [joints?the mount swings, or a joint on the "
-    "way moves and the log does not say so; clamp it||or the poses are held; mend that], or record "
+    "{pushing:.2g} m/s²][turning=?is accelerated by {pushing:.2g} m/s²] (rms) while everything "
+    "else in the log stands still: {names:list} moves, [joints?the mount swings, or a joint in "
+    "between moves that is not in the log; clamp it||or the poses are held; fix that], or record "
     "its pose and name it with --pose-topic",
-    "cause.base_link": "the base IMU {topic} moves as {names:list} does, not as {told}: correct "
+    "cause.base_link": "the base IMU {topic} moves like {names:list}, not like {told}: correct "
     "its frame_id, or the URDF's joint that holds that frame",
     "cause.imu_still": "the IMU stands still while {names:list} turns at {turning:deg.2g}/s (rms): "
     "it is not on {names:list}; name what carries it with --parent, or choose another --imu-topic",

@@ -235,22 +235,22 @@ def unknown_found(
     return (
         f"{words} {what}: corrected here, which moves the pose by {translation * 1e3:.2g} mm and "
         f"{math.degrees(rotation):.2g} deg"
-        f"{f'; it may as well be the {like}, which looks the same' if like else ''}"
+        f"{f'; it may also be the {like}, which looks the same' if like else ''}"
         f"{f'; {remedy}' if remedy else ''}"
     )
 
 
 _UNEXPLAINED = " (…): "
-_REMAP = "mend the driver's axis mapping"
+_REMAP = "fix the driver's axis mapping"
 _REORDER = "let the publisher list positions in the order of its names"
 _JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
 CAUSES: dict[str, str] = {
-    "link": "the IMU moves as {any} does[ (rigidly joined: {joined})], not as {told} (…): rerun "
-    "with --parent {parents}; if --parent was not given, correct also the frame_id or the URDF's "
+    "link": "the IMU moves like {any}[ (rigidly joined: {joined})], not like {told} (…): rerun "
+    "with --parent {parents}; if --parent was not given, also correct the frame_id or the URDF's "
     "joint that holds the IMU",
-    "sign": "joint {first} turns the other way than the URDF says: its axis is of the wrong sign "
+    "sign": "joint {first} turns opposite to the URDF: its axis has the wrong sign "
     "(…): reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    "sign.several": "joints {all} turn the other way than the URDF says: their axes are of the "
+    "sign.several": "joints {all} turn opposite to the URDF: their axes have the "
     "wrong sign (…): reverse <axis> in the URDF, or the sign of these positions in their "
     "publisher",
     "order": "the positions of {all} are exchanged in {topic}[ ({how:order})] (…): " + _REORDER,
@@ -264,13 +264,13 @@ CAUSES: dict[str, str] = {
     "by 1000",
     "unit.poses": "the positions of {topics} are in millimetres (…): ROS poses are in m: convert "
     "them in the publisher",
-    "inverse": "the poses of {first} are the wrong way round, of the parent in the child (…): "
+    "inverse": "the poses of {first} are inverted, of the parent in the child (…): "
     "publish their inverse, or exchange the two frames' names",
     "quaternion": "the quaternions of {first} come in the order {order} (…): ROS has x y z w: "
     "let the publisher reorder them",
     "conjugate": "the rotations of {first} are inverted while the positions are not (…): publish "
     "conjugate quaternions",
-    "zero": "joint {first} stands {size:deg+.4g} from where its position says (true angle less "
+    "zero": "the zero of joint {first} is off by {size:deg+.4g} (true angle minus "
     "position) (…): turn the joint's origin in the URDF by it, or correct the encoder's zero",
     "offset": "the IMU's stamps are {size:later} than the robot's, beyond the search of "
     "±{max_offset:g} s (…): rerun with --max-offset {size:beyond}",
@@ -282,8 +282,8 @@ CAUSES: dict[str, str] = {
     "up) (…): negate its data",
     "base_frame": "the base IMU {first} is turned by {size:deg.0f} from its frame in the URDF "
     "(…): correct the frame's rpy there, or its driver's axis mapping",
-    "base_imu": "{base} moves though the log does not say so, or what it says of the joints up "
-    "to {link} is wrong: against {first} on {link} the motion is explained (…): rerun with "
+    "base_imu": "{base} moves but the log does not contain this motion, or the joint positions up "
+    "to {link} are wrong: relative to {first} on {link} the motion is explained (…): rerun with "
     "--base-imu {first}, or record the base's pose and name it with --pose-topic",
     "axes.left-handed": "the IMU's axes are left-handed (both sensors fit a mirrored frame and "
     "no rotation): an axis has the wrong sign, or two are swapped (…): " + _REMAP,
@@ -358,7 +358,7 @@ def cause(
     causes, remedies = ("; or ".join(dict.fromkeys(each)) for each in zip(*pairs, strict=True))
     which = ", the log cannot tell which" if unsure else ""
     left = _unexplained(rotation, acceleration, ratio)
-    return f"{causes}{which} (that leaves {left}): {remedies}"
+    return f"{causes}{which} (this leaves {left}): {remedies}"
 
 
 def _unexplained(
@@ -383,14 +383,14 @@ def _percent(share: float) -> str:
 def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str) -> str:
     """Two publishers of one position."""
     topic, size = names[0], sizes[0]
-    told = f"the pose told by {what}" if kind != "joint" else f"the position of {what} in {topic}"
+    told = f"the pose from {what}" if kind != "joint" else f"the position of {what} in {topic}"
     by = {
         "joint": f"{size:.2g} rad (or m)",
         "position": f"{size * 1e3:.3g} mm",
         "rotation": f"about {math.degrees(2.0 * size):.2g} deg",
     }[kind]
     return (
-        f"{told} jumps to and fro by {by} from message to message: two publishers tell it and "
+        f"{told} jumps to and fro by {by} from message to message: two publishers send it and "
         "contradict each other; stop one of them, and record again"
     )
 

@@ -180,7 +180,7 @@ def test_the_same_log_twice_is_told_and_done_once(logs: Logs, capsys: Said) -> N
     batch("link.mcap", *given, "--format", "jsonl")
     out, err = capsys.readouterr()
     assert len(out.splitlines()) == 1
-    assert "note: a.mcap is the same as link.mcap, and is done once\n" in err
+    assert "note: a.mcap is the same log as link.mcap and is calibrated once\n" in err
 
 
 def test_github_gets_its_lines_and_files_for_ci_are_written(

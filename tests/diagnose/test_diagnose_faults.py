@@ -179,11 +179,11 @@ def test_a_hum_is_no_mount_that_gives() -> None:
     slow_after(
         1,
         [
-            (ARM, "publishers", "publishers", "two publishers tell it and contradict each other"),
-            (BODY, "publishers", "publishers", "two publishers tell it and contradict each other"),
+            (ARM, "publishers", "publishers", "two publishers send it and contradict each other"),
+            (BODY, "publishers", "publishers", "two publishers send it and contradict each other"),
             (
                 *(ARM, "base", "base_moves"),
-                "while all that the log knows of stands still: base_link moves",
+                "while everything else in the log stands still: base_link moves",
             ),
         ],
     ),

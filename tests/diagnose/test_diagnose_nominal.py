@@ -62,4 +62,4 @@ def test_the_inverse_is_named_and_no_other(
     assert (finding is not None) == is_inverse
     if finding is not None:
         assert finding.code == "nominal.inverted"
-        assert "2.2 mm and 0 deg off the pose found" in finding.message
+        assert "2.2 mm and 0 deg from the pose found" in finding.message

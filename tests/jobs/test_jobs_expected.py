@@ -106,7 +106,7 @@ def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
     quiet = replace(load_imu("bmi088"), accel_noise=1e-4, gyro_noise=1e-5)
     accel, gyro = of_model(result(written(tmp_path, quiet), "bmi270"))
     assert "should be 0.016 by the data sheet" in accel
-    assert "a filter in the driver, a simulated log, or another IMU" in gyro
+    assert "the driver filters it, the log is simulated, or this is another IMU" in gyro
 
     noisy = corrupt(clean(), load_imu("bmi088"), seed=5)
     b, a = butter(2, 25.0, fs=RATE)
@@ -186,7 +186,7 @@ def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> No
     noise = replace(load_imu("bmi088"), accel_range=None, spikes=0.002, spike_accel=300.0)
     spiked = of_model(result(written(tmp_path, noise), "bmi088"))
     assert len(spiked) == 1
-    assert "are beyond the 235.4 m/s² where bmi088 ends" in spiked[0]
+    assert "are beyond the range of 235.4 m/s² in the data sheet of bmi088" in spiked[0]
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> No
     head, elbow, tail = text.partition('<joint name="elbow_joint"')
     reversed_axis = run(head + elbow + tail.replace('xyz="0 0 1"', 'xyz="0 0 -1"', 1))
     assert reversed_axis.status == "untrusted"
-    assert "joint elbow_joint turns the other way" in reversed_axis.diagnostics.distrust[0]
+    assert "joint elbow_joint turns opposite" in reversed_axis.diagnostics.distrust[0]
 
     # T_imu_parent instead of T_parent_imu; the rotation, a half turn, is its own inverse, so that
     # the translation alone shows it.

@@ -139,7 +139,7 @@ def test_a_wrong_parent_is_corrected(tmp_path: Path, maker_urdf: Path) -> None:
     result = only(run(log_of(tmp_path), urdf=maker_urdf, parent="forearm_link"))
     first = result.diagnostics.findings[0]
     assert first.code == "cause.link"
-    said = r"moves as wrist_3_link does.*not as forearm_link.*--parent wrist_3_link"
+    said = r"moves like wrist_3_link.*not like forearm_link.*--parent wrist_3_link"
     assert re.search(said, first.message)
 
 

@@ -192,7 +192,7 @@ def test_a_pose_that_is_given_twice_is_taken_once_and_noted(log_writer: LogWrite
     request = CalibrationRequest(logs=(log,))
     recording = read_recording(request)
     assert find_motion(recording.sources, "imu_link", request).mount.parent == "body"
-    message = "/tf_static tells the pose of body in map too"
+    message = "/tf_static also gives the pose of body in map"
     assert any(message in each.message for each in recording.findings)
 
 

@@ -493,7 +493,7 @@ def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tole
         (
             {"covariance": None, "method": "paper"},
             TINY,
-            "1e-06 mm, and --method paper states no sigma",
+            "1e-06 mm, but --method paper gives no sigma",
         ),
         ({"covariance": np.full((6, 6), np.nan)}, TINY, "1e-06 mm"),
         (

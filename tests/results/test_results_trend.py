@@ -225,7 +225,7 @@ def test_results_without_a_time_are_taken_as_given() -> None:
     assert answer.order == "as given"
     assert [each.file for each in answer.recordings] == [name for name, _ in given]
     (said,) = answer.warnings
-    assert said.startswith(f"{given[3][0]}: when it was recorded is not known")
+    assert said.startswith(f"{given[3][0]}: the recording time is not known")
     assert len(answer.changes) == 1
     shuffled = [given[k] for k in np.random.default_rng(0).permutation(12) if k != 3]
     assert [each.start for each in trend(shuffled).recordings] == sorted(
