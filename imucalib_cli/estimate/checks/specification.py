@@ -33,8 +33,8 @@ FACTORS: Final = (0.5, 2.0)
 _FEWEST_PARTS: Final = 12
 """Twice the components that are compared; each part has four lengths of the window, so that parts
 are nearly independent."""
-_MOST: Final = 6000
-"""Windows, of some minutes: more take longer and add nothing that matters."""
+_MOST: Final = 4000
+"""Windows, about four minutes: more of them cost time, and change the result little."""
 _NEGLIGIBLE: Final = (1e-5, 2e-5)
 """m and rad: no mount is known or needed better; below, interpolation dominates the difference."""
 
