@@ -33,7 +33,7 @@ def verify_command(
     ctx: typer.Context,
     logs: list[str] = typer.Argument(
         metavar="LOG|RESULT",
-        help="One recording, as for `imucalib run`; or results of it, - for stdin.",
+        help="One recording, as for `imucalib run`; or results of `imucalib run`, - for stdin.",
     ),
     *,
     recording: options.RecordingOptions,
@@ -43,8 +43,8 @@ def verify_command(
         None,
         metavar="tx,ty,tz,rx,ry,rz",
         parser=parsers.components,
-        help="Components that need not be right, such as tz of a robot that drives on a plane; "
-        "parent frame.",
+        help="Components that are not checked, such as tz of a robot that drives on a plane; in "
+        "the parent frame.",
         show_default="none",
     ),
     fmt: options.AnswersFormat = None,
@@ -52,7 +52,7 @@ def verify_command(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
+    """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
     from imucalib_cli.results.comparison.verdicts import WITHIN
