@@ -43,7 +43,9 @@ def given_names(arguments: Iterable[str], of: str) -> Iterator[str]:
     """
     for argument in arguments:
         if not argument:
-            raise ChoiceError(f"a name among the {of} is empty, as of a variable that is not set")
+            raise ChoiceError(
+                f"a name among the {of} is empty, perhaps because a variable is not set"
+            )
         if argument != "-":
             yield argument
             continue

@@ -210,7 +210,7 @@ def test_a_report_for_each_log(logs: Logs, monkeypatch: Patch) -> None:
     ("arguments", "words"),
     [
         (["", "-o", "r"], "a name among the logs is empty"),
-        (["a.mcap", "-o", "-"], "results go to a folder"),
+        (["a.mcap", "-o", "-"], "results are written to a folder"),
         (["a.mcap", "-o", "a.mcap"], "a.mcap"),
         (["a.mcap", "--junit", "a.mcap"], "a.mcap is an input and would be overwritten"),
         (["a.mcap", "--junit", "x", "--markdown", "x"], "x would be written twice"),

@@ -269,7 +269,7 @@ def test_a_pose_is_needed_where_no_joint_of_the_urdf_has_it(
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
         ("--imu-link nowhere", "--imu-link nowhere: no such link"),
-        ("--fix x", "--fix x: 'x' is no component; expected some of tx, ty, tz, rx, ry, rz"),
+        ("--fix x", "--fix x: 'x' is not a component; expected some of tx, ty, tz, rx, ry, rz"),
         ("--initial '1 2 3 0 0 1'", "--initial belongs to --fix, --prior-std or --method paper"),
         ("--fix tx --initial '1 2 3'", "expected six numbers"),
         *(
