@@ -146,7 +146,7 @@ def _known_error(error: Exception) -> ImucalibError | None:
         try:
             Path.cwd()
         except OSError:
-            return InputError("the working folder is not there any more: change to another")
+            return InputError("the working folder no longer exists: change to another")
     return None
 
 

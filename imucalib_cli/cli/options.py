@@ -516,8 +516,8 @@ def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], .
     of_one = [(imu, frame) for imu, _, frame in (t.rpartition("=") for t in given if "=" in t)]
     if len(of_all) > 1 or len(dict(of_one)) < len(of_one):
         raise ChoiceError(
-            f"--parent {' --parent '.join(given)}: one parent for each IMU; of several IMUs say "
-            "which by its topic or frame_id: --parent IMU=FRAME"
+            f"--parent {' --parent '.join(given)}: give one parent for each IMU; for one of "
+            "several IMUs name its topic or frame_id: --parent IMU=FRAME"
         )
     return of_all[0] if of_all else None, tuple(of_one)
 
@@ -576,7 +576,7 @@ def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
     from imucalib_cli.estimate.options import MatchedOptions
 
     if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
-        raise ChoiceError(f"--tilt-std means nothing with --gravity {known.gravity}")
+        raise ChoiceError(f"--tilt-std has no effect with --gravity {known.gravity}: leave one out")
     given = _given_fields(known, MatchedOptions)
     if isinstance(known.gravity, float):
         del given["gravity"]

@@ -145,7 +145,7 @@ def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
         if kind is None:
             cut = "" if loss is None else ", as far as it could be unpacked"
-            raise InputError(f"{path} unpacks to no log{cut}: expected {_known(readers)}")
+            raise InputError(f"{path} does not unpack to a log{cut}: expected {_known(readers)}")
         file = _open_copy(path, unpacked, readers)
         if loss is not None:
             file.losses.append(loss)
@@ -197,8 +197,8 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
     if progress is None:
         size = "" if remote.size is None else f", {in_bytes(remote.size)}"
         raise ChoiceError(
-            f"{remote} would have to be read whole{size}: {reason}; download it, or let a "
-            "temporary copy be made with --allow-remote-scan",
+            f"{remote} would have to be read whole{size}: {reason}; download it, or "
+            "make a temporary copy with --allow-remote-scan",
             option="--allow-remote-scan",
         )
     return _open_copy(remote, remote.download(progress), readers)

@@ -238,9 +238,9 @@ def _remedy(topics: Sequence[Topic]) -> str:
     """How the unread topics can be read."""
     unread = [each for each in topics if each.count and not each.kinds]
     if any(each.encoding == "protobuf" for each in unread) and not is_installed():
-        return f"; what is in protobuf needs {EXTRA}"
+        return f"; protobuf messages need {EXTRA}"
     if any(each.type.endswith("MultiArray") for each in unread):
-        return "; for numbers without names say which are joints by --joints TOPIC:data=name,..."
+        return "; for numbers without names name the joints by --joints TOPIC:data=name,..."
     return ""
 
 

@@ -133,7 +133,7 @@ def read_results(text: str, name: str) -> list[Result]:
     if len(loaded) == 1 and isinstance(loaded[0], list):
         loaded = loaded[0]
     if not loaded:
-        raise InputError(f"{name}: empty, so no result to read; write one with `imucalib run`")
+        raise InputError(f"{name}: is empty; write a result with `imucalib run`")
     return [result_from(part, name) for part in loaded]
 
 

@@ -43,7 +43,7 @@ def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
     ]
     raise UntrustedError(
         f"{result.child} in {result.parent}: result is untrusted "
-        f"({'; '.join(dict.fromkeys(reasons))}), so no {use}; --force gives it all the same"
+        f"({'; '.join(dict.fromkeys(reasons))}), so no {use} is written; --force writes it anyway"
     )
 
 

@@ -122,19 +122,19 @@ def read_statistics(path: Path) -> StoredLog:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
     except Exception as error:  # another or a damaged archive may raise anything
         raise InputError(
-            f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
+            f"{path}: is damaged or has no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
 
 
 def _read(path: Path) -> StoredLog:
     with zipfile.ZipFile(path) as archive:
         if sum(each.file_size for each in archive.infolist()) > _LARGEST:
-            raise InputError(f"{path}: is too large to be {_WHAT}")
+            raise InputError(f"{path}: is too large to be a file with {_WHAT}")
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: np.asarray(file[name]) for name in file.files}
     header = json.loads(arrays.pop("header").tobytes())
     if header.get("what") != _WHAT:
-        raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
+        raise InputError(f"{path}: has no {_WHAT}: write them by `imucalib run --statistics`")
     if header["schema"] != _SCHEMA:
         raise InputError(
             f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "

@@ -216,9 +216,9 @@ def test_a_report_for_each_log(logs: Logs, monkeypatch: Patch) -> None:
         (["a.mcap", "--junit", "x", "--markdown", "x"], "x would be written twice"),
         (["a.mcap", "--memory", "2"], "--memory 2: expected an amount of memory"),
         (["a.mcap", "--dask", ""], "--dask is empty"),
-        (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
+        (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave both options out"),
         (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
-        (["a.mcap", "--urdf", "-"], "--urdf -: imucalib batch takes a URDF on disk"),
+        (["a.mcap", "--urdf", "-"], "--urdf -: imucalib batch needs a URDF on disk"),
         (["a.mcap", "--timeout", "0"], "--timeout 0: must be positive"),
     ],
 )

@@ -263,7 +263,7 @@ def test_a_pose_is_needed_where_no_joint_of_the_urdf_has_it(
         ("--exclude 3", "--exclude belongs to --method paper"),
         ("--method paper --time-offset 0", "--time-offset belongs to --method matched"),
         ("--gravity down", "--gravity down: is not a number; expected tilt"),
-        ("--gravity fixed --tilt-std 1", "--tilt-std means nothing with --gravity fixed"),
+        ("--gravity fixed --tilt-std 1", "--tilt-std has no effect with --gravity fixed"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
         ("--degree 1", "Invalid value for '--degree'"),

@@ -54,9 +54,11 @@ def apply_command(
     from imucalib_cli.results.places import see_places
 
     if in_place and (output is not None or str(urdf) == "-"):
-        raise ChoiceError("--in-place writes into the file of --urdf: leave -o out, name a file")
+        raise ChoiceError(
+            "--in-place changes the file of --urdf: leave -o out, and name a file, not stdin"
+        )
     if kinematics and in_place:
-        raise ChoiceError("--kinematics writes a URDF of its own: leave --in-place out")
+        raise ChoiceError("--kinematics writes a separate URDF: leave --in-place out")
     if kinematics and output is None and str(urdf) != "-":
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
     with warning_of_old_outputs(output):

@@ -119,7 +119,9 @@ def batch_command(
     _check_options(output, extras, dask, workers or memory)
     request = options.calibration_request(ctx, (), recording, estimator, require)
     if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
-        raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
+        raise ChoiceError(
+            f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
+        )
     if request.urdf is not None:
         load_robot(request.urdf)  # one error here, not one for every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
@@ -181,11 +183,11 @@ def _check_options(
 ) -> None:
     """Raise ChoiceError where options contradict each other."""
     if output is None and any(vars(extras).values()):
-        raise ChoiceError("files beside the results need a folder: add -o FOLDER")
+        raise ChoiceError("extra files need a folder: add -o FOLDER")
     if dask not in {None, "local"} and of_this_machine:
         raise ChoiceError(
-            "--workers and --memory are of this machine; how many workers a scheduler has, and "
-            "their memory, is settled where they are started: leave them out"
+            "--workers and --memory are for this machine; the workers of a scheduler and their "
+            "memory are set where they are started: leave both options out"
         )
 
 

@@ -24,7 +24,9 @@ def report_command(
     log itself: imucalib run LOG --report FILE.html.
     """
     if output is None and is_terminal(sys.stdout):
-        raise ChoiceError("a page is not for a terminal: add -o report.html, or redirect it")
+        raise ChoiceError(
+            "a page cannot be shown on a terminal: add -o report.html, or redirect stdout"
+        )
     with writing(output, read=files_of(result)):
         from imucalib_cli.jobs.report import report_of_file
 

@@ -159,12 +159,15 @@ def _check_joint(
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
     if len(logs) == 1:
-        raise ChoiceError("--joint takes several recordings: name another LOG, or leave it out")
+        raise ChoiceError(
+            "--joint needs several recordings: name another LOG, or leave --joint out"
+        )
     if kinematics_report:
-        raise ChoiceError("--kinematics-report is of one recording: leave --joint out")
+        raise ChoiceError("--kinematics-report is for one recording: leave --joint out")
     if beside:
         raise ChoiceError(
-            f"{beside[0]}: --joint writes one result: `imucalib batch` writes files of each log"
+            f"{beside[0]}: --joint writes only one result; `imucalib batch` writes files for each "
+            "log"
         )
 
 

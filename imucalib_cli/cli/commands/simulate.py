@@ -260,7 +260,7 @@ def _with_noise(options: SimulateOptions) -> NoiseOptions:
         named = load_imu(imu_name(options.imu_model))
     else:
         raise ChoiceError(
-            f"--grade {options.grade} and --imu-model {options.imu_model} both tell the noise: "
+            f"--grade {options.grade} and --imu-model {options.imu_model} both set the noise: "
             "give one of them"
         )
     noise = _with_options(named, options)

@@ -68,7 +68,7 @@ def verify_command(
         if results:
             _check_results(ctx, logs, results)
             if recording.urdf is None:
-                raise ChoiceError("a result is compared with what a URDF tells: give --urdf")
+                raise ChoiceError("a result is compared with the pose in a URDF: give --urdf")
             found = verify_results(
                 results,
                 recording.urdf,
@@ -146,10 +146,10 @@ def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> 
     if len(results) < len(given):
         other = next(display_name(name) for name in given if name not in results)
         raise ChoiceError(
-            f"{results[0]} is a result and {other} is none: give logs or results, not both"
+            f"{results[0]} is a result and {other} is not: give logs or results, not both"
         )
     for option, panel in options.options_given(ctx).items():
         if panel not in {"", options.OUTPUT} and option not in _OF_RESULTS:
             raise ChoiceError(
-                f"{option} is for logs, {results[0]} is a result, computed already: leave it out"
+                f"{option} is for logs, but {results[0]} is a finished result: leave it out"
             )
