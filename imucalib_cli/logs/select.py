@@ -152,7 +152,7 @@ def select_topics(
             f"{_remedy(topics)}"
         )
     if not (joints or poses or tf or base_imu):
-        several = "; of several IMUs one may tell it: --base-imu TOPIC" if len(imus) > 1 else ""
+        several = "; one of several IMUs can measure it: --base-imu TOPIC" if len(imus) > 1 else ""
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
             f"odometry or poses); it has: {_listed(topics)}{several}{_remedy(topics)}"

@@ -301,7 +301,7 @@ def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[
         matrix_from_rpy(pose.rotation_rpy).T @ matrix_from_quaternion(pose.rotation_xyzw)
     )
     if float(np.linalg.norm(turn)) > ROTATIONS_AGREE:
-        said = "is not the rotation of rotation_xyzw, which is the one that counts: edit both or "
+        said = "is not the rotation of rotation_xyzw, which is the one that is used: edit both or "
         yield f"{place}.rotation_rpy", f"{said}neither"
 
 

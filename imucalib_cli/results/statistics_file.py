@@ -156,7 +156,7 @@ def _see_they_agree(log: StoredLog) -> None:
     if not (equations.level > 0.0 and math.isfinite(equations.level)):
         raise ValueError("a level of noise that is not positive")
     if abs(np.linalg.det(equations.at.R) - 1.0) > _ALIKE:
-        raise ValueError("a rotation that is none")
+        raise ValueError("a matrix that is not a rotation")
     codes = {each.code for each in log.result.diagnostics.findings}
     if log.result.status == "ok" and SOLVED_TOGETHER not in codes:
         state, pose = equations.solve(log.statistics.options).state, log.result.pose

@@ -333,8 +333,8 @@ def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
 @pytest.mark.parametrize(
     ("held", "words"),
     [
-        ("xyz", "held about x, y, z of hand, as told by --fix"),
-        ("xz", "± 0.0006 deg about y of hand; held about x, z of hand, as told by --fix"),
+        ("xyz", "held about x, y, z of hand, as given by --fix"),
+        ("xz", "± 0.0006 deg about y of hand; held about x, z of hand, as given by --fix"),
         ("", "± 0.0006 0.0006 0.0006 deg about x, y, z of hand"),
     ],
 )

@@ -149,7 +149,7 @@ def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
     assert found.command is not None
     assert found.command.endswith(f"robot.urdf --base-imu {TRUNK}")
     assert found.more_commands == ()
-    assert "carried by trunk, tells how it moves" in plain(found.blocks())
+    assert "carried by trunk, measures how it moves" in plain(found.blocks())
     alone = inspect(CalibrationRequest(logs=(log_of(tmp_path / "alone", TRUNK, LEG),)))
     assert alone.command is not None
     assert alone.command.endswith("--base-imu IMU")
