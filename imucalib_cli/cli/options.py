@@ -84,8 +84,8 @@ JointColumnsOption = Annotated[
         "--joints",
         metavar="TOPIC:FIELD=NAME,...",
         parser=parsers.joint_columns,
-        help="Joint names for messages that hold only numbers: /arm:data[0:6]=pan,lift,...; - is "
-        "no joint. Repeatable.",
+        help="Joint names for messages that have only numbers: /arm:data[0:6]=pan,lift,...; use - "
+        "for a number that is no joint. Repeatable.",
         show_default="none",
     ),
 ]
@@ -304,7 +304,8 @@ class KnownOptions:
         None,
         metavar="auto|none|SECONDS",
         parser=parsers.time_offset,
-        help="IMU stamp - robot stamp of an instant: estimated (auto), zero (none), or known.",
+        help="IMU stamp - robot stamp of the same instant: estimated (auto), zero (none), or "
+        "known.",
         show_default="auto",
     )
     gravity: Gravity | None = _known(

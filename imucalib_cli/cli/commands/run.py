@@ -73,8 +73,8 @@ def run_command(
     kinematics_report: bool = options.output_option(
         False,
         "--kinematics-report",
-        help="Also list the errors of the robot that the log shows, of joint zeros and origins, "
-        "with their priors and those that no log can determine.",
+        help="Also list the errors of joint zeros and origins that the log shows, with their "
+        "priors, and the errors that no log can determine.",
     ),
     extras: options.ExtraFiles,
     quiet: options.Quiet = False,

@@ -89,8 +89,8 @@ class SimulateOptions:
         None,
         metavar="NAME|FILE",
         autocompletion=complete.imu_models,
-        help="Noise and biases of a data sheet in configs/imus: bmi088, adis16448 ...; an unknown "
-        "name lists them. Replaces --grade; single options override it.",
+        help="Noise and biases of a data sheet: a name from configs/imus (bmi088, adis16448 ...) "
+        "or a file; an unknown name lists the names. Replaces --grade; single options override it.",
     )
     accel_noise_ug: float | None = _noise(None, help="Noise density, µg/sqrt(Hz).")
     gyro_noise_deg: float | None = _noise(None, help="Noise density, deg/s/sqrt(Hz).")
