@@ -402,7 +402,7 @@ class EstimatorOptions(KnownOptions):
         "--exclude",
         metavar="THRESHOLD",
         parser=parsers.threshold,
-        help="Exclude samples where the derived acceleration changes by more, m/s²; 0 keeps all.",
+        help="Exclude samples whose derived acceleration exceeds this, m/s²; 0 keeps all.",
         show_default="the default of the method",
     )
     residual: Literal["l1", "components"] | None = _paper(
