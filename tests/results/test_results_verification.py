@@ -295,7 +295,7 @@ def test_what_was_told_to_the_estimator_is_no_finding() -> None:
     found = answer(known)
     assert found.verdict == "yes"
     assert found.reason.endswith("; given beforehand, not determined by the log alone: tz, rz")
-    assert "told beforehand" not in answer(found_at()).reason
+    assert "given beforehand" not in answer(found_at()).reason
 
 
 def test_more_motion_is_no_advice_where_the_model_sets_sigma() -> None:
