@@ -336,7 +336,7 @@ def calibrate_arrays(
         world=world or "world",
     )
     if data.joints and urdf is None:
-        raise ChoiceError("joint positions say nothing without the robot's chain: give urdf")
+        raise ChoiceError("joint positions cannot be used without the robot's chain: give urdf")
     if not data.joints and urdf is not None and parent is None:
         raise ChoiceError("poses without joints are those of the IMU's parent: name it by parent")
     request = _request(

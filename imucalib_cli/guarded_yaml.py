@@ -52,7 +52,7 @@ class _Loader(_SafeLoader):  # type: ignore[misc]  # one of two classes
                 continue
             if (key.tag, key.value) in known:
                 line = key.start_mark.line + 1
-                raise YamlError(f"line {line}: the key {key.value[:40]!r} stands there twice")
+                raise YamlError(f"line {line}: the key {key.value[:40]!r} appears twice")
             known.add((key.tag, key.value))
         mapping: dict[Hashable, Any] = super().construct_mapping(node, deep)
         return mapping
@@ -124,8 +124,7 @@ def _check_bounds(text: str) -> None:
             mark = event.start_mark
             where = "" if mark is None else f"line {mark.line + 1}: "
             raise YamlError(
-                f"{where}the alias *{str(event.anchor)[:40]} stands for something else: "
-                "write it out"
+                f"{where}the alias *{str(event.anchor)[:40]} refers to another value: write it out"
             )
         if isinstance(event, yaml.NodeEvent):
             nodes += 1

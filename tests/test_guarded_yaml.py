@@ -31,13 +31,13 @@ DEEP = "x: " + "[" * 100_000
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (MERGES, "line 3: the alias *m0 stands for something else: write it out"),
+        (MERGES, "line 3: the alias *m0 refers to another value: write it out"),
         (ALIASES, "the alias *q0"),
         ("a: &a [*a]", "the alias *a"),
         (DEEP, "nested more than 64 deep"),
         ("a: [" + "1," * 250_000 + "1]", "more than 200000 values"),
         ("a: '" + "x" * (1 << 22) + "'", "more than 4 MB"),
-        ("a: 1\nb: 2\na: 3", "line 3: the key 'a' stands there twice"),
+        ("a: 1\nb: 2\na: 3", "line 3: the key 'a' appears twice"),
         ("a: " + "9" * 5000, "integer string"),
         ("a: [", "expected"),
         ("a: !!python/object:os.system x", "could not determine a constructor"),

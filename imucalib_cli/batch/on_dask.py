@@ -92,8 +92,8 @@ class DaskWorkers:
                 log = given.pop(future)
                 if future.cancelled():
                     raise InputError(
-                        f"--dask {self._name}: the scheduler went away: run the same command "
-                        "again when it is back; what is finished is kept"
+                        f"--dask {self._name}: the scheduler does not answer any more: run the "
+                        "same command again when it is back; what is finished is kept"
                     )
                 error = future.exception()
                 done = task.lost(log, _why(error)) if error else future.result()

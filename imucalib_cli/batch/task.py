@@ -88,7 +88,7 @@ class Task:
             outcome = self._outcome(log)
             if not self._has_its_urdf():
                 raise _PassingError(  # noqa: TRY301 - recorded like all errors
-                    f"{self.request.urdf} has changed since the batch began, or is another for "
+                    f"{self.request.urdf} has changed since the batch began, or differs on "
                     "the worker: run the same command again"
                 )
             results, errors = outcome.results, list(outcome.failures)

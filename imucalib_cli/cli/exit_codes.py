@@ -28,47 +28,48 @@ EXIT_CODES: dict[int, Meaning] = {
     EXIT_OK: Meaning(
         "trustworthy",
         "The result is trustworthy. `verify`: the pose is right. `diff` and `trend`: the mount has "
-        "not moved. `compare`: both could be put side by side, whatever the difference. `batch`: "
-        "every log has trustworthy results. `study`: all its runs are done, whatever they found.",
+        "not moved. `compare`: both could be compared, whatever the difference. `batch`: every log "
+        "has trustworthy results. `study`: all its runs are done, whatever they found.",
         "the result, or the answer",
     ),
     EXIT_INPUT: Meaning(
         "input unusable",
         "An input cannot be used: a file is missing, damaged or not what it should be, a topic is "
-        "empty, a sensor is dead or in no known unit, an output cannot be written.",
+        "empty, or a sensor is dead or in no known unit. Or an output cannot be written.",
         "one line on stderr: which file or topic, why, what to do",
     ),
     EXIT_USAGE: Meaning(
-        "usage or a choice to make",
-        "Wrong usage, or a choice that is yours: several candidate topics, a frame or topic that "
-        "is not there, no `--parent` or `--urdf` where one is needed.",
+        "wrong usage or a choice to make",
+        "Wrong usage, or a choice that you must make: several candidate topics, a frame or topic "
+        "that does not exist, no `--parent` or `--urdf` where one is needed.",
         "one line on stderr with the candidates",
     ),
     EXIT_UNTRUSTED: Meaning(
-        "computed but not to be trusted, or cannot tell",
-        "A result was computed and should not be trusted: a direction the motion did not "
+        "computed but not trustworthy, or unknown",
+        "A result was computed and should not be trusted: a direction that the motion did not "
         "determine, a contradiction in the data, a sigma above `--require`. `verify`, `diff` and "
-        "`trend`: cannot tell. `compare`: the result it puts beside another. Formats that hold a "
-        "bare pose (`urdf`, `tf`, `matrix` and others) and `imucalib apply` refuse such a result "
-        "unless `--force` is given. Also: nothing in the log moves, so there is no result.",
-        "the result with `status: untrusted`, and the reasons on stderr; one line alone where "
-        "nothing moves",
+        "`trend`: the answer is unknown. `compare`: the result of `imucalib run` is untrusted. "
+        "Formats that hold only a pose (`urdf`, `tf`, `matrix` and others) and `imucalib apply` "
+        "refuse such a result unless `--force` is given. Also: nothing in the log moves, so there "
+        "is no result.",
+        "the result with `status: untrusted`, and the reasons on stderr; only one line if nothing "
+        "moves",
     ),
     EXIT_NO: Meaning(
-        "the pose is not as told or has moved",
-        "`verify`: the pose told is not the pose found. `diff` and `trend`: the mount has moved.",
+        "the pose is not as given or has moved",
+        "`verify`: the pose found is not the given one. `diff` and `trend`: the mount has moved.",
         "the answer, with the difference and its significance",
     ),
     EXIT_INTERRUPTED: Meaning(
         "interrupted",
         "Interrupted by Ctrl-C (SIGINT) or SIGTERM.",
-        "nothing; `study` and `batch -o` say in one line how many runs or logs are kept, and "
-        "where, for the same command to go on (not with `--quiet`)",
+        "nothing; `study` and `batch -o` print in one line how many runs or logs are kept, and "
+        "where; the same command continues (not with `--quiet`)",
     ),
     EXIT_BROKEN_PIPE: Meaning(
         "stdout closed",
-        "The reader of stdout went away (as in `imucalib run … | head`).",
-        "what it read",
+        "The reader of stdout ended (as in `imucalib run … | head`).",
+        "what the reader read",
     ),
 }
 _FROM_BEST = (EXIT_OK, EXIT_UNTRUSTED, EXIT_USAGE, EXIT_INPUT, EXIT_NO)

@@ -43,7 +43,9 @@ def given_names(arguments: Iterable[str], of: str) -> Iterator[str]:
     """
     for argument in arguments:
         if not argument:
-            raise ChoiceError(f"a name among the {of} is empty, as of a variable that is not set")
+            raise ChoiceError(
+                f"a name among the {of} is empty, perhaps because a variable is not set"
+            )
         if argument != "-":
             yield argument
             continue
@@ -51,7 +53,7 @@ def given_names(arguments: Iterable[str], of: str) -> Iterator[str]:
             raise InputError(f"standard input is closed: name the {of}")
         data = sys.stdin.buffer.read(_LONGEST_LIST + 1)
         if len(data) > _LONGEST_LIST:
-            raise InputError(f"standard input is no list of {of}: it is too long")
+            raise InputError(f"standard input is not a list of {of}: it is too long")
         yield from names_in(data)
 
 

@@ -63,7 +63,7 @@ def common(
         typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    """Where on my robot is the IMU, really? Finds it from a log of motion and a URDF."""
+    """Find the pose of an IMU on a robot, from a log of motion and a URDF."""
     del version
 
 
@@ -71,7 +71,7 @@ def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """The command line with some of its commands; reading the options of all takes time."""
     app = typer.Typer(
         name="imucalib",
-        help="Where on my robot is the IMU, really? Finds it from a log of motion and a URDF.",
+        help="Find the pose of an IMU on a robot, from a log of motion and a URDF.",
         epilog=f"Exit codes: {', '.join(_CODES)}.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
@@ -146,7 +146,7 @@ def _known_error(error: Exception) -> ImucalibError | None:
         try:
             Path.cwd()
         except OSError:
-            return InputError("the working folder is not there any more: change to another")
+            return InputError("the working folder no longer exists: change to another")
     return None
 
 

@@ -75,7 +75,7 @@ CsvColumns = Annotated[
     _log(
         metavar="NAME,NAME,...",
         parser=parsers.names,
-        help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - for none.",
+        help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - skips a column.",
     ),
 ]
 JointColumnsOption = Annotated[
@@ -84,8 +84,8 @@ JointColumnsOption = Annotated[
         "--joints",
         metavar="TOPIC:FIELD=NAME,...",
         parser=parsers.joint_columns,
-        help="Which numbers of messages without names are joints: /arm:data[0:6]=pan,lift,...; - "
-        "for none; repeatable.",
+        help="Joint names for messages that have only numbers: /arm:data[0:6]=pan,lift,...; use - "
+        "for a number that is no joint. Repeatable.",
         show_default="none",
     ),
 ]
@@ -93,13 +93,14 @@ PartFrom = Annotated[
     float | None,
     _log_time(
         "--from",
-        help="Use the log from here: seconds of the log, as messages have them, or a stamp in "
+        help="Use the log from this time on: seconds since the start of the log, or a stamp in "
         "s or ns since 1970.",
-        show_default="its start",
+        show_default="start of the log",
     ),
 ]
 PartTo = Annotated[
-    float | None, _log_time("--to", help="Use the log up to here.", show_default="its end")
+    float | None,
+    _log_time("--to", help="Use the log up to this time.", show_default="end of the log"),
 ]
 PLANAR = (2,)
 """Components of the pose that driving on a plane does not determine, without the motion: tz."""
@@ -120,7 +121,7 @@ Require = Annotated[
         "--require",
         metavar="LENGTH,ANGLE",
         parser=parsers.tolerance,
-        help="Largest sigma to trust, such as 1mm,0.1deg; exit 3 if it is exceeded.",
+        help="Largest sigma to accept, such as 1mm,0.1deg; exit 3 if sigma is larger.",
         show_default="none",
     ),
 ]
@@ -128,8 +129,8 @@ AnswersFormat = Annotated[
     Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
     output_option(
         "--format",
-        help="Form of the answers; jsonl: a line of JSON for each; csv: a row for each; summary: "
-        "in words.",
+        help="Format of the answers; jsonl: one line of JSON per answer; csv: one row per answer; "
+        "summary: plain text.",
         show_default=WORDS_OR_YAML,
     ),
 ]
@@ -140,7 +141,7 @@ OutputFile = Annotated[
         "--output",
         metavar="FILE",
         parser=parsers.output_file,
-        help="Where to write.",
+        help="File to write.",
         show_default="stdout",
     ),
 ]
@@ -150,9 +151,10 @@ Within = Annotated[
         "--within",
         metavar="LENGTH,ANGLE",
         parser=parsers.within,
-        help="How far it may be off, such as 2mm,0.2deg; what is left out is 5mm or 0.5deg.",
-        show_default="verify: 5mm,0.5deg; diff: what is not significant; trend: what is not "
-        "decisive",
+        help="Largest difference to accept, such as 2mm,0.2deg; a part that is not given is 5mm "
+        "or 0.5deg.",
+        show_default="verify: 5mm,0.5deg; diff: differences that are not significant; trend: "
+        "moves that are not decisive",
     ),
 ]
 Logs = Annotated[
@@ -160,21 +162,21 @@ Logs = Annotated[
     typer.Argument(
         metavar="LOG",
         parser=path_or_url,
-        help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, tables; its URL; or the "
-        "files of a split one.",
+        help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP file, or tables; a path "
+        "or URL, or all files of a split recording.",
     ),
 ]
 AllowRemoteScan = Annotated[
     bool,
     _log(
         "--allow-remote-scan",
-        help="Download a remote log that cannot be read in parts, for the time of the command.",
+        help="Make a temporary copy of a remote log that cannot be read in parts.",
     ),
 ]
 Verbose = Annotated[
-    bool, output_option("-v", "--verbose", help="Say what was read over the network.")
+    bool, output_option("-v", "--verbose", help="Print what was read over the network.")
 ]
-Quiet = Annotated[bool, output_option("-q", "--quiet", help="Errors only on stderr.")]
+Quiet = Annotated[bool, output_option("-q", "--quiet", help="Print only errors on stderr.")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,46 +186,47 @@ class RecordingOptions:
     imu_topics: list[str] = _topics(
         "imu",
         "--imu-topic",
-        help="IMU to calibrate, repeatable.",
-        show_default="every one in the log",
+        help="IMU to calibrate. Repeatable.",
+        show_default="all in the log",
     )
     gyro_topics: list[str] = _topics(
         "imu",
         "--gyro-topic",
-        help="Gyroscope that is apart from its accelerometer, by which the two are called; "
-        "repeatable.",
-        show_default="found",
+        help="Gyroscope whose accelerometer has another topic; the IMU has the name of the "
+        "gyroscope's topic. Repeatable.",
+        show_default="found automatically",
     )
     accel_topics: list[str] = _topics(
         "imu",
         "--accel-topic",
-        help="Its accelerometer; repeatable, in the same order.",
-        show_default="found",
+        help="Accelerometer of this gyroscope. Repeatable, in the same order.",
+        show_default="found automatically",
     )
     joint_topics: list[str] = _topics(
         "joints",
         "--joint-topic",
-        help="Joint states to use, repeatable.",
+        help="Joint states to use. Repeatable.",
         show_default="all",
     )
     pose_topics: list[str] = _topics(
         "pose",
         "--pose-topic",
-        help="Poses (tf, odometry, motion capture) to use, repeatable.",
-        show_default="found",
+        help="Poses (tf, odometry, motion capture) to use. Repeatable.",
+        show_default="found automatically",
     )
     clock: Literal["auto", "header", "log"] = _log(
-        "auto", help="Stamps of the headers, or times of receipt; auto takes headers unless broken."
+        "auto",
+        help="Use header stamps or receive times; auto uses header stamps unless they are broken.",
     )
     accel_unit: Literal["auto", "m/s2", "g", "mg"] = _log(
-        "auto", help="Unit of the accelerometer; auto tells it from gravity at rest."
+        "auto", help="Unit of the accelerometer; auto detects it from gravity at rest."
     )
     gyro_unit: Literal["auto", "rad/s", "deg/s"] = _log(
-        "auto", help="Unit of the gyroscope; auto tells it from how fast the robot turns."
+        "auto", help="Unit of the gyroscope; auto detects it from how fast the robot turns."
     )
     accel_sign: Literal["auto", "up", "down"] = _log(
         "auto",
-        help="Where the accelerometer points at rest; auto takes up, as ROS has it, unless "
+        help="Direction of the accelerometer at rest; auto uses up, the convention of ROS, unless "
         "down fits the motion.",
     )
     csv_columns: CsvColumns = None
@@ -236,47 +239,47 @@ class RecordingOptions:
         metavar="FILE|URL",
         parser=path_or_url,
         help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
-        "without it the log's /robot_description or its own frames must tell the motion.",
+        "without it the log's /robot_description or its frames must give the motion.",
     )
     description_topics: list[str] = _robot(
         [],
         "--description-topic",
         metavar="TOPIC",
         autocompletion=complete.topics("text"),
-        help="Topic of the URDF in the log, where several fit.",
-        show_default="found",
+        help="Topic of the URDF in the log, if several fit.",
+        show_default="found automatically",
     )
     joint_prefix: str | None = _robot(
         None,
         metavar="PREFIX",
-        help="What the log's joint names have before those of the URDF, or lack.",
-        show_default="found",
+        help="Prefix that joint names have in the log but not in the URDF, or the reverse.",
+        show_default="found automatically",
     )
     parents: list[str] = _frame(
         [],
         "--parent",
         metavar="FRAME|IMU=FRAME",
         parser=parsers.parent,
-        help="Link or frame that carries the IMU; of several IMUs that of each, by its topic "
-        "or frame_id, repeatable.",
-        show_default="the one that holds the frame_id of its messages",
+        help="Link or frame that carries the IMU; for one of several IMUs IMU=FRAME, with the "
+        "topic or frame_id of the IMU. Repeatable.",
+        show_default="the one that holds the frame_id of the IMU's messages",
     )
     base_imu: str | None = _robot(
         None,
         metavar="TOPIC",
         autocompletion=complete.topics("imu"),
-        help="IMU that tells how a robot without a fixed base moves, or the body that another "
-        "IMU is on; the others are calibrated against it.",
-        show_default="that on the URDF's root, where nothing else tells how it moves",
+        help="IMU that measures how a robot without a fixed base moves, or how the body moves "
+        "that carries another IMU; the others are calibrated against it.",
+        show_default="the IMU on the URDF's root, if no other source gives its motion",
     )
     imu_link: str | None = _frame(
         None,
         metavar="LINK",
         help="The IMU's link in the URDF.",
-        show_default="the frame_id of its messages",
+        show_default="the frame_id of the IMU's messages",
     )
     world: str | None = _frame(
-        None, help="Frame that stands still.", show_default="the root of the frames"
+        None, help="Frame that does not move.", show_default="the root of the frames"
     )
 
 
@@ -290,71 +293,72 @@ class KnownOptions:
     accel_bias_std: float | None = _bias(
         None,
         "--accel-bias",
-        help="Accelerometer bias: unknown, zero, or zero within STD m/s², 1 sigma.",
+        help="Accelerometer bias: unknown (free), zero (none), or zero within STD m/s², 1 sigma.",
     )
     gyro_bias_std: float | None = _bias(
         None,
         "--gyro-bias",
-        help="Gyroscope bias: unknown, zero, or zero within STD rad/s, 1 sigma.",
+        help="Gyroscope bias: unknown (free), zero (none), or zero within STD rad/s, 1 sigma.",
     )
     time_offset: float | None = _known(
         None,
         metavar="auto|none|SECONDS",
         parser=parsers.time_offset,
-        help="IMU stamp - robot stamp of the same instant: found, zero, or known.",
+        help="IMU stamp - robot stamp of the same instant: estimated (auto), zero (none), or "
+        "known.",
         show_default="auto",
     )
     gravity: Gravity | None = _known(
         None,
         metavar="tilt|fixed|none|NORM",
         parser=parsers.gravity,
-        help="Direction found; along -z of the world; no gravity; or tilt with exactly this "
-        "norm, m/s².",
+        help="tilt: the direction is estimated; fixed: along -z of the world; none: no gravity; "
+        "NORM: tilt with exactly this norm, m/s².",
         show_default="tilt; fixed with paper",
     )
     tilt_std: float | None = _known(
         None,
         metavar="DEG",
         parser=parsers.degrees,
-        help="How level the world is known to be, 1 sigma.",
+        help="How accurately the world frame is known to be level, 1 sigma.",
         show_default="unknown",
     )
     robot: Robot | None = _known(
         None,
         metavar="nominal|exact|DEG,MM",
         parser=parsers.robot,
-        help="How good the URDF is: learnt from the log; without any error; or its joint "
-        "zeros and lengths good to these, 1 sigma.",
+        help="Errors of the URDF: nominal: their size is learnt from the log; exact: none; "
+        "DEG,MM: 1 sigma of joint zeros and lengths.",
         show_default="nominal",
     )
     fix: Components | None = _known(
         None,
         metavar="tx,ty,tz,rx,ry,rz",
         parser=parsers.components,
-        help="Components held at the URDF's pose, or at --initial; parent frame.",
+        help="Components that are held at the URDF's pose, or at --initial, in the parent frame.",
         show_default="none",
     )
     planar: bool = _known(
         False,
         "--planar",
-        help="The robot drives on a plane and turns about its upright axis alone: holds the "
-        "height, which such motion cannot tell, as --fix tz does where z is upright.",
+        help="The robot drives on a plane and turns only about its upright axis. This motion "
+        "does not determine the height: it is held, as by --fix tz where z is upright.",
     )
     prior_std: PoseStd | None = _pose_std(
         None,
-        help="How well the URDF's pose, or --initial, is known beforehand, 1 sigma.",
+        help="How accurately the URDF's pose, or --initial, is known beforehand, 1 sigma.",
         show_default="unknown",
     )
     base_std: PoseStd | None = _pose_std(
         None,
-        help="How well the URDF's pose of the --base-imu in its link is known, 1 sigma.",
-        show_default="learnt, as the robot's lengths and zeros",
+        help="How accurately the URDF's pose of the --base-imu in its link is known, 1 sigma.",
+        show_default="learnt, like the robot's lengths and zeros",
     )
     initial: Pose | None = _known(
         None,
         metavar='"X Y Z R P Y"',
         parser=parsers.pose,
-        help="Pose that --fix, --prior-std and the published method begin from, m and rad.",
+        help="Pose that --fix, --prior-std and the published method start from, m and rad.",
         show_default="the URDF's joint",
     )
 
@@ -367,11 +371,11 @@ class EstimatorOptions(KnownOptions):
         None,
         metavar="NAME|FILE",
         autocompletion=complete.imu_models,
-        help="Which IMU it is, as configs/imus has it: bmi088, adis16448 ...; its data sheet "
-        "gives weak priors of the biases, and its noise is compared with the log's.",
+        help="Model of the IMU: a name from configs/imus (bmi088, adis16448 ...) or a file. Its "
+        "data sheet gives weak priors of the biases, and its noise is compared with the log's.",
     )
     method: Literal["matched", "paper"] = _estimator(
-        "matched", help="Our estimator, or the published one."
+        "matched", help="matched: our estimator; paper: the published one."
     )
     window: WindowChoice | None = _estimator(
         None,
@@ -385,12 +389,12 @@ class EstimatorOptions(KnownOptions):
         None,
         metavar="SECONDS",
         parser=parsers.largest_offset,
-        help="Largest time offset that is looked for, at most 600 s.",
+        help="Largest time offset of the search, at most 600 s.",
         show_default="1.0",
     )
     sensor_model: Literal["auto", "ideal"] | None = _estimator(
         None,
-        help="Find the sensor's and the clocks' own errors too; or take them not to exist.",
+        help="auto: also estimate errors of the sensor and the clocks; ideal: assume none.",
         show_default="auto",
     )
     exclusion_threshold: float | None = _paper(
@@ -398,11 +402,13 @@ class EstimatorOptions(KnownOptions):
         "--exclude",
         metavar="THRESHOLD",
         parser=parsers.threshold,
-        help="Change of the derived acceleration, m/s², that excludes a sample; 0 keeps all.",
-        show_default="the method's",
+        help="Exclude samples whose derived acceleration exceeds this, m/s²; 0 keeps all.",
+        show_default="the default of the method",
     )
     residual: Literal["l1", "components"] | None = _paper(
-        None, help="One sum for each instant, or its six parts.", show_default="l1"
+        None,
+        help="l1: one sum for each instant; components: its six parts.",
+        show_default="l1",
     )
 
 
@@ -412,28 +418,27 @@ class ExtraFiles:
 
     statistics: Path | None = file_option(
         "FILE.npz",
-        help="Also write what the log tells, summed: imucalib combine solves it again, alone "
-        "or with other logs.",
+        help="Also write the statistics of the log: imucalib combine solves them again, alone "
+        "or with those of other logs.",
     )
     report: Path | None = file_option(
         "FILE.html",
         ".htm",
-        help="Also write a page to look at: the verdict, the pose to copy, and plots of all "
-        "that it rests on.",
+        help="Also write an HTML page: the verdict, the pose to copy, and plots of the data "
+        "behind them.",
     )
     residuals: Path | None = file_option(
         "FILE.csv|.parquet",
-        help="Also write what was measured and predicted over time; column time_s is the time "
-        "axis.",
+        help="Also write measured and predicted values over time; column time_s is the time axis.",
     )
     debug_mcap: Path | None = file_option(
         "FILE.mcap",
-        help="Also write measured, predicted, residuals and the moving robot for Foxglove and "
-        "Rerun, with FILE.foxglove.json, a layout.",
+        help="Also write measured and predicted values, residuals and the moving robot for "
+        "Foxglove and Rerun, and a layout, FILE.foxglove.json.",
     )
     plot: Path | None = file_option(
         "FILE.svg|.pdf|.png",
-        help="Also draw measured against predicted and the residuals, one page for papers.",
+        help="Also draw measured and predicted values and the residuals, on one page for papers.",
     )
 
 
@@ -512,8 +517,8 @@ def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], .
     of_one = [(imu, frame) for imu, _, frame in (t.rpartition("=") for t in given if "=" in t)]
     if len(of_all) > 1 or len(dict(of_one)) < len(of_one):
         raise ChoiceError(
-            f"--parent {' --parent '.join(given)}: one parent for each IMU; of several IMUs say "
-            "which by its topic or frame_id: --parent IMU=FRAME"
+            f"--parent {' --parent '.join(given)}: give one parent for each IMU; for one of "
+            "several IMUs name its topic or frame_id: --parent IMU=FRAME"
         )
     return of_all[0] if of_all else None, tuple(of_one)
 
@@ -572,7 +577,7 @@ def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
     from imucalib_cli.estimate.options import MatchedOptions
 
     if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
-        raise ChoiceError(f"--tilt-std means nothing with --gravity {known.gravity}")
+        raise ChoiceError(f"--tilt-std has no effect with --gravity {known.gravity}: leave one out")
     given = _given_fields(known, MatchedOptions)
     if isinstance(known.gravity, float):
         del given["gravity"]

@@ -64,7 +64,7 @@ def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float
     """A duration with its unit (s, ms, us), or a bare number of seconds; may be negative."""
     value, unit = _split(text, expected)
     if unit not in {"", *_SECONDS}:
-        raise WrongValue(f"{text}: no unit of time; expected {expected}")
+        raise WrongValue(f"{text}: this is not a unit of time; expected {expected}")
     return value * _SECONDS.get(unit, 1.0)
 
 
@@ -124,7 +124,7 @@ def window(text: str) -> WindowChoice:
     if re.fullmatch(r"\d+", text):
         samples = int(text)
         if samples < 3 or samples % 2 == 0:
-            raise WrongValue(f"{text}: samples must be odd and at least 3; or {expected}")
+            raise WrongValue(f"{text}: samples must be odd and at least 3; expected {expected}")
         return WindowChoice(samples=samples)
     value, unit = _split(text, expected)
     if unit not in _SECONDS or value <= 0.0:
@@ -154,7 +154,7 @@ def gravity(text: str) -> str | float:
 
 def degrees(text: str) -> float:
     """A positive angle in degrees, as rad."""
-    expected = "degrees, such as 0.5 (for no tilt at all --gravity fixed)"
+    expected = "degrees, such as 0.5; for no tilt use --gravity fixed"
     return math.radians(_positive(_number(text, expected), text, expected))
 
 
@@ -235,7 +235,7 @@ def robot(text: str) -> str | tuple[float, float]:
     """``nominal``, ``exact``, or 1 sigma of joint zeros (rad) and of lengths (m)."""
     if text in {"nominal", "exact"}:
         return text
-    expected = "nominal, exact, or how good joint zeros and lengths are, such as 0.05deg,0.5mm"
+    expected = "nominal, exact, or 1 sigma of joint zeros and lengths, such as 0.05deg,0.5mm"
     length, *_, zero = pose_std(text, expected)
     if math.isinf(length + zero):
         raise WrongValue(f"{text}: expected {expected}")
@@ -321,7 +321,7 @@ def file_ending(*suffixes: str) -> Callable[[str], Path]:
 def log_file(text: str) -> Path:
     """The log of ``-o``, which may be a folder."""
     if text in {"", "-"}:
-        raise WrongValue(f"{text or 'is empty'}: a log goes to a file or a folder: name one")
+        raise WrongValue(f"{text or 'is empty'}: a log is written to a file or a folder: name one")
     return local_file(text)
 
 
@@ -333,7 +333,9 @@ def file_or_folder(text: str) -> str | None:
 def output_folder(text: str) -> Path:
     """The folder of ``-o``."""
     if text == "-":
-        raise WrongValue("-: results go to a folder, tables to stdout by --format: name a folder")
+        raise WrongValue(
+            "-: results are written to a folder: name one; --format writes tables to stdout"
+        )
     return Path(_not_empty(text))
 
 
@@ -344,7 +346,7 @@ def is_folder(output: str) -> bool:
 
 def _not_empty(text: str) -> str:
     if not text:
-        raise WrongValue("is empty, as of a variable that is not set: name the file to write")
+        raise WrongValue("is empty, perhaps because a variable is not set: name the file to write")
     local_file(text)
     return text
 
@@ -353,7 +355,7 @@ def _components(text: str, whole: str) -> list[int]:
     given = names(text) or ("",)
     if unknown := [name for name in given if name not in _COMPONENTS]:
         expected = f"some of {', '.join(_COMPONENTS)}"
-        raise WrongValue(f"{whole}: '{unknown[0]}' is no component; expected {expected}")
+        raise WrongValue(f"{whole}: '{unknown[0]}' is not a component; expected {expected}")
     return [_COMPONENTS.index(name) for name in given]
 
 

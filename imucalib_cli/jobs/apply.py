@@ -120,7 +120,7 @@ def apply(
         changes += [_change(robot, each) for each in corrected]
         if not corrected:
             changes.append(
-                f"nothing of the robot itself: no joint zero or origin stands {CLEAR:g} sigma off"
+                f"no correction of the robot: no joint zero or origin is {CLEAR:g} sigma off"
             )
     content = _with_origins(written, origins.values())
     if snippets:

@@ -245,19 +245,19 @@ def _options(motion: Motion, request: CalibrationRequest) -> MatchedOptions | Pa
     held = {place for place, std in enumerate(prior.std) if std < np.inf}
     if request.needs_nominal and not held <= unverified:
         raise ChoiceError(
-            "--fix and --prior-std take the pose from the URDF, which is what verify is to check: "
+            "--fix and --prior-std use the pose of the URDF, but verify checks this pose: "
             'give the pose you know by --initial "X Y Z R P Y"'
         )
     if nominal is None and request.planar and len(held) == 1:
         words = " ".join("HEIGHT" if place in held else "0" for place in range(6))
         raise ChoiceError(
             f"--planar needs the height of {motion.mount.child} in {motion.mount.parent}, and no "
-            f'joint has it: give it in m by --initial "{words}", of which the rest is not used'
+            f'joint has it: give it in m by --initial "{words}"; its other numbers are not used'
         )
     if nominal is None:
         raise ChoiceError(
             "--fix, --planar and --prior-std need a pose of "
-            f"{motion.mount.child} in {motion.mount.parent} to be about, and no joint has it: give "
+            f"{motion.mount.child} in {motion.mount.parent} to hold, and no joint has it: give "
             '--initial "X Y Z R P Y", or --imu-link'
         )
     return about_nominal(options, prior, nominal)

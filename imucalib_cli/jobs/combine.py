@@ -172,8 +172,8 @@ def _require_one_robot(logs: Sequence[StoredLog]) -> None:
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
             raise ChoiceError(
-                f"{logs[0].name} and {log.name} were made with different URDFs: what they share "
-                "is relative to one, so run both with the same --urdf"
+                f"{logs[0].name} and {log.name} were made with different URDFs: the errors that "
+                "they share belong to one URDF, so run both with the same --urdf"
             )
 
 
@@ -184,8 +184,9 @@ def _require_same_priors(logs: Sequence[StoredLog], options: Sequence[MatchedOpt
         for name, value in recorded_estimator(each).items():
             if name.partition(".")[0] in _SHARED and first.get(name) != value:
                 raise ChoiceError(
-                    f"{logs[0].name} and {log.name} were run with other values of {name}: what "
-                    "they share has one prior, so state it here, or run both alike"
+                    f"{logs[0].name} and {log.name} were run with different values of {name}: "
+                    "shared unknowns have one prior, so give it here, or run both with the same "
+                    "value"
                 )
 
 
@@ -199,7 +200,7 @@ def _changed(log: StoredLog, change: Change) -> MatchedOptions:
         nominal = log.result.nominal
         if nominal is None:
             raise ChoiceError(
-                f"{log.name}: --fix and --prior-std need a pose to be about, and no joint has it: "
+                f"{log.name}: --fix and --prior-std need a pose to hold, and no joint has it: "
                 'give --initial "X Y Z R P Y"'
             )
         options = about_nominal(options, options.pose, nominal)
@@ -209,8 +210,8 @@ def _changed(log: StoredLog, change: Change) -> MatchedOptions:
         is_free = now is None or bool(np.any(now))
         if is_free and was is not None and not np.any(was) and unknown.name not in there:
             raise ChoiceError(
-                f"{log.name}: its run held the {unknown.words}, so its statistics know nothing of "
-                "it: run the log again with that free"
+                f"{log.name}: its run held the {unknown.words}, so its statistics do not include "
+                "it: run the log again with it free"
             )
     return options
 

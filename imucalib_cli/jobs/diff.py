@@ -96,7 +96,7 @@ def _both(pair: Pair, names: tuple[str, str]) -> tuple[Result, Result]:
     here, there = names if b is None else names[::-1]
     imu = "".join(f"{each.child} ({each.imu_topic})" for each in pair if each is not None)
     raise ChoiceError(
-        f"{here} has a result of {imu}, {there} has none to go with it: compare results of the "
+        f"{here} has a result of {imu}, {there} has none that matches it: compare results of the "
         "same IMUs"
     )
 

@@ -206,7 +206,7 @@ class Inspection:
             )
             moved = f"moved in {imu.world} by {', '.join(imu.motion)}"
             if imu.base_imu == imu.topic:
-                moved = "tells how it moves"
+                moved = "measures how it moves"
             yield f"          {imu.problem or f'carried by {imu.parent}, {moved}'}"
 
     def _motion_lines(self) -> Iterator[str]:

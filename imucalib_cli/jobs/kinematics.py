@@ -37,14 +37,14 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
     result, path = each.result, each.motion.path
     joints = [step for step in path.steps if isinstance(step, JointStep)]
     if not joints:
-        yield f"{result.child}: poses alone move {path.parent}, there are no joints to judge"
+        yield f"{result.child}: only poses move {path.parent}, so there are no joints to judge"
         return
     if each.result.provenance.options.get("robot") == "exact":
         yield f"{result.child}: the robot was taken to be exact (--robot)"
         return
     yield (
         f"the robot's joints between {path.world} and {path.parent}, as {result.child} saw them "
-        f"(apply --kinematics writes what of the joints stands {CLEAR:g} sigma off):"
+        f"(apply --kinematics writes what is {CLEAR:g} sigma off in the joints):"
     )
     parameters = result.diagnostics.parameters
     found: dict[tuple[str, str], list[ParameterEntry]] = {}
@@ -75,7 +75,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         yield (
             f"the axes of {one} and {other} are parallel: a wrong zero of {one} looks like the "
             f"opposite zero of {other} and a displaced origin between them, and only what is "
-            "known beforehand tells which it is"
+            "known beforehand shows which it is"
         )
 
 
@@ -106,5 +106,5 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
     if off >= CLEAR:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
-        remark = "the log says nothing of it"
+        remark = "the log says nothing about it"
     return joint, f"{what}, {unit}", with_std(value, std), f"± {sigma(before)}{learnt}", remark

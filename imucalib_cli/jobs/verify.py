@@ -82,7 +82,9 @@ def verify_results(
     known = tuple(dict.fromkeys(result.imu_topic for _, result in found))
     for topic in imu_topics if found else ():
         if topic not in known:
-            raise ChoiceError(f"--imu-topic {topic}: no result is of it, only {', '.join(known)}")
+            raise ChoiceError(
+                f"--imu-topic {topic}: no result has this topic, only {', '.join(known)}"
+            )
     if imu_topics:
         found = [pair for pair in found if pair[1].imu_topic in imu_topics]
     if imu_link is not None and len(found) > 1:

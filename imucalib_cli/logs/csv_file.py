@@ -211,7 +211,7 @@ class CsvFile:
             typical = float(np.median(steps)) * 1e-9 if len(steps) else 0.0
             if typical > _LONGEST_STEP_S:
                 raise InputError(
-                    f"{self.path}: its rows would be {typical:g} s apart: say the unit of its "
+                    f"{self.path}: its rows would be {typical:g} s apart: give the unit of its "
                     "times in the name of their column, t_ns, t_us, t_ms or t_s"
                 )
 

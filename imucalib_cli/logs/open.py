@@ -98,7 +98,9 @@ def _why_missing(path: Path) -> str:
     """The likely reason why a path does not exist."""
     broken = next((each for each in (path, *path.parents) if each.is_symlink()), None)
     if broken is not None and not broken.exists():
-        return f"leads nowhere: the link {broken} points to {broken.readlink()}, which is not there"
+        return (
+            f"leads nowhere: the link {broken} points to {broken.readlink()}, which does not exist"
+        )
     return "does not exist: check the path"
 
 
@@ -145,7 +147,7 @@ def _open_file(path: Path, head: bytes, readers: Readers) -> LogFile:
             raise InputError(f"{path} is compressed twice: unpack it with zstd -d")
         if kind is None:
             cut = "" if loss is None else ", as far as it could be unpacked"
-            raise InputError(f"{path} unpacks to no log{cut}: expected {_known(readers)}")
+            raise InputError(f"{path} does not unpack to a log{cut}: expected {_known(readers)}")
         file = _open_copy(path, unpacked, readers)
         if loss is not None:
             file.losses.append(loss)
@@ -189,7 +191,7 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
             try:
                 return reader(remote)
             except NoIndexError:
-                reason = "it has no usable index, as of a recorder that was killed"
+                reason = "it has no usable index, perhaps because the recorder was killed"
         else:
             reason = f"{reader.FORMAT} has no index"
     except NoRangesError:
@@ -197,8 +199,8 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
     if progress is None:
         size = "" if remote.size is None else f", {in_bytes(remote.size)}"
         raise ChoiceError(
-            f"{remote} would have to be read whole{size}: {reason}; download it, or let a "
-            "temporary copy be made with --allow-remote-scan",
+            f"{remote} would have to be read whole{size}: {reason}; download it, or "
+            "make a temporary copy with --allow-remote-scan",
             option="--allow-remote-scan",
         )
     return _open_copy(remote, remote.download(progress), readers)
@@ -208,7 +210,7 @@ def _no_log(path: LogPath, head: bytes, readers: Readers) -> InputError:
     if not head:
         return InputError(f"{path} is empty: record or copy it again")
     if path.name.lower().endswith(".csv"):
-        return InputError(f"{path} has no header of known columns: {NAMES}, or use --csv-columns")
+        return InputError(f"{path} has no header with known columns: {NAMES}, or use --csv-columns")
     return InputError(f"{path} is not a log: expected {_known(readers)}")
 
 

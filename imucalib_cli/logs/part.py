@@ -73,7 +73,7 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
         if whole and not left:
             raise ChoiceError(
                 f"{part}: the log's {what} are stamped from {min(map(np.min, whole)):.3f} "
-                f"to {max(map(np.max, whole)):.3f} s, so that nothing is left of them: choose a "
+                f"to {max(map(np.max, whole)):.3f} s, so this part has none of them: choose a "
                 "part in between"
             )
     stamps = np.concatenate([clock.seconds(imu) for imu in _imus(cut)])

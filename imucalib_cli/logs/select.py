@@ -152,7 +152,7 @@ def select_topics(
             f"{_remedy(topics)}"
         )
     if not (joints or poses or tf or base_imu):
-        several = "; of several IMUs one may tell it: --base-imu TOPIC" if len(imus) > 1 else ""
+        several = "; one of several IMUs can measure it: --base-imu TOPIC" if len(imus) > 1 else ""
         raise InputError(
             "the log has no source of the robot's motion (sensor_msgs/JointState, tf, "
             f"odometry or poses); it has: {_listed(topics)}{several}{_remedy(topics)}"
@@ -238,9 +238,9 @@ def _remedy(topics: Sequence[Topic]) -> str:
     """How the unread topics can be read."""
     unread = [each for each in topics if each.count and not each.kinds]
     if any(each.encoding == "protobuf" for each in unread) and not is_installed():
-        return f"; what is in protobuf needs {EXTRA}"
+        return f"; protobuf messages need {EXTRA}"
     if any(each.type.endswith("MultiArray") for each in unread):
-        return "; for numbers without names say which are joints by --joints TOPIC:data=name,..."
+        return "; for numbers without names name the joints by --joints TOPIC:data=name,..."
     return ""
 
 

@@ -135,7 +135,7 @@ def _add_structs(
             texts["name"] = tuple(name for name, value in named if value is not None)
             numbers["position"] = [float(value) for value in positions if value is not None]
         case messages.Repeat():
-            raise WireError("a sequence beside other fields")
+            raise WireError("a sequence next to other fields")
 
 
 def _stamp(value: Any) -> int:
@@ -150,7 +150,7 @@ def _stamp(value: Any) -> int:
 
 def _sound(text: str) -> str:
     if not messages.is_sound_text(text):
-        raise WireError("a text is no text")
+        raise WireError("a string is not valid text")
     return text
 
 

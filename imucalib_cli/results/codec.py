@@ -133,7 +133,7 @@ def read_results(text: str, name: str) -> list[Result]:
     if len(loaded) == 1 and isinstance(loaded[0], list):
         loaded = loaded[0]
     if not loaded:
-        raise InputError(f"{name}: empty, so no result to read; write one with `imucalib run`")
+        raise InputError(f"{name}: is empty; write a result with `imucalib run`")
     return [result_from(part, name) for part in loaded]
 
 
@@ -301,7 +301,7 @@ def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[
         matrix_from_rpy(pose.rotation_rpy).T @ matrix_from_quaternion(pose.rotation_xyzw)
     )
     if float(np.linalg.norm(turn)) > ROTATIONS_AGREE:
-        said = "is not the rotation of rotation_xyzw, which is the one that counts: edit both or "
+        said = "is not the rotation of rotation_xyzw, which is the one that is used: edit both or "
         yield f"{place}.rotation_rpy", f"{said}neither"
 
 

@@ -96,7 +96,7 @@ def judgement(result: Result) -> tuple[Status, str]:
     largest = {unit: max(filter(None, stds), default=None) for unit, stds in units.items()}
     known = " and ".join(f"{sigma(std)} {unit}" for unit, std in largest.items() if std)
     if not known:
-        return result.status, f"{place} held as told by --fix"
+        return result.status, f"{place} held as given by --fix"
     return result.status, f"{place} known to {known} (1 sigma, of the axis known least)"
 
 
@@ -279,7 +279,7 @@ def _sigmas(result: Result) -> Iterator[Field]:
     for axis, value, std, found in zip(_AXES, result.pose.t * 1e3, stds, known, strict=True):
         text = "not determined" if found is None else f"{with_std(value, std)} mm"
         if std == 0.0:
-            text = f"{figures(value, 6)} mm, held as told by --fix"
+            text = f"{figures(value, 6)} mm, held as given by --fix"
         yield Field(axis, text)
     rotation = "not determined"
     if result.transform.rotation_xyzw is not None:
@@ -309,7 +309,7 @@ def _rotation(stds: Sequence[float | None], parent: str) -> str:
     """The sigma of each estimated axis, then the held axes in words."""
     found = [axis for axis, std in zip(_AXES, stds, strict=True) if std != 0.0]
     held = ", ".join(axis for axis in _AXES if axis not in found)
-    words = f"held about {held} of {parent}, as told by --fix"
+    words = f"held about {held} of {parent}, as given by --fix"
     if not found:
         return words
     sigmas = " ".join(sigma(math.nan if std is None else std) for std in stds if std != 0.0)
@@ -391,7 +391,8 @@ def _logs(result: Result) -> Iterator[Field]:
     yield Field(
         "between logs",
         f"± {figures(between.translation_mm, 2)} mm ({low} to {high} with 95 %) and "
-        f"± {figures(between.rotation_deg, 2)} deg ({least} to {most}) beside the noise in each",
+        f"± {figures(between.rotation_deg, 2)} deg ({least} to {most}) in addition to the noise in "
+        "each",
     )
     for log in combined.logs:
         apart = f"{figures(log.distance_mm, 2)} mm and {figures(log.distance_deg, 2)} deg"

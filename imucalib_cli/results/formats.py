@@ -43,7 +43,7 @@ def refuse_untrusted(result: Result, use: str, *, force: bool) -> None:
     ]
     raise UntrustedError(
         f"{result.child} in {result.parent}: result is untrusted "
-        f"({'; '.join(dict.fromkeys(reasons))}), so no {use}; --force gives it all the same"
+        f"({'; '.join(dict.fromkeys(reasons))}), so no {use} is written; --force writes it anyway"
     )
 
 
@@ -193,8 +193,10 @@ FORMATS: dict[str, Format] = {
     "launch": Format(".launch.xml", True, _each(_launch), "a <node> of a ROS 2 launch file"),
     "xacro": Format(".xacro", True, _xacro, "xacro properties to paste"),
     "matrix": Format(".txt", True, _each(_matrix), "4x4, T_parent_imu"),
-    "kalibr": Format(".kalibr.yaml", True, _each(_kalibr, "---\n"), "for a camera as parent"),
-    "fast-lio": Format(".yaml", True, _each(_fast_lio, "---\n"), "for a LiDAR as parent"),
-    "summary": Format(".txt", False, _summary, "words"),
+    "kalibr": Format(
+        ".kalibr.yaml", True, _each(_kalibr, "---\n"), "for a parent that is a camera"
+    ),
+    "fast-lio": Format(".yaml", True, _each(_fast_lio, "---\n"), "for a parent that is a LiDAR"),
+    "summary": Format(".txt", False, _summary, "plain text"),
 }
 """By name."""

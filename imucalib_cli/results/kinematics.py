@@ -64,8 +64,8 @@ def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOri
         ):
             topics = ", ".join(topic for topic, _ in carried)
             raise ChoiceError(
-                f"--kinematics: joint '{joint}' carries several IMUs, which do not tell the same "
-                f"of it: choose one with --imu, of: {topics}"
+                f"--kinematics: joint '{joint}' carries several IMUs, and their results do not "
+                f"agree on it: choose one with --imu, of: {topics}"
             )
     return tuple(found.values())
 
@@ -83,10 +83,10 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
         return {}
     source = result.provenance.urdf
     if source is None or source.sha256 != robot.sha256:
-        of = "of none" if source is None else f"of {source.path} as it was then"
+        of = "none" if source is None else f"{source.path} at the time of the run"
         raise ChoiceError(
-            f"{robot.source} is not the URDF of the result, which is {of}: the errors that were "
-            "found belong to its origins; run again with this one"
+            f"{robot.source} is not the URDF of the result ({of}): the errors that were "
+            "found belong to its origins; run again with this URDF"
         )
     chain = _chain(robot, result)
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
@@ -94,18 +94,18 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
     for name, errors in by_joint.items():
         if any(each.name == ORIGIN and each.axis is UNSET for each in errors):
             raise InputError(
-                f"the result does not say which way '{errors[0].label}' goes, being of an earlier "
-                "version: run again"
+                f"the result does not give the direction of '{errors[0].label}', because an "
+                "earlier version wrote it: run again"
             )
         if name not in chain:
             raise InputError(
-                f"{robot.source}: an error of '{errors[0].label}' was found, which is no joint "
+                f"{robot.source}: an error of '{errors[0].label}' was found, which is not a joint "
                 f"between '{robot.root}' and '{result.parent}': write it by hand"
             )
         if name in followed and any(each.name == ZERO for each in errors):
             raise InputError(
-                f"{robot.source}: the zero of joint '{name}' is off, and other joints follow it "
-                "(mimic): write it by hand, into the joint or into those that follow"
+                f"{robot.source}: the zero of joint '{name}' has an error, and other joints follow "
+                "it (mimic): write it by hand, into the joint or into those that follow"
             )
         found[name] = _corrected(chain[name], errors)
     return found

@@ -56,7 +56,7 @@ def see_places(
         seen.add(identity(path))
         kind = "" if force else _precious(path)
         if kind and not made_here(path):
-            remedy = "" if force is None else ", or say --force"
+            remedy = "" if force is None else ", or give --force"
             raise ChoiceError(
                 f"{path} is {kind} and would be overwritten: name another file{remedy}"
             )

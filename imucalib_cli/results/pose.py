@@ -83,7 +83,7 @@ class UncertainPose:
         R, p = fixed_transform(robot, self.child, child)
         if len({upwards for _, upwards in robot.route(self.child, child)}) != 1:
             raise ChoiceError(
-                f"'{self.child}' and '{child}' hang on {robot.source} each by its own joint, so "
+                f"'{self.child}' and '{child}' each have their own joint in {robot.source}, so "
                 "they are two mounts: compare results of the same IMU"
             )
         lever = self.R @ p

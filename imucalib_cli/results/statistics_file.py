@@ -122,19 +122,19 @@ def read_statistics(path: Path) -> StoredLog:
         raise InputError(f"{path}: cannot be read ({error.strerror}): check the path") from error
     except Exception as error:  # another or a damaged archive may raise anything
         raise InputError(
-            f"{path}: is damaged or no {_WHAT}: write it again by `imucalib run --statistics`"
+            f"{path}: is damaged or has no {_WHAT}: write it again by `imucalib run --statistics`"
         ) from error
 
 
 def _read(path: Path) -> StoredLog:
     with zipfile.ZipFile(path) as archive:
         if sum(each.file_size for each in archive.infolist()) > _LARGEST:
-            raise InputError(f"{path}: is too large to be {_WHAT}")
+            raise InputError(f"{path}: is too large to be a file with {_WHAT}")
     with np.load(path, allow_pickle=False) as file:
         arrays = {name: np.asarray(file[name]) for name in file.files}
     header = json.loads(arrays.pop("header").tobytes())
     if header.get("what") != _WHAT:
-        raise InputError(f"{path}: is no {_WHAT}: write one by `imucalib run --statistics`")
+        raise InputError(f"{path}: has no {_WHAT}: write them by `imucalib run --statistics`")
     if header["schema"] != _SCHEMA:
         raise InputError(
             f"{path}: is of schema {header['schema']}, this version reads {_SCHEMA}: use the "
@@ -156,7 +156,7 @@ def _see_they_agree(log: StoredLog) -> None:
     if not (equations.level > 0.0 and math.isfinite(equations.level)):
         raise ValueError("a level of noise that is not positive")
     if abs(np.linalg.det(equations.at.R) - 1.0) > _ALIKE:
-        raise ValueError("a rotation that is none")
+        raise ValueError("a matrix that is not a rotation")
     codes = {each.code for each in log.result.diagnostics.findings}
     if log.result.status == "ok" and SOLVED_TOGETHER not in codes:
         state, pose = equations.solve(log.statistics.options).state, log.result.pose

@@ -116,14 +116,12 @@ def replace_origin(urdf: bytes, joint: str, xyz: Sequence[float], rpy: Sequence[
     else:
         found = _START_TAG.match(urdf[start:].decode(codec, "surrogatepass"))
         if found is None:  # expat has read it, so this is XML of a form unknown here
-            raise InputError(
-                "the joint's <origin> cannot be taken apart: write it in one plain tag"
-            )
+            raise InputError("the joint's <origin> cannot be parsed: write it in one plain tag")
         tag = found.group()
         if "$" in tag:
             raise InputError(
-                f"the origin of joint '{joint}' is computed by xacro ({tag}): put the numbers of "
-                "`imucalib run --format xacro` where it takes its own from"
+                f"the origin of joint '{joint}' is computed by xacro ({tag}): write the numbers of "
+                "`imucalib run --format xacro` where xacro takes its numbers from"
             )
         changed = _with_attributes(tag, values)
     rest = start + len(tag.encode(codec, "surrogatepass"))

@@ -102,7 +102,7 @@ def require_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: s
             fixed_transform(robot, parent, frame)
         except ChoiceError as error:
             raise ChoiceError(
-                f"{error}: leave --parent out, or name a link to which fixed joints alone lead"
+                f"{error}: leave --parent out, or name a link that only fixed joints lead to"
             ) from None
 
 

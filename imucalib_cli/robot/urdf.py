@@ -146,7 +146,7 @@ def _expanded(path: Path) -> bytes:
         import xacro
     except ImportError as error:
         raise InputError(
-            f"{path}: is xacro: expand it with {command}, or have it expanded here: "
+            f"{path}: is xacro: expand it with {command}, or let imucalib expand it: "
             "pip install 'imucalib[xacro]'"
         ) from error
     missing: list[str] = []

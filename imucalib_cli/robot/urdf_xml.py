@@ -52,7 +52,9 @@ def parse_xml(data: bytes, path: Path | str) -> Element:
         InputError: It is not XML, is xacro, has a DOCTYPE, is too large, or is not a URDF.
     """
     if len(data) > SIZE_LIMIT:
-        raise InputError(f"{path}: more than {SIZE_LIMIT >> 20} MB are no URDF: check --urdf")
+        raise InputError(
+            f"{path}: has more than {SIZE_LIMIT >> 20} MB, too much for a URDF: check --urdf"
+        )
     if not data.strip():
         raise InputError(f"{path}: the file is empty: check --urdf")
     try:

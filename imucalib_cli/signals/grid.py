@@ -67,9 +67,9 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
     span = float(t[-1] - t[0])
     if span > _MOST_EMPTY * len(t) * interval + _ALWAYS_HELD * interval:
         raise InputError(
-            f"the IMU's stamps reach over {span:.4g} s, of which its {len(t)} samples fill "
-            f"{len(t) * interval:.3g} s: give one stretch of motion (of two recordings, "
-            "run on each alone), or try --clock log if the header stamps jump"
+            f"the IMU's stamps span {span:.4g} s, but its {len(t)} samples fill only "
+            f"{len(t) * interval:.3g} s: give one stretch of motion (run on two recordings "
+            "separately), or try --clock log if the header stamps jump"
         )
     dt = interval / refine
     count = int(np.floor((t[-1] - t[0]) / dt + 1e-6)) + 1

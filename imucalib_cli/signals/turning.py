@@ -158,7 +158,7 @@ def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float
     bins = max(int(np.ceil(span / BIN)), 1)
     if bins > _MOST_BINS + _MOST_EMPTY * len(t):
         raise InputError(
-            f"the stamps of the IMU and of what moves it reach over {span:.4g} s, which "
+            f"the stamps of the IMU and of the robot span {span:.4g} s, which "
             f"{len(t)} IMU samples cannot fill: give one stretch of motion, or try the other "
             "--clock if stamps jump"
         )

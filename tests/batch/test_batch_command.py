@@ -210,15 +210,15 @@ def test_a_report_for_each_log(logs: Logs, monkeypatch: Patch) -> None:
     ("arguments", "words"),
     [
         (["", "-o", "r"], "a name among the logs is empty"),
-        (["a.mcap", "-o", "-"], "results go to a folder"),
+        (["a.mcap", "-o", "-"], "results are written to a folder"),
         (["a.mcap", "-o", "a.mcap"], "a.mcap"),
         (["a.mcap", "--junit", "a.mcap"], "a.mcap is an input and would be overwritten"),
         (["a.mcap", "--junit", "x", "--markdown", "x"], "x would be written twice"),
         (["a.mcap", "--memory", "2"], "--memory 2: expected an amount of memory"),
         (["a.mcap", "--dask", ""], "--dask is empty"),
-        (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave them out"),
+        (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave both options out"),
         (["a.mcap", "--urdf", "a.mcap"], "a.mcap"),
-        (["a.mcap", "--urdf", "-"], "--urdf -: imucalib batch takes a URDF on disk"),
+        (["a.mcap", "--urdf", "-"], "--urdf -: imucalib batch needs a URDF on disk"),
         (["a.mcap", "--timeout", "0"], "--timeout 0: must be positive"),
     ],
 )

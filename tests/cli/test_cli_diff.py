@@ -104,7 +104,7 @@ def test_imus_are_paired_by_frame_and_topic(write: Any, imucalib: Imucalib) -> N
     documents, err = answers(diff(write("b.yaml", *other[:3]), code=2))
     assert len(documents) == 3
     assert "a.yaml has a result of d (/d), " in err
-    assert "b.yaml has none to go with it" in err
+    assert "b.yaml has none that matches it" in err
 
 
 URDF = """<robot name="r"><link name="hand"/><link name="plate"/><link name="imu_link"/>

@@ -328,6 +328,4 @@ def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
     )
     done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr.endswith(
-        "error: the working folder is not there any more: change to another\n"
-    )
+    assert done.stderr.endswith("error: the working folder no longer exists: change to another\n")

@@ -121,7 +121,7 @@ def test_logs_and_urdfs_of_others_are_not_written_over(
     err = refused(arguments)
     assert "and would be overwritten: name another file" in err
     # only these commands have a --force
-    assert ("or say --force" in err) == arguments.startswith(("run", "simulate"))
+    assert ("or give --force" in err) == arguments.startswith(("run", "simulate"))
 
 
 @pytest.mark.usefixtures("estimator")

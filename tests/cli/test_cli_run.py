@@ -263,13 +263,13 @@ def test_a_pose_is_needed_where_no_joint_of_the_urdf_has_it(
         ("--exclude 3", "--exclude belongs to --method paper"),
         ("--method paper --time-offset 0", "--time-offset belongs to --method matched"),
         ("--gravity down", "--gravity down: is not a number; expected tilt"),
-        ("--gravity fixed --tilt-std 1", "--tilt-std means nothing with --gravity fixed"),
+        ("--gravity fixed --tilt-std 1", "--tilt-std has no effect with --gravity fixed"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
         ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
         ("--imu-link nowhere", "--imu-link nowhere: no such link"),
-        ("--fix x", "--fix x: 'x' is no component; expected some of tx, ty, tz, rx, ry, rz"),
+        ("--fix x", "--fix x: 'x' is not a component; expected some of tx, ty, tz, rx, ry, rz"),
         ("--initial '1 2 3 0 0 1'", "--initial belongs to --fix, --prior-std or --method paper"),
         ("--fix tx --initial '1 2 3'", "expected six numbers"),
         *(
@@ -333,8 +333,8 @@ def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
 @pytest.mark.parametrize(
     ("held", "words"),
     [
-        ("xyz", "held about x, y, z of hand, as told by --fix"),
-        ("xz", "± 0.0006 deg about y of hand; held about x, z of hand, as told by --fix"),
+        ("xyz", "held about x, y, z of hand, as given by --fix"),
+        ("xz", "± 0.0006 deg about y of hand; held about x, z of hand, as given by --fix"),
         ("", "± 0.0006 0.0006 0.0006 deg about x, y, z of hand"),
     ],
 )

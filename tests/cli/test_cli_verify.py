@@ -68,7 +68,7 @@ def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
 def test_what_is_verified_cannot_be_what_is_known(
     estimator: Estimator, verify_arm: Imucalib
 ) -> None:
-    assert "which is what verify is to check" in verify_arm("--fix", "tx", code=2).err
+    assert "but verify checks this pose" in verify_arm("--fix", "tx", code=2).err
     assert not estimator.calls
 
 
@@ -178,7 +178,7 @@ def test_a_result_is_compared_through_fixed_joints(
         ("", "give --urdf"),
         ("--urdf URDF --gravity none", "--gravity is for logs"),
         ("--urdf URDF --parent hand", "--parent is for logs"),
-        ("--urdf URDF --imu-topic /x", "--imu-topic /x: no result is of it"),
+        ("--urdf URDF --imu-topic /x", "--imu-topic /x: no result has this topic"),
         ("--urdf URDF --imu-link imu", "'imu' is not in"),
         ("--urdf URDF --within 5", "--within 5: expected a length"),
         ("--urdf URDF LOG", "give logs or results, not both"),

@@ -149,7 +149,7 @@ def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
     assert found.command is not None
     assert found.command.endswith(f"robot.urdf --base-imu {TRUNK}")
     assert found.more_commands == ()
-    assert "carried by trunk, tells how it moves" in plain(found.blocks())
+    assert "carried by trunk, measures how it moves" in plain(found.blocks())
     alone = inspect(CalibrationRequest(logs=(log_of(tmp_path / "alone", TRUNK, LEG),)))
     assert alone.command is not None
     assert alone.command.endswith("--base-imu IMU")
@@ -158,7 +158,7 @@ def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wishes", "kind", "said"),
     [
-        ({"base_imu": "/imu/head"}, ChoiceError, f"no such IMU, but {LEG}, {TRUNK}"),
+        ({"base_imu": "/imu/head"}, ChoiceError, f"no such IMU; there are {LEG}, {TRUNK}"),
         ({"base_imu": TRUNK, "imu_topics": (TRUNK,)}, ChoiceError, "the only IMU that is asked"),
         ({"base_imu": TRUNK, "estimator": PaperOptions()}, ChoiceError, "only --method matched"),
     ],
@@ -180,7 +180,7 @@ def test_an_imu_that_stands_still_tells_nothing(tmp_path: Path) -> None:
 
     asked = walk_with(tmp_path, request(tmp_path), at_rest)
     assert read_recording(asked).sources.base is None
-    with pytest.raises(InputError, match="hardly turns, so it tells no motion"):
+    with pytest.raises(InputError, match="hardly turns, so it does not show how the base moves"):
         read_recording(replace(asked, base_imu=TRUNK))
 
 
@@ -195,7 +195,7 @@ def test_a_base_imu_without_a_place_on_the_robot_is_asked_for(tmp_path: Path) ->
     asked = request(tmp_path, base_imu=TRUNK)
     urdf = tmp_path / "bare.urdf"
     urdf.write_text(ROBOT.urdf().replace("trunk_imu", "other_imu"))
-    with pytest.raises(ChoiceError, match=r"where the base IMU /imu/trunk is on the robot.*apply"):
+    with pytest.raises(ChoiceError, match=r"pose of the base IMU /imu/trunk on the robot.*apply"):
         read_recording(replace(asked, urdf=urdf))
 
 

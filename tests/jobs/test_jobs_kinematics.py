@@ -144,4 +144,4 @@ def test_a_result_that_does_not_say_which_way_is_refused(
     older.write_text("\n".join(line for line in lines if not line.startswith("    axis:")))
     urdf = str(folder / "off.urdf")
     said = imucalib("apply", older, "--urdf", urdf, "--kinematics", code=1)
-    assert "does not say which way 'elbow_joint" in said.err
+    assert "does not give the direction of 'elbow_joint" in said.err

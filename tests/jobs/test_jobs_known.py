@@ -200,5 +200,5 @@ def test_inspect_looks_at_a_part(tmp_path: Path, maker_urdf: Path) -> None:
     assert early.command is not None
     assert early.command.startswith(f"imucalib run {log} --to 12 --urdf")
     assert max(each.header.rate_hz for each in early.health) == pytest.approx(100.0, rel=0.01)
-    with pytest.raises(ChoiceError, match="nothing is left of them"):
+    with pytest.raises(ChoiceError, match="this part has none of them"):
         asked(log, maker_urdf, Part(start=300.0))

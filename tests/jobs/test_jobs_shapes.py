@@ -210,7 +210,7 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
 def test_motors_that_nothing_names_ask_for_joints(tmp_path: Path) -> None:
     unitree, _ = shapes.low_state("unitree_go")
     log = shapes.write_mcap(tmp_path / "log.mcap", unitree)
-    with pytest.raises(ic.ImucalibError, match=r"numbers alone: .* by --joints TOPIC"):
+    with pytest.raises(ic.ImucalibError, match=r"only numbers: .* by --joints TOPIC"):
         calibrated(log, urdf=shapes.URDF)
 
 

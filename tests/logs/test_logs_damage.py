@@ -428,7 +428,9 @@ def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
     path.write_bytes(zeros(1 << 30))
     with pytest.raises(InputError) as caught:
         open_log([path])
-    assert str(caught.value).startswith(f"{path} unpacks to no log, as far as it could be unpacked")
+    assert str(caught.value).startswith(
+        f"{path} does not unpack to a log, as far as it could be unpacked"
+    )
     target, loss = unpacked.unpack(path)
     assert target.stat().st_size < 1 << 28
     assert loss is not None

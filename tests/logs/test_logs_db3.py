@@ -310,7 +310,7 @@ def test_a_schema_that_is_no_text_is_one_line(word: bytes, tmp_path: Path) -> No
             read_all(path)
         except InputError as error:
             told = str(error)
-        assert not told or "is no readable rosbag2 database" in told
+        assert not told or "is not a readable rosbag2 database" in told
         assert "codec" not in told
 
 
@@ -328,7 +328,7 @@ def test_a_damaged_database_leaves_nothing_behind_either(
     (crashed / "a.db3").write_bytes(content[:place] + b"\xdd" * 8 + content[place + 8 :])
     (crashed / "a.db3-wal").write_bytes(b"\0" * 4096)
     monkeypatch.setattr("tempfile.tempdir", str(temporary))
-    with pytest.raises(InputError, match="is no readable rosbag2 database"):
+    with pytest.raises(InputError, match="is not a readable rosbag2 database"):
         open_log([crashed / "a.db3"])
     assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
     left = [each.name for each in temporary.rglob("*") if each.is_file()]

@@ -279,8 +279,8 @@ def test_a_wrong_length_is_made_up_for(more: int, monkeypatch: pytest.MonkeyPatc
     ("url", "words"),
     [
         ("http://robot.invalid/log.mcap", "there is no such host"),
-        ("http://[host/log.mcap", "is no URL that can be read"),
-        ("http://host:port/log.mcap", "is no URL that can be read"),
+        ("http://[host/log.mcap", "is not a valid URL"),
+        ("http://host:port/log.mcap", "is not a valid URL"),
         ("http:///", "is a folder"),
         ("http://{address}/log.mcap", "the server cannot be reached"),  # it has ended
         ("memory://bucket/other.mcap", "does not exist: check the URL"),

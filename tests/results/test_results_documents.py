@@ -634,7 +634,10 @@ def test_every_field_of_the_list_is_in_the_summary() -> None:
     [
         ({}, "ok: imu_link in wrist_3_link is known to 0.35 mm and 0.019 deg (1 sigma, "),
         ({"covariance": None}, "ok: imu_link in wrist_3_link is found; --method matched states no"),
-        ({"covariance": np.zeros((6, 6))}, "ok: imu_link in wrist_3_link is held as told by --fix"),
+        (
+            {"covariance": np.zeros((6, 6))},
+            "ok: imu_link in wrist_3_link is held as given by --fix",
+        ),
         (
             {"unobservable": (UP,), "findings": DOUBTS},
             "untrusted, do not use as it stands: it wobbles",

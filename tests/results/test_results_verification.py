@@ -294,8 +294,8 @@ def test_what_was_told_to_the_estimator_is_no_finding() -> None:
     known = found_at(options={"pose.std": "inf inf 0 inf inf 0.01"})
     found = answer(known)
     assert found.verdict == "yes"
-    assert found.reason.endswith("; told beforehand, not found by the log alone: tz, rz")
-    assert "told beforehand" not in answer(found_at()).reason
+    assert found.reason.endswith("; given beforehand, not determined by the log alone: tz, rz")
+    assert "given beforehand" not in answer(found_at()).reason
 
 
 def test_more_motion_is_no_advice_where_the_model_sets_sigma() -> None:

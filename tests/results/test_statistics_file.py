@@ -189,7 +189,7 @@ def test_a_file_with_something_missing_is_told_in_one_line(
 ) -> None:
     path = tmp_path / "log.npz"
     path.write_bytes(_without(content, name))
-    with pytest.raises(InputError, match="damaged or no statistics"):
+    with pytest.raises(InputError, match="damaged or has no statistics"):
         read_statistics(path)
 
 

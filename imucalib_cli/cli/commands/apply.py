@@ -21,42 +21,44 @@ def apply_command(
     urdf: Path = typer.Option(
         metavar="FILE",
         parser=local_file,
-        help="URDF or xacro to calibrate, - for stdin; it is not changed without --in-place.",
+        help="URDF or xacro to calibrate, - for stdin; only --in-place changes the file.",
     ),
     imu: list[str] | None = typer.Option(
         None,
         metavar="FRAME|TOPIC",
         autocompletion=complete.imus,
-        help="IMU to apply, of results of several; repeatable.",
+        help="IMU to apply, if the results have several. Repeatable.",
         show_default="all",
     ),
     add: bool = typer.Option(
-        False, "--add", help="Add the IMU's link and joint where the URDF has none."
+        False, "--add", help="Add the IMU's link and joint if the URDF has none."
     ),
     kinematics: bool = typer.Option(
         False,
         "--kinematics",
-        help="Also correct joint zeros and origins that stand 5 sigma off, into "
-        "<urdf>.kinematics.urdf or -o, never into the file of --urdf.",
+        help="Also correct joint zeros and origins whose error exceeds 5 sigma. Writes "
+        "<urdf>.kinematics.urdf or -o, never the file of --urdf.",
     ),
-    in_place: bool = output_option(False, "--in-place", help="Write into the file of --urdf."),
+    in_place: bool = output_option(False, "--in-place", help="Change the file of --urdf."),
     output: OutputFile = None,
     force: bool = output_option(
         False,
         "--force",
-        help="Use a result that should not be trusted, and write over another URDF or a log.",
+        help="Use a result that should not be trusted, and overwrite another URDF or a log.",
     ),
     quiet: Quiet = False,
 ) -> None:
-    """Write a URDF with each IMU's joint at the calibrated pose, every other byte as it was."""
+    """Write a URDF with each IMU's joint at the calibrated pose; all other bytes stay the same."""
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.results.places import see_places
 
     if in_place and (output is not None or str(urdf) == "-"):
-        raise ChoiceError("--in-place writes into the file of --urdf: leave -o out, name a file")
+        raise ChoiceError(
+            "--in-place changes the file of --urdf: leave -o out, and name a file, not stdin"
+        )
     if kinematics and in_place:
-        raise ChoiceError("--kinematics writes a URDF of its own: leave --in-place out")
+        raise ChoiceError("--kinematics writes a separate URDF: leave --in-place out")
     if kinematics and output is None and str(urdf) != "-":
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
     with warning_of_old_outputs(output):

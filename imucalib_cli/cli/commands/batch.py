@@ -33,8 +33,7 @@ def batch_command(
     ctx: typer.Context,
     logs: list[str] = typer.Argument(
         metavar="LOG...",
-        help="Logs, also behind URLs, patterns and folders to be searched; - reads a list from "
-        "stdin.",
+        help="Logs, URLs of logs, patterns, or folders to search; - reads a list from stdin.",
     ),
     *,
     recording: options.RecordingOptions,
@@ -45,21 +44,21 @@ def batch_command(
         "--output",
         metavar="FOLDER",
         parser=parsers.output_folder,
-        help="Where results are kept: <log>.<imu>.yaml, summary.csv, records/. What is "
-        "finished there is not done again.",
+        help="Folder of the results: <log>.<imu>.yaml, summary.csv, records/. A log that is "
+        "finished there is not calibrated again.",
         show_default="none: nothing is kept",
     ),
     fmt: Literal["jsonl", "csv", "markdown", "junit", "summary"] | None = options.output_option(
         None,
         "--format",
-        help="What goes to stdout; jsonl: a line a log as they finish, the others at the end.",
+        help="Format on stdout; jsonl: one line per log, as each finishes; the others: at the end.",
         show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
     ),
     markdown: Path | None = options.output_option(
         None,
         metavar="FILE",
         parser=parsers.output_file,
-        help="Also write a table for a summary of CI.",
+        help="Also write a Markdown table, for the summary of a CI job.",
         show_default="none",
     ),
     junit: Path | None = options.output_option(
@@ -75,39 +74,39 @@ def batch_command(
         None,
         min=1,
         metavar="N",
-        help="Processes at a time.",
+        help="Number of processes.",
         show_default="all processors, as far as --memory allows",
     ),
     memory: int | None = _work(
         None,
         metavar="AMOUNT",
         parser=parsers.memory,
-        help="What each process may take; a log that needs more fails. Enforced on Linux.",
+        help="Memory limit of each process; a log that needs more fails. Enforced on Linux.",
         show_default="2GiB",
     ),
     timeout: float | None = _work(
         None,
         metavar="SECONDS",
         parser=parsers.duration,
-        help="What each log may take; one that needs longer fails, and is done again next time.",
-        show_default="any time",
+        help="Time limit of each log; one that needs more fails, and the next run tries it again.",
+        show_default="no limit",
     ),
     dask: str | None = _work(
         None,
         metavar="ADDRESS|local",
         parser=parsers.scheduler,
-        help="Let the workers of a Dask scheduler do it, or a Dask cluster of this machine.",
-        show_default="none: processes of this machine",
+        help="Use the workers of a Dask scheduler, or a Dask cluster on this machine.",
+        show_default="none: processes on this machine",
     ),
-    fresh: bool = _work(False, "--fresh", help="Do finished logs again too."),
+    fresh: bool = _work(False, "--fresh", help="Also calibrate finished logs again."),
     rehash: bool = _work(
         False,
         "--rehash",
-        help="Read all logs to see whether they are as they were, though size and time are.",
+        help="Read all logs to check for changes, even if size and time are the same.",
     ),
     quiet: options.Quiet = False,
 ) -> None:
-    """Calibrate many logs with the same options, each on its own; interrupted, it goes on later."""
+    """Calibrate many logs, each alone, with the same options; continues after an interruption."""
     from imucalib_cli.batch.batch import SUMMARY, Batch
     from imucalib_cli.batch.content_key import context_of, urdf_hash
     from imucalib_cli.batch.local import MEMORY, default_workers
@@ -120,7 +119,9 @@ def batch_command(
     _check_options(output, extras, dask, workers or memory)
     request = options.calibration_request(ctx, (), recording, estimator, require)
     if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
-        raise ChoiceError(f"--urdf {request.urdf}: imucalib batch takes a URDF on disk: save it")
+        raise ChoiceError(
+            f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
+        )
     if request.urdf is not None:
         load_robot(request.urdf)  # one error here, not one for every log
     makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
@@ -182,11 +183,11 @@ def _check_options(
 ) -> None:
     """Raise ChoiceError where options contradict each other."""
     if output is None and any(vars(extras).values()):
-        raise ChoiceError("files beside the results need a folder: add -o FOLDER")
+        raise ChoiceError("extra files need a folder: add -o FOLDER")
     if dask not in {None, "local"} and of_this_machine:
         raise ChoiceError(
-            "--workers and --memory are of this machine; how many workers a scheduler has, and "
-            "their memory, is settled where they are started: leave them out"
+            "--workers and --memory are for this machine; the workers of a scheduler and their "
+            "memory are set where they are started: leave both options out"
         )
 
 

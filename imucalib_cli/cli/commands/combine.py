@@ -13,7 +13,7 @@ from imucalib_cli.cli.parsers import local_file
 def combine_command(
     results: list[str] = typer.Argument(
         metavar="RESULT",
-        help="Results of `imucalib run` with their statistics beside them, files of "
+        help="Results of `imucalib run` with their statistics next to them, files of "
         "statistics, or folders of these; - reads a list of them from stdin.",
     ),
     *,
@@ -25,7 +25,7 @@ def combine_command(
 ) -> None:
     """Solve several logs of one mount together, or one again with other priors, without the logs.
 
-    It reads what `imucalib run --statistics` and `imucalib batch --statistics` write.
+    It reads the files that `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
     from imucalib_cli.jobs.combine import combine
     from imucalib_cli.jobs.result_files import read_statistics_files

@@ -23,7 +23,7 @@ def compare_command(
     urdf: Path = typer.Option(
         metavar="FILE",
         parser=local_file,
-        help="Its fixed joints lead from the IMU's link to the camera.",
+        help="URDF whose fixed joints lead from the IMU's link to the camera.",
     ),
     camera_link: str | None = typer.Option(
         None,
@@ -31,23 +31,26 @@ def compare_command(
         help="The camera's optical frame in the URDF (z forward, x right).",
         show_default="the only link that ends in _optical_frame",
     ),
-    camera: str = typer.Option("cam0", help="Which of Kalibr's chain."),
+    camera: str = typer.Option("cam0", help="Camera in Kalibr's chain."),
     imu: str | None = typer.Option(
         None,
         metavar="FRAME|TOPIC",
         autocompletion=complete.imus,
-        help="IMU to compare, of a result of several.",
+        help="IMU to compare, if the result has several.",
     ),
     truth: str | None = typer.Option(
-        None, metavar="FILE", help="truth.yaml of a simulated log: the errors of both."
+        None, metavar="FILE", help="truth.yaml of a simulated log; shows the errors of both."
     ),
     fmt: Literal["yaml", "json", "summary"] | None = output_option(
-        None, "--format", help="Form of the answer; summary: in words.", show_default=WORDS_OR_YAML
+        None,
+        "--format",
+        help="Format of the answer; summary: plain text.",
+        show_default=WORDS_OR_YAML,
     ),
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:
-    """Put a result beside Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
+    """Compare a result with Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     with writing(output, read=files_of(result, kalibr, truth, urdf)):
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml

@@ -20,14 +20,14 @@ def diff_command(
         None,
         metavar="FILE",
         parser=local_file,
-        help="Relates the frames of the results by its fixed joints.",
+        help="URDF whose fixed joints relate the frames of the results.",
     ),
     within: Within = None,
     fmt: AnswersFormat = None,
     output: OutputFile = None,
     quiet: Quiet = False,
 ) -> None:
-    """Has the mount moved since the first result? Exit 0 no, 4 it has, 3 cannot tell."""
+    """Has the mount moved since the first result? Exit 0: no, 4: yes, 3: unknown."""
     with writing(output, read=files_of(first, *others, urdf)):
         from imucalib_cli.jobs.diff import diff_results
         from imucalib_cli.results.fields import Field

@@ -29,16 +29,16 @@ def inspect_command(
         None,
         metavar="FILE|URL",
         parser=path_or_url,
-        help="Also say what of the log is in this URDF.",
+        help="Also compare the log's joints and frames with this URDF.",
     ),
     fmt: Literal["text", "json"] = options.output_option(
-        "text", "--format", help="Form of the report."
+        "text", "--format", help="Format of the report."
     ),
     output: options.OutputFile = None,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Tell topics, rates, gaps, stamps and units of a log, and the command to run on it."""
+    """Show topics, rates, gaps, stamps and units of a log, and the command to run on it."""
     from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.jobs.inspect import inspect
 

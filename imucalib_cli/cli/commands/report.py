@@ -20,11 +20,13 @@ def report_command(
 ) -> None:
     """Write a result as one HTML page that needs no network.
 
-    From its statistics it draws spectra and parts of the log too; motion and residuals need the log
-    itself: imucalib run LOG --report FILE.html.
+    From statistics the page also has spectra and parts of the log. Motion and residuals need the
+    log itself: imucalib run LOG --report FILE.html.
     """
     if output is None and is_terminal(sys.stdout):
-        raise ChoiceError("a page is not for a terminal: add -o report.html, or redirect it")
+        raise ChoiceError(
+            "a page cannot be shown on a terminal: add -o report.html, or redirect stdout"
+        )
     with writing(output, read=files_of(result)):
         from imucalib_cli.jobs.report import report_of_file
 

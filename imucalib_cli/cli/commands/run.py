@@ -54,33 +54,33 @@ def run_command(
         "--output",
         metavar="FILE|FOLDER/",
         parser=file_or_folder,
-        help="Where to write; a folder gets <log>.<imu>.yaml.",
+        help="File to write; a folder gets <log>.<imu>.yaml.",
         show_default="stdout",
     ),
     require: options.Require = None,
     force: bool = options.output_option(
         False,
         "--force",
-        help="Write a bare pose (urdf, tf, ...) that should not be trusted, and over a log or "
-        "a URDF.",
+        help="Write a bare pose (urdf, tf, ...) even if it should not be trusted, and overwrite "
+        "a log or a URDF.",
     ),
     joint: bool = typer.Option(
         False,
         "--joint",
-        help="Each LOG is a recording of its own; one result from all of them.",
+        help="Each LOG is a separate recording; estimate one result from all of them.",
         rich_help_panel=options.LOG,
     ),
     kinematics_report: bool = options.output_option(
         False,
         "--kinematics-report",
-        help="Also list what the log tells of the robot: joint zeros and origins, with what "
-        "was known beforehand and what no log can tell.",
+        help="Also list the errors of joint zeros and origins that the log shows, with their "
+        "priors, and the errors that no log can determine.",
     ),
     extras: options.ExtraFiles,
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Find where every IMU of a recording sits on the robot."""
+    """Find the pose of every IMU of a recording on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.jobs.combine import calibrate_together
     from imucalib_cli.logs.open import is_made_here
@@ -159,12 +159,15 @@ def _check_joint(
     if estimator.method != "matched":
         raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
     if len(logs) == 1:
-        raise ChoiceError("--joint takes several recordings: name another LOG, or leave it out")
+        raise ChoiceError(
+            "--joint needs several recordings: name another LOG, or leave --joint out"
+        )
     if kinematics_report:
-        raise ChoiceError("--kinematics-report is of one recording: leave --joint out")
+        raise ChoiceError("--kinematics-report is for one recording: leave --joint out")
     if beside:
         raise ChoiceError(
-            f"{beside[0]}: --joint writes one result: `imucalib batch` writes files of each log"
+            f"{beside[0]}: --joint writes only one result; `imucalib batch` writes files for each "
+            "log"
         )
 
 

@@ -9,10 +9,12 @@ from imucalib_cli.cli.output import deliver
 
 def schema_command(
     which: Literal["result", "comparison", "record"] = typer.Argument(
-        "result", help="Of `run`; of `verify`, `diff`, `trend`, `compare`; of a log of `batch`."
+        "result",
+        help="result: of `run`; comparison: of `verify`, `diff`, `trend` and `compare`; record: "
+        "of a log of `batch`.",
     ),
 ) -> None:
-    """Print the JSON Schema (2020-12) of the result, of the answers that compare, or of records."""
+    """Print the JSON Schema (2020-12) of results, of comparisons, or of records of a batch."""
     if which == "record":
         from imucalib_cli.batch.record import schema_of_record
 

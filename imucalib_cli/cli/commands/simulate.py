@@ -48,97 +48,107 @@ _camera = partial(typer.Option, rich_help_panel="Camera")
 class SimulateOptions:
     """All options of the simulation itself."""
 
-    duration: float | None = _motion(None, help="s.")
-    imu_rate: float | None = _motion(None, help="Hz, any number.")
-    robot_rate: float | None = _motion(None, help="Joint states or poses, Hz, any number.")
+    duration: float | None = _motion(None, help="Length of the log, s.")
+    imu_rate: float | None = _motion(None, help="Rate of the IMU, Hz, any number.")
+    robot_rate: float | None = _motion(None, help="Rate of joint states or poses, Hz, any number.")
     step: float | None = _motion(
         None, parser=seconds, metavar="SECONDS", help="Longest integration step."
     )
-    gravity: float | None = _motion(None, help="Its norm, m/s².")
+    gravity: float | None = _motion(None, help="Norm of gravity, m/s².")
     base_tilt: Tilt | None = _motion(
         None,
         "--base-tilt-deg",
         parser=tilt,
         metavar='"X Y"',
-        help="Gravity turned about x and y of the world.",
+        help="Turn gravity about x and y of the world, deg.",
     )
     mount_xyz: Vector | None = _motion(
         None,
         parser=vector,
         metavar='"X Y Z"',
-        help="True IMU position in its link, m; of several IMUs, of the first.",
+        help="True position of the IMU in its link, m; if there are several, of the first.",
     )
     mount_rpy: Vector | None = _motion(
-        None, parser=vector, metavar='"R P Y"', help="True IMU orientation, rad."
+        None, parser=vector, metavar='"R P Y"', help="True orientation of the IMU, rad."
     )
-    profile: Literal["smooth", "hard"] = _motion("smooth", help="Pushes of barbot.")
+    profile: Literal["smooth", "hard"] = _motion("smooth", help="How barbot is pushed.")
     bandwidth: float | None = _motion(
-        None, help="Of every IMU's low-pass, Hz; 0 measures the instant."
+        None, help="Bandwidth of every IMU's low-pass filter, Hz; 0: no filter."
     )
-    publishers: int = _motion(1, min=1, help="Joint publishers, each with part of the joints.")
+    publishers: int = _motion(
+        1, min=1, help="Number of joint publishers, each with some of the joints."
+    )
 
     grade: str | None = _noise(
         None,
         metavar="ideal|industrial|mems",
-        help="Noise and biases; single options win.",
+        help="Noise and biases; single options override it.",
         show_default="ideal",
     )
     imu_model: str | None = _noise(
         None,
         metavar="NAME|FILE",
         autocompletion=complete.imu_models,
-        help="By its data sheet, as configs/imus has it: bmi088, adis16448 ...; a name that is "
-        "none lists them. Instead of --grade; single options win.",
+        help="Noise and biases of a data sheet: a name from configs/imus (bmi088, adis16448 ...) "
+        "or a file; an unknown name lists the names. Replaces --grade; single options override it.",
     )
-    accel_noise_ug: float | None = _noise(None, help="Density, µg/sqrt(Hz).")
-    gyro_noise_deg: float | None = _noise(None, help="Density, deg/s/sqrt(Hz).")
-    accel_noise: float | None = _noise(None, help="Density, m/s²/sqrt(Hz).")
-    gyro_noise: float | None = _noise(None, help="Density, rad/s/sqrt(Hz).")
-    accel_white: float | None = _noise(None, help="Std of a sample, m/s², at any rate.")
-    gyro_white: float | None = _noise(None, help="Std of a sample, rad/s, at any rate.")
-    accel_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="m/s².")
-    gyro_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="rad/s.")
-    accel_bias_walk: float | None = _noise(None, help="m/s²/sqrt(s).")
-    gyro_bias_walk: float | None = _noise(None, help="rad/s/sqrt(s).")
-    accel_range: float | None = _noise(None, help="Readings are cut off here, m/s².")
-    gyro_range: float | None = _noise(None, help="Readings are cut off here, rad/s.")
+    accel_noise_ug: float | None = _noise(None, help="Noise density, µg/sqrt(Hz).")
+    gyro_noise_deg: float | None = _noise(None, help="Noise density, deg/s/sqrt(Hz).")
+    accel_noise: float | None = _noise(None, help="Noise density, m/s²/sqrt(Hz).")
+    gyro_noise: float | None = _noise(None, help="Noise density, rad/s/sqrt(Hz).")
+    accel_white: float | None = _noise(
+        None, help="White noise of a sample, std, m/s², at any rate."
+    )
+    gyro_white: float | None = _noise(
+        None, help="White noise of a sample, std, rad/s, at any rate."
+    )
+    accel_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="Bias, m/s².")
+    gyro_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="Bias, rad/s.")
+    accel_bias_walk: float | None = _noise(None, help="Random walk of the bias, m/s²/sqrt(s).")
+    gyro_bias_walk: float | None = _noise(None, help="Random walk of the bias, rad/s/sqrt(s).")
+    accel_range: float | None = _noise(None, help="Readings saturate here, m/s².")
+    gyro_range: float | None = _noise(None, help="Readings saturate here, rad/s.")
     accel_coloured: float | None = _noise(None, help="Std of coloured noise, m/s².")
     gyro_coloured: float | None = _noise(None, help="Std of coloured noise, rad/s.")
     coloured_time: float | None = _noise(
-        None, parser=seconds, metavar="SECONDS", help="Its correlation time."
+        None, parser=seconds, metavar="SECONDS", help="Correlation time of the coloured noise."
     )
-    spikes: float | None = _noise(None, help="Share of IMU samples, such as 0.005.")
-    spike_accel: float | None = _noise(None, help="Size, m/s².")
-    spike_gyro: float | None = _noise(None, help="Size, rad/s.")
-    encoder_noise: float | None = _noise(None, help="Std, rad.")
-    encoder_step: float | None = _noise(None, help="Quantisation, rad.")
-    pose_noise: float | None = _noise(None, help="Std of poses per axis, m.")
-    pose_noise_rotation: float | None = _noise(None, help="Std of poses per axis, rad.")
+    spikes: float | None = _noise(None, help="Share of IMU samples with spikes, such as 0.005.")
+    spike_accel: float | None = _noise(None, help="Size of a spike, m/s².")
+    spike_gyro: float | None = _noise(None, help="Size of a spike, rad/s.")
+    encoder_noise: float | None = _noise(None, help="Noise of the encoders, std, rad.")
+    encoder_step: float | None = _noise(None, help="Quantisation step of the encoders, rad.")
+    pose_noise: float | None = _noise(None, help="Noise of poses per axis, std, m.")
+    pose_noise_rotation: float | None = _noise(None, help="Noise of poses per axis, std, rad.")
 
     time_offset: float | None = _time(
         None, help="IMU stamp - robot stamp of the same instant, such as -42ms."
     )
     stamp_jitter: float | None = _time(None, help="Std of IMU header stamps.")
     robot_stamp_jitter: float | None = _time(None, help="Std of robot header stamps.")
-    delay: float | None = _time(None, help="From instant to receive time.")
-    delay_jitter: float | None = _time(None, help="Mean of an exponential delay on top.")
-    dropouts: float | None = _stamps(None, help="Share of IMU messages lost.")
-    robot_dropouts: float | None = _stamps(None, help="Share of joint states or poses lost.")
+    delay: float | None = _time(None, help="Delay from the instant to the receive time.")
+    delay_jitter: float | None = _time(None, help="Mean of an additional exponential delay.")
+    dropouts: float | None = _stamps(None, help="Share of IMU messages that are lost.")
+    robot_dropouts: float | None = _stamps(
+        None, help="Share of joint states or poses that are lost."
+    )
 
     start: float | None = _log(
         None,
         parser=unix_time,
         metavar="TIME",
-        help="Of the first stamp: 2026-11-23T14:30; UTC, or with its zone.",
+        help="Time of the first stamp, such as 2026-11-23T14:30; UTC unless a zone is given.",
         show_default="2023-11-14T22:13:20",
     )
     compression: str | None = _log(
-        None, help=".mcap: zstd, lz4, none; .bag: lz4, bz2, none.", show_default="the first"
+        None,
+        help="For .mcap: zstd, lz4 or none; for .bag: lz4, bz2 or none.",
+        show_default="the first of these",
     )
-    imu_topic: str | None = _log(None, help="Of several IMUs, of the first.")
-    robot_topic: str | None = _log(None)
+    imu_topic: str | None = _log(None, help="Topic of the IMU; if there are several, of the first.")
+    robot_topic: str | None = _log(None, help="Topic of joint states or poses.")
     imu_frame: str | None = _log(
-        None, help="frame_id of Imu messages; of several IMUs, of the first."
+        None, help="frame_id of Imu messages; if there are several IMUs, of the first."
     )
     robot_description: bool = _log(
         False, "--robot-description", help="Also publish the URDF, on /robot_description."
@@ -146,18 +156,20 @@ class SimulateOptions:
     tf_static: bool = _log(
         False, "--tf-static", help="Also publish the IMU's nominal pose, on /tf_static."
     )
-    joint_prefix: str = _log("", help="Before the names of joints.", show_default="none")
-    frame_prefix: str = _log("", help="Before frame ids, such as robot1/.", show_default="none")
-    topic_each: bool = _log(False, "--topic-each", help="A topic per joint publisher.")
-    joint_order: str = _log("chain", help="chain, alphabetical, reversed, or all names, by commas.")
+    joint_prefix: str = _log("", help="Prefix of joint names.", show_default="none")
+    frame_prefix: str = _log("", help="Prefix of frame ids, such as robot1/.", show_default="none")
+    topic_each: bool = _log(False, "--topic-each", help="One topic per joint publisher.")
+    joint_order: str = _log(
+        "chain", help="chain, alphabetical, reversed, or all names, separated by commas."
+    )
 
     camera: bool = _camera(
         False,
         "--camera",
-        help="Move before an AprilGrid, write images of it too, and the files Kalibr needs.",
+        help="Move in front of an AprilGrid; also write images and the files that Kalibr needs.",
     )
     camera_config: Path | None = _camera(
-        None, help="A camera of your own, as configs/cameras has them.", readable=False
+        None, help="File with your own camera, like those in configs/cameras.", readable=False
     )
     camera_offset: float | None = _camera(
         None,
@@ -165,14 +177,14 @@ class SimulateOptions:
         metavar="SECONDS",
         help="Camera stamp - robot stamp of the same instant.",
     )
-    image_noise: float | None = _camera(None, help="Std, grey levels.")
-    image_blur: float | None = _camera(None, help="Std of a Gaussian, pixels.")
+    image_noise: float | None = _camera(None, help="Noise of the images, std, grey levels.")
+    image_blur: float | None = _camera(None, help="Std of a Gaussian blur, pixels.")
 
 
 def simulate_command(
     system: str = typer.Argument(
         "",
-        help="rihibot (UR10e under gravity), barbot (free bar without) or walker (four legs).",
+        help="rihibot (UR10e, gravity), barbot (free bar, no gravity) or walker (four legs).",
         autocompletion=complete.systems,
     ),
     *,
@@ -182,24 +194,24 @@ def simulate_command(
         "--output",
         metavar="LOG",
         parser=log_file,
-        help="Log: .mcap, .bag, .db3, or a name without suffix for a folder.",
+        help="Log to write: .mcap, .bag, .db3, or a name without suffix for a folder.",
     ),
     config: Path | None = typer.Option(
-        None, help="A system of your own, as configs/ has them.", readable=False
+        None, help="File with your own system, like those in configs/.", readable=False
     ),
     urdf: Path | None = typer.Option(
-        None, help="Write the URDF too, with the IMU's nominal pose.", readable=False
+        None, help="Also write the URDF, with the IMU's nominal pose.", readable=False
     ),
     force: bool = typer.Option(
-        False, "--force", help="Write over a log or a URDF that imucalib simulate did not make."
+        False, "--force", help="Overwrite a log or a URDF that imucalib simulate did not make."
     ),
-    seed: int = typer.Option(0, min=0, help="Of all noise."),
+    seed: int = typer.Option(0, min=0, help="Seed of all noise."),
     quiet: Quiet = False,
     options: SimulateOptions,
 ) -> None:
-    """Simulate a robot with IMUs and write a log, with its truth beside it.
+    """Simulate a robot with IMUs and write a log, with the ground truth next to it.
 
-    The truth goes to <log>.truth.yaml. The same options and seed give the same log.
+    The ground truth is <log>.truth.yaml. The same options and seed give the same log.
     """
     from imucalib_cli.simulate.load import load_system
     from imucalib_cli.simulate.simulate import simulate
@@ -248,7 +260,7 @@ def _with_noise(options: SimulateOptions) -> NoiseOptions:
         named = load_imu(imu_name(options.imu_model))
     else:
         raise ChoiceError(
-            f"--grade {options.grade} and --imu-model {options.imu_model} both tell the noise: "
+            f"--grade {options.grade} and --imu-model {options.imu_model} both set the noise: "
             "give one of them"
         )
     noise = _with_options(named, options)

@@ -26,14 +26,19 @@ FOLDER = Path("imucalib-study")
 
 def study_command(
     name: str = typer.Argument(
-        "", metavar="[NAME]", help="Which study; none lists them.", autocompletion=complete.studies
+        "",
+        metavar="[NAME]",
+        help="Name of the study; without it the studies are listed.",
+        autocompletion=complete.studies,
     ),
     *,
-    quick: bool = typer.Option(False, "--quick", help="Few runs, for a look or for CI."),
+    quick: bool = typer.Option(
+        False, "--quick", help="Do only a few runs, for a first look or for CI."
+    ),
     config: Path | None = typer.Option(
         None,
         metavar="FILE",
-        help="Parameters of your own, as configs/studies/ has them.",
+        help="File with your own parameters, like those in configs/studies/.",
         readable=False,
     ),
     folder: Path = typer.Option(
@@ -41,28 +46,28 @@ def study_command(
         "-o",
         "--output",
         metavar="DIR",
-        help="Where rows are kept and figures are drawn.",
+        help="Folder of the rows and figures.",
         readable=False,
     ),
     jobs: int | None = typer.Option(
-        None, min=1, metavar="N", help="Processes.", show_default="all processors"
+        None, min=1, metavar="N", help="Number of processes.", show_default="all processors"
     ),
-    fresh: bool = typer.Option(False, "--fresh", help="Forget what an earlier run left in DIR."),
+    fresh: bool = typer.Option(False, "--fresh", help="Discard the rows of an earlier run in DIR."),
     fmt: Literal["markdown", "csv", "json"] | None = typer.Option(
         None,
         "--format",
-        help="Form of the tables; each prints the same cells.",
+        help="Format of the tables; every format has the same cells.",
         show_default="columns on a terminal, else markdown",
     ),
     figures: bool = typer.Option(
-        True, "--figures/--no-figures", help="Draw the figures, if there are any."
+        True, "--figures/--no-figures", help="Draw the figures, if the study has any."
     ),
     quiet: Quiet = False,
 ) -> None:
-    """Repeat an experiment of the paper, or one it leaves open; interrupted, it goes on later.
+    """Repeat an experiment of the paper, or do one it leaves open; continues after interruptions.
 
-    The tables on stdout are rounded for reading, in every --format; all figures of every run in
-    full stand in DIR/NAME.jsonl, a line a run.
+    The tables on stdout are rounded, in every --format. DIR/NAME.jsonl has all numbers of every
+    run, with all digits, one line per run.
     """
     from imucalib_cli.study.study import STUDIES, can_draw, load_study, see_installed
 

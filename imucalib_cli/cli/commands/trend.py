@@ -24,15 +24,15 @@ def trend_command(
         None,
         metavar="TIME",
         parser=moment,
-        help="Leave out what was recorded before, as before a mount was moved on purpose: "
-        "2026-11-23, or 2026-11-23T14:30; UTC, or with its zone.",
+        help="Leave out earlier recordings, such as those before a mount was moved on purpose: "
+        "2026-11-23, or 2026-11-23T14:30; UTC unless a zone is given.",
         show_default="all recordings",
     ),
     fmt: Literal["text", "csv", "jsonl"] = output_option(
         "text",
         "--format",
-        help="text: a table in words; csv: a row for each recording; jsonl: a line of JSON "
-        "for each IMU.",
+        help="text: the verdict and a table; csv: one row per recording; jsonl: one line of JSON "
+        "per IMU.",
     ),
     output: OutputFile = None,
     plot: Path | None = file_option(
@@ -40,7 +40,7 @@ def trend_command(
     ),
     quiet: Quiet = False,
 ) -> None:
-    """Has the mount moved over many recordings? Exit 0 no, 4 it has, 3 cannot tell."""
+    """Has the mount moved over many recordings? Exit 0: no, 4: yes, 3: unknown."""
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional

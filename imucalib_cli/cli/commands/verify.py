@@ -33,7 +33,7 @@ def verify_command(
     ctx: typer.Context,
     logs: list[str] = typer.Argument(
         metavar="LOG|RESULT",
-        help="One recording, as for `imucalib run`; or results of it, - for stdin.",
+        help="One recording, as for `imucalib run`; or results of `imucalib run`, - for stdin.",
     ),
     *,
     recording: options.RecordingOptions,
@@ -43,8 +43,8 @@ def verify_command(
         None,
         metavar="tx,ty,tz,rx,ry,rz",
         parser=parsers.components,
-        help="Components that need not be right, such as tz of a robot that drives on a plane; "
-        "parent frame.",
+        help="Components that are not checked, such as tz of a robot that drives on a plane; in "
+        "the parent frame.",
         show_default="none",
     ),
     fmt: options.AnswersFormat = None,
@@ -52,7 +52,7 @@ def verify_command(
     quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
-    """Is the pose of the IMU in this URDF right? Exit 0 yes, 4 no, 3 cannot tell."""
+    """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
     from imucalib_cli.results.comparison.verdicts import WITHIN
@@ -68,7 +68,7 @@ def verify_command(
         if results:
             _check_results(ctx, logs, results)
             if recording.urdf is None:
-                raise ChoiceError("a result is compared with what a URDF tells: give --urdf")
+                raise ChoiceError("a result is compared with the pose in a URDF: give --urdf")
             found = verify_results(
                 results,
                 recording.urdf,
@@ -146,10 +146,10 @@ def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> 
     if len(results) < len(given):
         other = next(display_name(name) for name in given if name not in results)
         raise ChoiceError(
-            f"{results[0]} is a result and {other} is none: give logs or results, not both"
+            f"{results[0]} is a result and {other} is not: give logs or results, not both"
         )
     for option, panel in options.options_given(ctx).items():
         if panel not in {"", options.OUTPUT} and option not in _OF_RESULTS:
             raise ChoiceError(
-                f"{option} is for logs, {results[0]} is a result, computed already: leave it out"
+                f"{option} is for logs, but {results[0]} is a finished result: leave it out"
             )

@@ -22,7 +22,7 @@ _LIMIT: Final = 0.05
 """m and rad: a direction with a larger sigma counts as unknown."""
 _WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.effect, Mount)}
 """m and rad: prior of any mount."""
-_LEVEL: Final = "; or tell that the base is level (--gravity fixed, or --tilt-std)"
+_LEVEL: Final = "; or state that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
 
@@ -102,7 +102,7 @@ def _with_way_out(lost: UnobservableDirection) -> UnobservableDirection:
         name = f"t{'xyz'[axis]}"
         held = f"--fix {name} holds it at the URDF's value, "
         about = f"--prior-std {name}=5mm"
-    words = f"; if the robot cannot, {held}{about} says how well that is known"
+    words = f"; if the robot cannot, {held}{about} says how accurately that is known"
     return replace(lost, motion=lost.motion + words)
 
 

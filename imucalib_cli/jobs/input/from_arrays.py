@@ -49,8 +49,8 @@ def streams_of(
     joints = _given(joint_t=joint_t, joint_positions=joint_positions, joint_names=names or None)
     if not poses and not joints:
         raise ChoiceError(
-            "nothing tells how the robot moves: give pose_t, positions and quaternions_xyzw, or "
-            "joint_t, joint_positions, joint_names and urdf"
+            "nothing gives the motion of the robot: give pose_t, positions and quaternions_xyzw, "
+            "or joint_t, joint_positions, joint_names and urdf"
         )
     given = {"t": t, "pose_t": pose_t, "joint_t": joint_t}
     times = {name: _numbers(name, values) for name, values in given.items() if values is not None}
@@ -86,7 +86,7 @@ def streams_of(
         turns = _numbers("quaternions_xyzw", quaternions_xyzw, count, 4)
         norms = np.linalg.norm(turns, axis=1, keepdims=True)
         if not norms.all():
-            raise InputError("quaternions_xyzw: one is zero, which is no rotation")
+            raise InputError("quaternions_xyzw: one is zero, which is not a rotation")
         pose = PoseStream(
             parent=world,
             child="",
@@ -128,5 +128,5 @@ def _numbers(name: str, values: Any, *shape: int) -> Floats:
         wanted = shape or "(N,) with N > 0"
         raise InputError(f"{name}: has the shape {array.shape}, expected {wanted}")
     if not np.isfinite(array).all():
-        raise InputError(f"{name}: has values that are no finite numbers: leave those rows out")
+        raise InputError(f"{name}: has values that are not finite numbers: leave those rows out")
     return array

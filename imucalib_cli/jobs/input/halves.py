@@ -147,5 +147,5 @@ def half_topics(request: CalibrationRequest) -> Sequence[str]:
     named = (*request.gyro_topics, *request.accel_topics)
     twice = next((name for name in named if named.count(name) > 1), None)
     if twice is not None:
-        raise ChoiceError(f"{twice} is named twice: --gyro-topic and --accel-topic take it once")
+        raise ChoiceError(f"{twice} is given twice: name it once in --gyro-topic and --accel-topic")
     return named

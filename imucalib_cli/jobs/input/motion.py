@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 _NUMBERED = (
-    "its motors have numbers alone: say which joints they are by --joints TOPIC:FIELD=name,..., "
+    "its motors have only numbers: name the joints by --joints TOPIC:FIELD=name,..., "
     "such as --joints /lowstate:motor_state.q[0:3]=a,b,c"
 )
 
@@ -175,8 +175,9 @@ def _from_robot(
         topic = sources.topics[edge.track.name]
         if topic in unused and not edge.is_static:
             raise ChoiceError(
-                f"--pose-topic {topic} has the pose of '{edge.child}' in '{edge.parent}', "
-                f"neither on the way from {path.world} to {path.parent}: choose another topic"
+                f"--pose-topic {topic} has the pose of '{edge.child}' in '{edge.parent}', but "
+                f"neither frame is on the way from {path.world} to {path.parent}: choose another "
+                "topic"
             )
     return _checked(Motion(path=path, mount=mount, sources=sources), request)
 
@@ -310,7 +311,7 @@ def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
     listed = ", ".join(dict.fromkeys((*topics, *sources.unused_joints)))
     remedy = f"give --urdf, or record /robot_description{otherwise}"
     return ChoiceError(
-        f"joint states ({listed}) say nothing without the robot's chain: "
+        f"joint states ({listed}) cannot be used without the robot's chain: "
         f"{'; '.join((remedy, *sources.undescribed, *sources.unused))}"
     )
 

@@ -53,7 +53,8 @@ def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> Non
         if name not in known:
             listed = ", ".join(f"{imu.name} (frame '{imu.frame_id}')" for imu in imus)
             raise ChoiceError(
-                f"--parent {name}={parent}: no such IMU, but {listed}{meant(name, sorted(known))}"
+                f"--parent {name}={parent}: no such IMU; there are "
+                f"{listed}{meant(name, sorted(known))}"
             )
 
 
@@ -83,12 +84,13 @@ def with_carriers(
         text = f"{reason}; it moves like {moves}{several}: {parents}"
     elif carriers.still:
         text = (
-            f"{reason}; it stands still while the robot moves, so that this log does not "
-            "tell where it is: choose another --imu-topic, or record while what carries it moves"
+            f"{reason}; it does not move while the robot moves, so this log does not show "
+            "where it is: choose another --imu-topic, or record while the link that carries it "
+            "moves"
         )
     elif unread:
         text = (
-            f"{reason}, and no link moves as it does: if {' or '.join(unread)} has the pose "
+            f"{reason}, and no link moves like it: if {' or '.join(unread)} has the pose "
             f"of the robot's base, read it too: --pose-topic {unread[0]}"
         )
     else:
@@ -126,21 +128,22 @@ def with_base_imu(
         return wanted, sources, ()
     if not isinstance(request.estimator, MatchedOptions):
         raise ChoiceError(
-            f"{base.name} would tell how the base moves, which only --method matched can use: "
+            f"{base.name} would measure how the base moves, but only --method matched can use it: "
             "leave --method out, or give the base's pose by --pose-topic"
         )
     samples = samples_of(base, sources.clock)
     refuse_dead(samples, "--base-imu")
     if not turns(samples):
         raise InputError(
-            f"{base.name} hardly turns, so it tells no motion: leave --base-imu out if the base "
-            "stands still, or record while it moves",
+            f"{base.name} hardly turns, so it does not show how the base moves: leave --base-imu "
+            "out if the base stands still, or record while it moves",
             topic=base.name,
         )
     left = tuple(each for each in wanted if each is not base)
     if not left:
         raise ChoiceError(
-            f"--base-imu {base.name} is the only IMU that is asked for: it tells how others move"
+            f"--base-imu {base.name} is the only IMU that is asked for: it measures motion for "
+            "other IMUs"
         )
     for other in left:
         if is_same_sensor(samples_of(other, sources.clock), samples):
@@ -172,7 +175,7 @@ def _named(imus: Imus, name: str) -> ImuStream:
     if len(found) != 1:
         names = [imu.name for imu in imus]
         raise ChoiceError(
-            f"--base-imu {name}: no such IMU, but {', '.join(names)}{meant(name, names)}"
+            f"--base-imu {name}: no such IMU; there are {', '.join(names)}{meant(name, names)}"
         )
     return found[0]
 
@@ -219,13 +222,13 @@ def _placed(
             mount = find_mount(robot, frame, named_parent(imu, request))
         except ChoiceError as error:
             raise ChoiceError(
-                f"where the base IMU {imu.name} is on the robot is not known: "
+                f"the pose of the base IMU {imu.name} on the robot is not known: "
                 f"{error.reason or error}; {_REMEDY}"
             ) from error
     if mount.nominal is None:
         raise ChoiceError(
-            f"where the base IMU {imu.name} is on {mount.parent} is not known: no frame '{frame}' "
-            f"is rigidly joined to it; {_REMEDY}"
+            f"the pose of the base IMU {imu.name} on {mount.parent} is not known: no frame "
+            f"'{frame}' is rigidly joined to it; {_REMEDY}"
         )
     return BaseImu(
         track=track,

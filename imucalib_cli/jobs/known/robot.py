@@ -88,8 +88,9 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
     if request.joint_prefix is not None and not used:
         logged = [name for some in joints.values() for each in some for name in each.names]
         raise ChoiceError(
-            f"--joint-prefix {request.joint_prefix}: no joint of the log differs by it from one of "
-            f"{robot.source}; the log has: {', '.join(logged[:_SHOWN]) or 'none'}",
+            f"--joint-prefix {request.joint_prefix}: no joint name of the log differs by this "
+            f"prefix from one of {robot.source}; the log has: "
+            f"{', '.join(logged[:_SHOWN]) or 'none'}",
             option="--joint-prefix",
         )
     joints = _of_one_robot(robot, joints, imus, findings)
@@ -116,7 +117,7 @@ def asked_imus(data: LogData, request: CalibrationRequest) -> Imus:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
             names = list(data.imus)
             raise ChoiceError(
-                f"--imu-topic {name}: no such IMU, but {', '.join(names)}{meant(name, names)}"
+                f"--imu-topic {name}: no such IMU; there are {', '.join(names)}{meant(name, names)}"
             )
     return {name: imu for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
 

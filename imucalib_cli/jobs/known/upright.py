@@ -34,9 +34,9 @@ def upright_component(path: KinematicPath) -> int:
     if abs(axis[component]) < _ALONG:
         numbers = " ".join(f"{number:.2f}" for number in axis)
         raise ChoiceError(
-            f"--planar: no axis of {path.parent} is upright, which is ({numbers}) in it, so that "
+            f"--planar: no axis of {path.parent} is upright (upright is ({numbers}) in it), so "
             "no component of a pose is the height: name a link that stands upright with --parent, "
-            "or give --prior-std in place of --planar"
+            "or give --prior-std instead of --planar"
         )
     return component
 
@@ -49,8 +49,8 @@ def _upright(path: KinematicPath) -> Floats:
     _, sizes, axes = np.linalg.svd(mean)
     if sizes[0] < _PLANAR:
         raise ChoiceError(
-            f"--planar: {path.parent} turns about more than one axis, so that its motion tells the "
-            "height too: leave --planar out"
+            f"--planar: {path.parent} turns about more than one axis, so its motion also "
+            "determines the height: leave --planar out"
         )
     # A base that drives straight does not determine the axis: the world's z is taken as up.
     axis = axes[0] if sizes[1] < _TURNS else mean[2] / np.linalg.norm(mean[2])

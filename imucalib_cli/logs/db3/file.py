@@ -57,7 +57,8 @@ class Db3File:
         except _BROKEN as error:
             reason = "its schema is damaged" if isinstance(error, UnicodeDecodeError) else error
             raise InputError(
-                f"{path} is no readable rosbag2 database: {reason}; copy it again, or record anew"
+                f"{path} is not a readable rosbag2 database: {reason}; copy it again, or record "
+                "again"
             ) from error
 
     @classmethod

@@ -156,7 +156,7 @@ def _varint(page: bytes, at: int) -> tuple[int, int]:
 
 def _integer(page: bytes, kind: int, at: int) -> tuple[int, int]:
     if kind not in _WIDTHS:
-        raise DamageError("a number is no integer")
+        raise DamageError("a number is not an integer")
     if kind > 6:
         return kind - 8, at
     end = at + _WIDTHS[kind]

@@ -103,7 +103,7 @@ def _lines(text: str) -> Iterator[tuple[str, str, str]]:
         known = _FIELD.fullmatch(text)
         if known is None:
             if text and "=" not in text:
-                raise DefinitionError(f"'{text}' is no field")
+                raise DefinitionError(f"'{text}' is not a field")
         elif not known["more"].lstrip().startswith("="):  # else a constant
             yield normalise_type(known["type"]), known["array"] or "", known["name"]
 

@@ -222,7 +222,7 @@ class _Shape:
             raw = raw[:-1]
         text = raw.decode("utf-8", errors="replace")
         if is_name and not messages.is_sound_text(text):
-            raise WireError("a text is no text")
+            raise WireError("a string is not valid text")
         return text
 
     def _numbers(self, place: _Place, name: str, count: int, kind: str) -> None:

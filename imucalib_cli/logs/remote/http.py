@@ -50,7 +50,7 @@ _FINAL: dict[type[Exception], str] = {
     aiohttp.ClientConnectorError: (
         "cannot be read: the server cannot be reached: check host, port and network"
     ),
-    aiohttp.InvalidURL: "is no URL that can be read: check it",
+    aiohttp.InvalidURL: "is not a valid URL: check it",
     aiohttp.TooManyRedirects: ("cannot be read: the server redirects without end: check the URL"),
 }
 """Errors that another try does not solve; subclasses come first."""
@@ -79,7 +79,7 @@ class HttpStore:
         try:
             self._url = self._fs.encode_url(address)
         except ValueError:
-            raise RemoteError("is no URL that can be read: check it") from None
+            raise RemoteError("is not a valid URL: check it") from None
         self._traffic = traffic
         self.size: int | None = None
         self.version = ""

@@ -82,7 +82,7 @@ class AnyStore:
             raise RemoteError(f"needs a package that is not installed: {missing}") from None
         except Exception as error:  # noqa: BLE001 - each file system has its own
             raise RemoteError(
-                f"cannot be opened, {protocol_of(address)} as fsspec has it: {_words(error)}"
+                f"cannot be opened by the {protocol_of(address)} of fsspec: {_words(error)}"
             ) from None
         self.size, self.version = self._identity()
 

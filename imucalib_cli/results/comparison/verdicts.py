@@ -207,7 +207,7 @@ def _given_beforehand(result: Result) -> str:
     """A clause about components of the pose that were given, so that they agree by construction."""
     stds = str(result.provenance.options.get("pose.std", "")).split()
     names = [name for name, std in zip(POSE_NAMES, stds, strict=False) if std != "inf"]
-    return _names_words("told beforehand, not found by the log alone", names)
+    return _names_words("given beforehand, not determined by the log alone", names)
 
 
 def _chance(test: answers.TestEntry | None) -> str:

@@ -441,12 +441,12 @@ def _doubt(seen: _Seen, within: Tolerance | None) -> str:
         if place in ends and (within is None or apart.verdict(within) != "yes"):
             return (
                 f"{ends[place]} recording, {entry.file}, is off the others by {apart}: "
-                "it is odd, or the mount moved there; another recording tells"
+                "it is odd, or the mount moved there; another recording will show which"
             )
     if seen.scatter is None and seen.chance < RARE:
         return (
-            f"they differ by more than sigma (p {figures(seen.chance, 2)}), and so few do not tell "
-            f"a move from a scatter between recordings: {search.LEAST} do"
+            f"they differ by more than sigma (p {figures(seen.chance, 2)}), and so few do not "
+            f"distinguish a move from a scatter between recordings: {search.LEAST} do"
         )
     return ""
 

@@ -143,7 +143,7 @@ def _without_faults(
     sound = imu.at(~out)
     if len(sound) < MIN_IMU_SAMPLES:
         raise InputError(
-            f"{findings[-1].message}: nothing else is left, so record again", topic=imu.topic
+            f"{findings[-1].message}: no other samples remain, so record again", topic=imu.topic
         )
     turning = compare_turning(sound.t, sound.gyro, repaired.trajectory, max_offset)
     moved = np.nan_to_num(turning.derived)
