@@ -25,7 +25,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
-from imucalib_cli.jobs.several_imus import together
+from imucalib_cli.jobs.several_imus import solve_imus_together
 from tests.estimate.estimate_arm import Mount, pose_error
 from tests.estimate.estimate_walk import Walk, logged
 
@@ -52,7 +52,7 @@ def walks(name: str, walk: Walk, seeds: int) -> Iterator[Row]:
             (imu, calibrate_matched(log.imu, log.path, options), log.path)
             for imu, log in logs.items()
         ]
-        for (imu, found, _), both in zip(alone, together(alone), strict=True):
+        for (imu, found, _), both in zip(alone, solve_imus_together(alone), strict=True):
             yield f"{name}: {imu}", "alone", found, logs[imu].mount
             yield f"{name}: {imu}", "together", both, logs[imu].mount
 

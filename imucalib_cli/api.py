@@ -22,12 +22,12 @@ from imucalib_cli.jobs.input.reading import read_recording, recording_of
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.part import Part
-from imucalib_cli.logs.remote.file import path_or_url, without_copies
+from imucalib_cli.logs.remote.file import discarding_copies, path_or_url
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.result import Result
-from imucalib_cli.shown import as_html, shown
+from imucalib_cli.shown import as_html, printable
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.signals.imu.units import Units
 
@@ -153,7 +153,7 @@ class Calibration:
         return summarise(self.result)
 
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} {shown(verdict(self.result))}>"
+        return f"<{type(self).__name__} {printable(verdict(self.result))}>"
 
     def _repr_html_(self) -> str:
         left = 'style="text-align:left"'
@@ -259,7 +259,7 @@ def calibrate(
         require=require,
         allow_remote_scan=allow_remote_scan,
     )
-    with without_copies(request.logs):
+    with discarding_copies(request.logs):
         recording = read_recording(request, progress)
         if len(recording.imus) > 1:
             topics = ", ".join(imu.name for imu in recording.imus)

@@ -6,7 +6,7 @@ from copy import copy
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding
-from imucalib_cli.shown import shown, without_secrets
+from imucalib_cli.shown import printable, without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,7 +37,7 @@ class ImucalibError(Exception):
             named = message.values.get("topic")
             topic = topic or (named if isinstance(named, str) else None)
             message = message.message
-        super().__init__(shown(without_secrets(message)))
+        super().__init__(printable(without_secrets(message)))
         self.topic, self.option, self.reason = topic, option, reason
 
     def about(self, name: str) -> Self:

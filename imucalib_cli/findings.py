@@ -86,7 +86,7 @@ def untrusted(code: str, **values: Any) -> Finding:
     return Finding(code=code, severity=Severity.UNTRUSTED, values=values)
 
 
-def texts(severity: Severity, sentences: Iterable[str]) -> tuple[Finding, ...]:
+def findings_without_code(severity: Severity, sentences: Iterable[str]) -> tuple[Finding, ...]:
     """Findings from sentences without a code."""
     return tuple(
         Finding(code=TEXT, severity=severity, values={"text": sentence}) for sentence in sentences

@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -67,7 +67,7 @@ def _cell(value: object) -> object:
     if not isinstance(value, str):
         return value
     is_formula = value.startswith(_FORMULA) and not _NUMBER.fullmatch(value)
-    return f"'{shown(value)}" if is_formula else shown(value)
+    return f"'{printable(value)}" if is_formula else printable(value)
 
 
 def plain(blocks: Iterable[Block]) -> str:
@@ -77,9 +77,9 @@ def plain(blocks: Iterable[Block]) -> str:
 
 def _lines(block: Block) -> Iterator[str]:
     if isinstance(block, str):
-        yield shown(block)
+        yield printable(block)
         return
-    rows = [[shown(cell) for cell in row] for row in (block.heads, *block.rows)]
+    rows = [[printable(cell) for cell in row] for row in (block.heads, *block.rows)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for place, least in enumerate(block.least):
         widths[place] = max(widths[place], least)

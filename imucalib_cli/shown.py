@@ -14,7 +14,7 @@ _LINK = re.compile(rf"({_PROTOCOL}):/{{1,2}}((?:(?!::{_PROTOCOL}(?:::|:/))\S)*)"
 """A URL, or one of a chain of fsspec; a path made from a URL has lost a slash."""
 
 
-def shown(line: str) -> str:
+def printable(line: str) -> str:
     """A line with escapes for everything that does not print, line breaks too."""
     if line.isprintable():
         return line
@@ -25,13 +25,13 @@ _HIDDEN = re.compile(r"[?#](?!…(?:\W|$))")
 """Begin of a query or fragment that has not been removed yet."""
 
 
-def natural(name: str) -> list[tuple[int, str]]:
+def natural_key(name: str) -> list[tuple[int, str]]:
     """Sort key of names, in which numbers count as numbers."""
     parts = re.split(r"(\d+)", name)
     return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
 
 
-def meant(name: str, known: Sequence[str]) -> str:
+def similar_names(name: str, known: Sequence[str]) -> str:
     """End of an error message: names similar to this one; empty if none is."""
     near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     quoted = " or ".join(f"'{match}'" for match in near)
@@ -40,7 +40,7 @@ def meant(name: str, known: Sequence[str]) -> str:
 
 def near_matches(name: str, known: Sequence[str], *, limit: int = 12) -> str:
     """End of an error message: similar names, or else the first of all names."""
-    near = meant(name, known)
+    near = similar_names(name, known)
     if near or not known:
         return near
     more = f" and {len(known) - limit} more" if len(known) > limit else ""
@@ -72,9 +72,9 @@ def as_html(line: str) -> str:
     """A line as text of an HTML page; names in a log may contain markup."""
     from html import escape
 
-    return escape(shown(line))
+    return escape(printable(line))
 
 
 def shown_lines(text: str) -> str:
-    """As :func:`shown`, for a text that keeps its line breaks."""
-    return "\n".join(shown(line) for line in text.split("\n"))
+    """As :func:`printable`, for a text that keeps its line breaks."""
+    return "\n".join(printable(line) for line in text.split("\n"))

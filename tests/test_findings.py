@@ -14,10 +14,10 @@ import imucalib_cli
 from imucalib_cli.findings import (
     Finding,
     Severity,
+    findings_without_code,
     note,
     reasons,
     status,
-    texts,
     untrusted,
     warning,
     warnings,
@@ -110,7 +110,10 @@ def test_findings_are_compared_hashed_and_sent_by_content() -> None:
 
 
 def test_only_grave_findings_change_the_status() -> None:
-    told = (note("log.unindexed", file="a.bag"), *texts(Severity.WARNING, ["it rains"]))
+    told = (
+        note("log.unindexed", file="a.bag"),
+        *findings_without_code(Severity.WARNING, ["it rains"]),
+    )
     assert status(told) == status(()) == "ok"
     assert warnings(told) == (told[0].message, "it rains")
     grave = (*told, untrusted("robot.static"))

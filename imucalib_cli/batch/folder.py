@@ -23,7 +23,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.jobs.input.reading import printable, sha256_of
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.results.atomic import clear_partial, lock, write_whole
-from imucalib_cli.results.names import log_name, sameness
+from imucalib_cli.results.names import collision_key, log_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -101,12 +101,12 @@ class ResultFolder:
             if path.name.endswith(suffixes):
                 for beginning in accumulate(path.name.split(".")[:-1], "{}.{}".format):
                     files[beginning].append(path)
-        taken = {sameness(name) for name in self._owners}
+        taken = {collision_key(name) for name in self._owners}
         counts: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
         named = []
         for log in logs:
             name = earlier.get(log.place) or _free_name(log, taken, files, counts)
-            taken.add(sameness(name))
+            taken.add(collision_key(name))
             self._owners[name] = log.place
             named.append(BatchLog(log.paths, name))
         write_whole(self._records / _NAMES, msgspec.json.encode(self._owners) + b"\n")
@@ -183,15 +183,15 @@ def _free_name(
 
     Args:
         log: Its own results, such as ``imucalib run`` writes them, do not block a name.
-        taken: Names of other logs, as :func:`sameness` returns them.
+        taken: Names of other logs, as :func:`collision_key` returns them.
         files: By the beginnings of their names.
         counts: Numbers that are not used yet, by the name without its number.
     """
     stem = file_name(log_name(log.paths[0]))
-    for number in counts[sameness(stem)]:
+    for number in counts[collision_key(stem)]:
         name = stem if number == 1 else f"{stem}.{number}"
         others = files.get(name, ())
-        if sameness(name) not in taken and all(_is_of(path, log) for path in others):
+        if collision_key(name) not in taken and all(_is_of(path, log) for path in others):
             break
     return name
 

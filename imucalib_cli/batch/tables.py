@@ -12,7 +12,7 @@ import msgspec
 
 from imucalib_cli.layout import Table, csv_columns
 from imucalib_cli.results.fields import reasons
-from imucalib_cli.shown import as_html, shown
+from imucalib_cli.shown import as_html, printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -191,13 +191,13 @@ def junit(records: Sequence[Record]) -> str:
     suite = ET.Element("testsuite", name="imucalib batch")
     counts = dict.fromkeys(_FROM_WORST, 0)
     for entry in entries(records):
-        record, status, why = entry.record, entry.status, shown(entry.why)
+        record, status, why = entry.record, entry.status, printable(entry.why)
         counts[status] += 1
         case = ET.SubElement(
             suite,
             "testcase",
-            classname=shown(record.log),
-            name=shown(entry.imu) or "no result",
+            classname=printable(record.log),
+            name=printable(entry.imu) or "no result",
             time=f"{record.seconds / (len(record.results) + len(record.errors)):.3f}",
         )
         if status != "ok":
@@ -233,7 +233,7 @@ def github_lines(record: Record) -> list[str]:
             level = "error" if entry.status == "failed" else "warning"
             title = f"{entry.imu}: untrusted" if entry.imu else "no result"
             properties = f"file={_property(record.log)},title={_property(title)}"
-            lines.append(f"::{level} {properties}::{_data(shown(entry.why))}")
+            lines.append(f"::{level} {properties}::{_data(printable(entry.why))}")
     return lines
 
 

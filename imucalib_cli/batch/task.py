@@ -17,9 +17,9 @@ from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_has
 from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.logs.remote.file import without_copies
+from imucalib_cli.logs.remote.file import discarding_copies
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.results.names import PART, names_of, short
+from imucalib_cli.results.names import PART, names_of, shortened
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -149,7 +149,7 @@ class Task:
     def _outcome(self, log: BatchLog) -> Outcome:
         request = replace(self.request, logs=log.paths, details=bool(self.extras))
         # small matrices: threads cost more than they give, and another order of sums other digits
-        with threadpool_limits(limits=1, user_api="blas"), without_copies(log.paths):
+        with threadpool_limits(limits=1, user_api="blas"), discarding_copies(log.paths):
             return calibrate(request)
 
     def _has_its_urdf(self) -> bool:
@@ -166,7 +166,7 @@ class Task:
         yaml = FORMATS["yaml"]
         labels = names_of(outcome.results, PART)
         for label, result in zip(labels, outcome.results, strict=True):
-            yield f"{log.name}.{short(label, _LABEL)}{yaml.suffix}", yaml.render([result])
+            yield f"{log.name}.{shortened(label, _LABEL)}{yaml.suffix}", yaml.render([result])
         for suffix, make in self.extras if outcome.results else ():
             try:
                 for path, content in make(Path(f"{log.name}{suffix}"), outcome):
@@ -199,7 +199,7 @@ _SHARED = "logs and URDF must be at the same place for all workers, as on a shar
 
 def file_name(log_name: str) -> str:
     """Beginning of the names of a log's files."""
-    return short(log_name, _NAME).lstrip(".") or "log"
+    return shortened(log_name, _NAME).lstrip(".") or "log"
 
 
 class _PassingError(InputError):

@@ -54,8 +54,8 @@ def write_extras(
     Returns:
         Why some could not be written; the others are.
     """
-    from imucalib_cli.logs.open import is_made_here
-    from imucalib_cli.results.places import see_places
+    from imucalib_cli.logs.open import is_own_output
+    from imucalib_cli.results.places import check_places
 
     before, failures = list(written), []
     for name, path in _asked(files).items() if outcome.calibrated else ():
@@ -63,7 +63,9 @@ def write_extras(
             contents = list(EXTRAS[name](path, outcome))
             places = [place for place, _ in contents]
             # with several IMUs there are other files than those named
-            see_places(read=read, written=[*before, *places], force=force, made_here=is_made_here)
+            check_places(
+                read=read, written=[*before, *places], force=force, made_here=is_own_output
+            )
             for place, content in contents:
                 deliver(content, place, quiet=quiet)
             before += places
@@ -144,11 +146,13 @@ def _windows(path: Path, outcome: Outcome) -> Iterator[tuple[Path, WindowSeries]
 
 def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrated]]:
     """The file of each IMU: ``<stem>.<imu><suffix>`` where there are several."""
-    from imucalib_cli.results.names import names_of, short
+    from imucalib_cli.results.names import names_of, shortened
 
     several = len(outcome.calibrated) > 1
     for name, each in zip(names_of(outcome.results), outcome.calibrated, strict=True):
-        own = path.with_name(f"{short(f'{path.stem}.{name}')}{path.suffix}") if several else path
+        own = (
+            path.with_name(f"{shortened(f'{path.stem}.{name}')}{path.suffix}") if several else path
+        )
         yield own, each
 
 

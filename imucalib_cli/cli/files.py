@@ -14,7 +14,7 @@ import typer
 
 from imucalib_cli.cli.output import deliver, say
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.logs.remote.file import RemoteFile, without_copies
+from imucalib_cli.logs.remote.file import RemoteFile, discarding_copies
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -66,7 +66,7 @@ def names_in(data: bytes) -> list[str]:
 @contextmanager
 def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
     """Remove temporary copies of remote files at the end, and say what was read of each."""
-    with without_copies(files) as remote:
+    with discarding_copies(files) as remote:
         try:
             yield
         finally:
@@ -79,12 +79,12 @@ def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
     """Check before any computing that files may be written; None is stdout.
 
     Raises:
-        ChoiceError, InputError: As results.places.see_places.
+        ChoiceError, InputError: As results.places.check_places.
     """
     if written := [path for path in outputs if path is not None]:
-        from imucalib_cli.results.places import see_places
+        from imucalib_cli.results.places import check_places
 
-        see_places(read=read, written=written)
+        check_places(read=read, written=written)
     with warning_of_old_outputs(*written):
         yield
 
@@ -121,11 +121,11 @@ def deliver_into(
         The files.
 
     Raises:
-        ChoiceError, InputError: As results.places.see_places.
+        ChoiceError, InputError: As results.places.check_places.
     """
     from imucalib_cli.results.formats import FORMATS
-    from imucalib_cli.results.names import fitted, labels_of, log_name, sameness, short
-    from imucalib_cli.results.places import see_places
+    from imucalib_cli.results.names import collision_key, labels_of, log_name, safe_name, shortened
+    from imucalib_cli.results.places import check_places
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -136,19 +136,19 @@ def deliver_into(
     warnings: list[str] = []
     taken: set[str] = set()
     for result, label in zip(results, labels_of(results), strict=True):
-        stem = short(f"{log_name(log)}.{fitted(label)}")
+        stem = shortened(f"{log_name(log)}.{safe_name(label)}")
         text = FORMATS[fmt].render([result])
         for number in count(1):
             path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
-            if sameness(path.name) not in taken and _is_free(path, text, result):
+            if collision_key(path.name) not in taken and _is_free(path, text, result):
                 break
-        taken.add(sameness(path.name))
+        taken.add(collision_key(path.name))
         texts[path] = text
         if number > 1:
             warnings.append(
                 f"{folder / f'{stem}{suffix}'} is of another IMU or log: this result is in {path}"
             )
-    see_places(read=read, written=texts, force=force)
+    check_places(read=read, written=texts, force=force)
     for path, text in texts.items():
         deliver(text, path, quiet=quiet)
     for words in warnings:
@@ -158,9 +158,9 @@ def deliver_into(
 
 def files_named_after(folder: Path, log: LogPath) -> list[Path]:
     """Files of a folder that are named after a log."""
-    from imucalib_cli.results.names import log_name, short
+    from imucalib_cli.results.names import log_name, shortened
 
-    return sorted(folder.glob(f"{escape(short(log_name(log)))}.*"))
+    return sorted(folder.glob(f"{escape(shortened(log_name(log)))}.*"))
 
 
 def _identity(path: Path) -> tuple[int, int, int] | None:

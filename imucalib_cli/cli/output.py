@@ -16,7 +16,7 @@ import typer
 
 from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE
 from imucalib_cli.errors import InputError
-from imucalib_cli.shown import shown, shown_lines
+from imucalib_cli.shown import printable, shown_lines
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -51,7 +51,7 @@ def deliver(content: str | bytes, output: Path | None = None, *, quiet: bool = F
 
 
 def show(content: str | bytes) -> None:
-    """Write to stdout unchanged; in text for a terminal, names must be escaped by ``shown``."""
+    """Write to stdout unchanged; in text for a terminal, names must be escaped by ``printable``."""
     try:
         if isinstance(content, bytes):
             sys.stdout.buffer.write(content)
@@ -66,7 +66,7 @@ def show(content: str | bytes) -> None:
 
 def say(word: str, sentence: object) -> None:
     """Print one line on stderr; names in a log may hold anything, which is escaped."""
-    line = shown(" ".join(str(sentence).split()))
+    line = printable(" ".join(str(sentence).split()))
     if len(line) > _LONGEST:
         line = f"{line[:_LONGEST]}… ({len(line)} letters)"
     sys.stderr.write(f"{word}: {line}\n")

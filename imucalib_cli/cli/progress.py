@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.entry import last_words
 from imucalib_cli.cli.output import say, takes_codes
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,7 +63,11 @@ class ProgressBar:
         """Show what is being done and its share, 0 to 1, if that is known."""
         total = None if share is None else 1.0
         with self._lock:
-            self._state = {"description": shown(words), "total": total, "completed": share or 0.0}
+            self._state = {
+                "description": printable(words),
+                "total": total,
+                "completed": share or 0.0,
+            }
             self._show()
 
     def _break_off(self) -> None:

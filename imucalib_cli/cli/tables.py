@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.cli.output import deliver, is_terminal, show, wants_colour
 from imucalib_cli.layout import GUTTER, Table, plain
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -53,8 +53,8 @@ def _fitted(table: Table, width: int, height: int) -> str:
     needed = GUTTER
     for place, head in enumerate(table.heads):
         is_number = head in table.numbers
-        name = shown(head).replace(" ", "\n") if is_number and is_wide else shown(head)
-        cells = (*name.split("\n"), *(shown(row[place]) for row in table.rows))
+        name = printable(head).replace(" ", "\n") if is_number and is_wide else printable(head)
+        cells = (*name.split("\n"), *(printable(row[place]) for row in table.rows))
         letters = max(map(len, cells))
         needed += gutter + (letters if is_number else min(letters, _NARROWEST))
         least = table.least[place] if place < len(table.least) and not is_wide else None
@@ -68,7 +68,7 @@ def _fitted(table: Table, width: int, height: int) -> str:
     if needed > width:
         return plain([table])
     for row in table.rows:
-        rich.add_row(*(Text(shown(cell)) for cell in row))
+        rich.add_row(*(Text(printable(cell)) for cell in row))
     text = io.StringIO()
     console = Console(
         file=text,

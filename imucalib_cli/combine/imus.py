@@ -86,7 +86,7 @@ class OnRobot:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Change:
+class PoseChange:
     """How far the pose of an IMU is from its own when it is solved with others."""
 
     translation: float
@@ -98,12 +98,12 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class JointAnswers:
     """IMUs that agree on the errors of the robot, and those that do not."""
 
     answers: Mapping[int, Answer]
     """Of those that agree, by their place."""
-    strangers: Mapping[int, Change]
+    strangers: Mapping[int, PoseChange]
     """The others, which are solved by themselves."""
 
 
@@ -121,16 +121,16 @@ def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
     return found
 
 
-def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Together:
+def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> JointAnswers:
     """Solve IMUs of one log together, without those that disagree with the rest."""
     kept = tuple(range(len(logs)))
-    strangers: dict[int, Change] = {}
+    strangers: dict[int, PoseChange] = {}
     answers = solve_together(logs)
     changes = [_change(*each) for each in zip(own, answers, strict=True)]
     while max(each.sigmas for each in changes) > _FAR:
         if len(kept) == 2:
             # Nobody knows which of two is wrong.
-            return Together({}, strangers | dict(zip(kept, changes, strict=True)))
+            return JointAnswers({}, strangers | dict(zip(kept, changes, strict=True)))
         rests = []
         for place in kept:
             rest = tuple(each for each in kept if each != place)
@@ -140,7 +140,7 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Toge
         best = min(range(len(kept)), key=lambda i: max(each.sigmas for each in rests[i][2]))
         strangers[kept[best]] = changes[best]
         kept, answers, changes = rests[best]
-    return Together(dict(zip(kept, answers, strict=True)), strangers)
+    return JointAnswers(dict(zip(kept, answers, strict=True)), strangers)
 
 
 def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
@@ -151,7 +151,7 @@ def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
     return [each.answer(posterior, common, system.scales) for each in system.parts]
 
 
-def _change(own: Answer, joint: Answer) -> Change:
+def _change(own: Answer, joint: Answer) -> PoseChange:
     """From an IMU's own pose to the joint one."""
     turn = rotvec_from_matrix(joint.state.R @ own.state.R.T)
     moved = np.concatenate([joint.state.t - own.state.t, turn])
@@ -161,7 +161,7 @@ def _change(own: Answer, joint: Answer) -> Change:
     into = np.linalg.inv(np.linalg.cholesky(alone))
     share, axes = np.linalg.eigh(into @ both @ into.T)
     along = axes.T @ into @ moved[moves]
-    return Change(
+    return PoseChange(
         translation=float(np.linalg.norm(moved[:3])),
         rotation=float(np.linalg.norm(moved[3:])),
         sigmas=float(np.sqrt((along**2 / np.maximum(1.0 - share, _LEAST_BETTER)).sum())),

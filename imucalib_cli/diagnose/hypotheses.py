@@ -14,7 +14,7 @@ from imucalib_cli.diagnose import edits
 from imucalib_cli.estimate.solution.solve import cube_rotations
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 from imucalib_cli.robot.rotations import rotation_angle
-from imucalib_cli.signals.trajectory import stamped_earlier
+from imucalib_cli.signals.trajectory import with_earlier_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -276,7 +276,7 @@ def _base(path: KinematicPath) -> Iterator[Hypothesis]:
     for count in range(1, round(_FARTHEST_STAMPS / _STAMP_STEP) + 1):
         for later in (count * _STAMP_STEP, -count * _STAMP_STEP):
             tracks = (
-                stamped_earlier(track, later) if track.kind == "imu" else track
+                with_earlier_stamps(track, later) if track.kind == "imu" else track
                 for track in path.tracks
             )
             changed = replace(path, tracks=tuple(tracks))

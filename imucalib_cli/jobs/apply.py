@@ -12,7 +12,7 @@ from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import read_result_files, results_of
 from imucalib_cli.results.formats import refuse_untrusted
-from imucalib_cli.results.kinematics import CLEAR, corrected_origins
+from imucalib_cli.results.kinematics import SIGNIFICANT_SIGMAS, corrected_origins
 from imucalib_cli.results.urdf_edit import (
     JointOrigin,
     MissingJointError,
@@ -120,7 +120,8 @@ def apply(
         changes += [_change(robot, each) for each in corrected]
         if not corrected:
             changes.append(
-                f"no correction of the robot: no joint zero or origin is {CLEAR:g} sigma off"
+                "no correction of the robot: no joint zero or origin is "
+                f"{SIGNIFICANT_SIGMAS:g} sigma off"
             )
     content = _with_origins(written, origins.values())
     if snippets:

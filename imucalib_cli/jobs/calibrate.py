@@ -25,7 +25,7 @@ from imucalib_cli.jobs.input.reading import printable, read_recording, recorded_
 from imucalib_cli.jobs.input.request import recorded_options
 from imucalib_cli.jobs.known.mounts import named_parent, with_carriers
 from imucalib_cli.jobs.known.upright import upright_component
-from imucalib_cli.jobs.several_imus import together
+from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.results.result import Result
-    from imucalib_cli.robot.mount import Nominal
+    from imucalib_cli.robot.mount import NominalPose
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
 
@@ -110,7 +110,9 @@ def calibrate_recording(
         except ImucalibError as error:
             is_named = len(recording.imus) == 1 or error.topic == imu.name
             failures.append(error if is_named else error.about(imu.name))
-    found = together([(each.imu.name, each.estimate, each.motion.path) for each in alone])
+    found = solve_imus_together(
+        [(each.imu.name, each.estimate, each.motion.path) for each in alone]
+    )
     calibrated = tuple(
         _calibrated(recording, each, estimate) for each, estimate in zip(alone, found, strict=True)
     )
@@ -263,7 +265,9 @@ def _options(motion: Motion, request: CalibrationRequest) -> MatchedOptions | Pa
     return about_nominal(options, prior, nominal)
 
 
-def about_nominal(options: MatchedOptions, prior: PosePrior, nominal: Nominal) -> MatchedOptions:
+def about_nominal(
+    options: MatchedOptions, prior: PosePrior, nominal: NominalPose
+) -> MatchedOptions:
     """Options with a prior of the pose that is about the nominal one."""
     known = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
     return replace(options, pose=known)

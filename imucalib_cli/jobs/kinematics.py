@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.digits import figures, sigma, with_std
 from imucalib_cli.layout import Table
-from imucalib_cli.results.kinematics import CLEAR, ORIGIN, ZERO, joint_of, sigmas
+from imucalib_cli.results.kinematics import ORIGIN, SIGNIFICANT_SIGMAS, ZERO, joint_of, sigmas
 from imucalib_cli.robot.path import JointStep, PoseStep, parallel_joints
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         return
     yield (
         f"the robot's joints between {path.world} and {path.parent}, as {result.child} saw them "
-        f"(apply --kinematics writes what is {CLEAR:g} sigma off in the joints):"
+        f"(apply --kinematics writes what is {SIGNIFICANT_SIGMAS:g} sigma off in the joints):"
     )
     parameters = result.diagnostics.parameters
     found: dict[tuple[str, str], list[ParameterEntry]] = {}
@@ -103,7 +103,7 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
     )
     off, learnt = sigmas(entry), " learnt" if entry.prior_learnt else ""
     remark = f"{figures(off, 2)} sigma" if off >= 1.0 else ""
-    if off >= CLEAR:
+    if off >= SIGNIFICANT_SIGMAS:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
         remark = "the log says nothing about it"

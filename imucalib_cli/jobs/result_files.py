@@ -13,7 +13,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
-from imucalib_cli.shown import natural, without_secrets
+from imucalib_cli.shown import natural_key, without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -58,7 +58,7 @@ def result_names(names: Sequence[str]) -> list[str]:
             continue
         try:
             there = (each for each in folder.iterdir() if each.suffix.lower() in _SUFFIXES)
-            files = sorted(there, key=lambda each: natural(each.name))
+            files = sorted(there, key=lambda each: natural_key(each.name))
             results = [each for each in files if each.is_file() and _begins(each, _RESULT)]
         except OSError as error:
             raise InputError(
@@ -172,7 +172,7 @@ def read_statistics_files(
         if not path.is_dir():
             logs += _statistics_of(path)
             continue
-        files = sorted(path.glob(f"*{_STATISTICS}"), key=lambda each: natural(each.name))
+        files = sorted(path.glob(f"*{_STATISTICS}"), key=lambda each: natural_key(each.name))
         others = [file for file in files if _is_foreign(file)]
         if len(others) == len(files):
             raise InputError(

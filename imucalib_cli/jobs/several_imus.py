@@ -24,7 +24,7 @@ _UNEXPLAINED: Final = {"window.dependent", "residual.beyond_noise"}
 """Codes of unexplained residuals, which may look like an error of the robot."""
 
 
-def together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estimate]:
+def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estimate]:
     """Solve IMUs again with common errors of the robot, if their chains share any part of it.
 
     An IMU that cannot be trusted, has unexplained residuals, or does not agree with the others

@@ -17,7 +17,7 @@ from imucalib_cli.logs.mcap.file import McapFile
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.tum_euroc import TABLES, EurocTable, TumFile
-from imucalib_cli.shown import natural
+from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -124,7 +124,7 @@ def holds_log(path: Path) -> bool:
     return is_known or _reader(path, head, READERS) is not None
 
 
-def is_made_here(path: Path) -> bool:
+def is_own_output(path: Path) -> bool:
     """Whether a file is one that imucalib writes beside a result; False if it cannot be read."""
     try:
         with path.open("rb") as file:
@@ -266,7 +266,7 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
     tables = [each for each in sorted(folder.glob(TABLES)) if EurocTable.matches(_head(each), each)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
         head = _head(path)
-        reader = None if is_made_here(path) else _reader(path, head, readers)
+        reader = None if is_own_output(path) else _reader(path, head, readers)
         if head.startswith(_ZSTD) or (reader is not None and not reader.IS_TEXT):
             logs.append(path)
         elif reader is not None:
@@ -277,4 +277,4 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
     if len(recordings) > 1:
         names = ", ".join(each.name for each in logs)
         raise ChoiceError(f"{folder} holds several recordings, name one of them: {names}")
-    return sorted(logs, key=lambda each: natural(each.name))
+    return sorted(logs, key=lambda each: natural_key(each.name))

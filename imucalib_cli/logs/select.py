@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.messages.protobuf import EXTRA, is_installed
-from imucalib_cli.shown import meant
+from imucalib_cli.shown import similar_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -224,7 +224,7 @@ def _of_kind(
                 what = f"{name} is {there[0].type or 'untyped'} ({there[0].encoding})"
             elif there:
                 what = f"{name} has no messages"
-            near = "" if there else meant(name, list(by_name))
+            near = "" if there else similar_names(name, list(by_name))
             called, option = _KIND_NAMES[kind]
             listed = _listed(possible) or "none"
             raise ChoiceError(

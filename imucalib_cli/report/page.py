@@ -14,7 +14,7 @@ from imucalib_cli.report.chart import plain
 from imucalib_cli.report.figures import figures
 from imucalib_cli.results.fields import judgement, sections, solved_with
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.shown import as_html, shown, shown_lines
+from imucalib_cli.shown import as_html, printable, shown_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -186,8 +186,8 @@ def _mount(result: Result) -> dict[str, Any]:
         return {"R": [plain(row, 9) for row in R], "t": plain(t, 9)}
 
     return {
-        "parent": shown(result.parent),
-        "child": shown(result.child),
+        "parent": printable(result.parent),
+        "child": printable(result.child),
         **pose(result.pose.R, result.pose.t),
         "nominal": nominal and pose(nominal.R_parent_imu, nominal.t_parent_imu),
         "covariance": None if covariance is None else [plain(row) for row in covariance],

@@ -48,7 +48,7 @@ def clear_partial(folder: Path) -> None:
                 partial.unlink()
 
 
-def see_writable(path: Path, made: Path | None = None) -> None:
+def check_writable(path: Path, made: Path | None = None) -> None:
     """Check before a long computation that :func:`write_whole` can write a file.
 
     Nothing is written. The folder ``made`` will exist by then. Raises InputError as
@@ -58,7 +58,7 @@ def see_writable(path: Path, made: Path | None = None) -> None:
         target = _target(path)
         if not target.exists():
             if made is not None and target.parent == made.resolve():
-                see_folder_writable(made)
+                check_folder_writable(made)
             else:
                 _see_folder(target.parent)
         # replacing needs only the folder, but protection of the file is respected
@@ -68,7 +68,7 @@ def see_writable(path: Path, made: Path | None = None) -> None:
             _see_folder(target.parent)
 
 
-def see_folder_writable(folder: Path) -> None:
+def check_folder_writable(folder: Path) -> None:
     """Raise InputError unless files can be written into a folder, which may not exist yet."""
     with _reported(folder):
         nearest = folder.resolve()

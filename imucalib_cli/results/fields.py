@@ -17,7 +17,7 @@ from imucalib_cli.robot.rotations import (
     rotvec_from_matrix,
     rpy_from_matrix,
 )
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -175,8 +175,8 @@ def summarise(result: Result, *, colour: bool = False) -> str:
     verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
     if colour:
         verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
-    head = f"{shown(f'{result.child} in {result.parent}')}: {verdict}"
-    return "\n".join((head, *(shown(line) for line in _lines(result)))) + "\n"
+    head = f"{printable(f'{result.child} in {result.parent}')}: {verdict}"
+    return "\n".join((head, *(printable(line) for line in _lines(result)))) + "\n"
 
 
 def _lines(result: Result) -> Iterator[str]:

@@ -9,7 +9,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from imucalib_cli.errors import UntrustedError
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,14 +81,14 @@ def _tf(result: Result) -> str:
     values = (*result.pose.translation, *result.pose.rotation_xyzw)
     numbers = " ".join(f"--{n} {_number(v)}" for n, v in zip(names, values, strict=True))
     # the line is pasted into a shell
-    parent, child = quote(shown(result.parent)), quote(shown(result.child))
+    parent, child = quote(printable(result.parent)), quote(printable(result.child))
     return f"{numbers} --frame-id {parent} --child-frame-id {child}\n"
 
 
 def _tf1(result: Result) -> str:
     """The arguments of ROS 1's static_transform_publisher, one line."""
     numbers = " ".join(map(_number, (*result.pose.translation, *result.pose.rotation_xyzw)))
-    return f"{numbers} {quote(shown(result.parent))} {quote(shown(result.child))}\n"
+    return f"{numbers} {quote(printable(result.parent))} {quote(printable(result.child))}\n"
 
 
 def _launch(result: Result) -> str:
@@ -148,7 +148,7 @@ def _commented(result: Result, words: str, tree: dict[str, Any]) -> str:
         sort_keys=False,
         width=1000,
     )
-    return f"# {words} {shown(result.parent)}, the IMU {shown(result.child)}\n{text}"
+    return f"# {words} {printable(result.parent)}, the IMU {printable(result.child)}\n{text}"
 
 
 def _rounded(value: Any) -> Any:

@@ -15,7 +15,7 @@ from msgspec import UNSET
 
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.pose import AFFECTED, PARTS, across
+from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, orthogonal_complement
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.robot.mount import Nominal
+    from imucalib_cli.robot.mount import NominalPose
 
 
 T = TypeVar("T", bound=tree.Tree)
@@ -36,14 +36,14 @@ def result_of(
     *,
     parent: str,
     child: str,
-    nominal: Nominal | None,
+    nominal: NominalPose | None,
     provenance: tree.Provenance,
 ) -> tree.Result:
     """The result of one IMU; ``nominal`` is its pose by the URDF or the log's own frames."""
     estimate = _with_nominal(estimate, nominal)
     pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
-    known = np.all(np.abs(np.reshape(lost, (-1, 3))) < AFFECTED, axis=0).tolist()
+    known = np.all(np.abs(np.reshape(lost, (-1, 3))) < LEAST_COMPONENT, axis=0).tolist()
     turned = any(each.kind == "rotation" for each in estimate.unobservable)
     covariance = estimate.covariance
     return tree.Result(
@@ -68,7 +68,7 @@ def result_of(
     )
 
 
-def _with_nominal(estimate: Estimate, nominal: Nominal | None) -> Estimate:
+def _with_nominal(estimate: Estimate, nominal: NominalPose | None) -> Estimate:
     """The estimate, moved to the nominal translation along undetermined directions."""
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
     if nominal is None or not lost or len(lost) < len(estimate.unobservable):
@@ -89,7 +89,9 @@ def known_directions(
         return []
     found: list[tree.Observable] = []
     for kind, (part, *_) in PARTS.items():
-        basis = across([each.direction_parent for each in unobservable if each.kind == kind]).T
+        basis = orthogonal_complement(
+            [each.direction_parent for each in unobservable if each.kind == kind]
+        ).T
         values, vectors = np.linalg.eigh(basis.T @ covariance[part, part] @ basis)
         for variance, vector in zip(values, (basis @ vectors).T, strict=True):
             axis = vector * np.sign(vector[np.argmax(np.abs(vector))])
@@ -99,9 +101,9 @@ def known_directions(
     return found
 
 
-def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostics:
+def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagnostics:
     residuals, check, parts = estimate.residuals, estimate.imu_check, estimate.consistency
-    unobservable = [copied(tree.Unobservable, each) for each in estimate.unobservable]
+    unobservable = [tree_from(tree.Unobservable, each) for each in estimate.unobservable]
     # a sigma that is contradicted says nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
     return tree.Diagnostics(
@@ -113,10 +115,10 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
         warnings=list(estimate.warnings),
         sigma_source="noise",
         corrections={
-            each.name: copied(tree.CorrectionEntry, each) for each in estimate.corrections
+            each.name: tree_from(tree.CorrectionEntry, each) for each in estimate.corrections
         },
         parameters=[
-            copied(
+            tree_from(
                 tree.ParameterEntry,
                 each,
                 prior_learnt=each.learnt,
@@ -125,7 +127,7 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
             for each in estimate.parameters
         ],
         nominal=None if nominal is None else _nominal(estimate, nominal),
-        window=copied(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
+        window=tree_from(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
         residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
         residual_normalised=None
         if residuals.accel_normalised is None
@@ -134,7 +136,7 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
         ),
         consistency=None
         if parts is None
-        else copied(
+        else tree_from(
             tree.ConsistencyEntry,
             parts,
             folds=parts.folds,
@@ -144,11 +146,11 @@ def _diagnostics(estimate: Estimate, nominal: Nominal | None) -> tree.Diagnostic
         ),
         imu_model=None
         if check is None
-        else copied(
+        else tree_from(
             tree.ImuModelEntry,
             check,
-            accel=copied(tree.SensorCheckEntry, check.accel),
-            gyro=copied(tree.SensorCheckEntry, check.gyro),
+            accel=tree_from(tree.SensorCheckEntry, check.accel),
+            gyro=tree_from(tree.SensorCheckEntry, check.gyro),
         ),
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
@@ -183,10 +185,10 @@ def _value(value: Any) -> Any:
     return [_value(each) for each in value] if isinstance(value, tuple) else _scalar(value)
 
 
-def _nominal(estimate: Estimate, nominal: Nominal) -> tree.NominalEntry:
+def _nominal(estimate: Estimate, nominal: NominalPose) -> tree.NominalEntry:
     apart = np.linalg.norm(estimate.t_parent_imu - nominal.t_parent_imu)
     turn = rotation_angle(nominal.R_parent_imu.T @ estimate.R_parent_imu)
-    return copied(
+    return tree_from(
         tree.NominalEntry,
         pose_entry(nominal.R_parent_imu, nominal.t_parent_imu),
         joint=nominal.joint,
@@ -201,7 +203,7 @@ def tangent(values: ArrayLike) -> tuple[Any, Any]:
     return plain(six[:3] * 1e3), plain(np.degrees(six[3:]))
 
 
-def copied(kind: type[T], source: object, **given: Any) -> T:
+def tree_from(kind: type[T], source: object, **given: Any) -> T:
     """A tree with the attributes of an object that have the same names, and the given ones."""
     names = [name for name in kind.__struct_fields__ if name not in given]
     return kind(**given, **{name: plain(getattr(source, name)) for name in names})

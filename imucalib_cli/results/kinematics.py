@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from imucalib_cli.results.urdf_edit import JointOrigin
     from imucalib_cli.robot.urdf import Joint, Robot
 
-CLEAR: Final = 5.0
+SIGNIFICANT_SIGMAS: Final = 5.0
 """Sigmas from which an error counts as real: noise alone gives one in a million."""
 _ROUNDING: Final = 1e-9
 """m and rad: rounding between the values of one solution for several IMUs."""
@@ -77,7 +77,7 @@ def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
 def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
     by_joint: dict[str, list[ParameterEntry]] = {}
     for entry in result.diagnostics.parameters:
-        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= CLEAR:
+        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= SIGNIFICANT_SIGMAS:
             by_joint.setdefault(joint_of(entry), []).append(entry)
     if not by_joint:
         return {}

@@ -35,7 +35,7 @@ def labels_of(results: Sequence[Result]) -> list[str]:
     ]
 
 
-def fitted(label: str, unfit: str = FILE) -> str:
+def safe_name(label: str, unfit: str = FILE) -> str:
     """A label with underscores for unfit characters; never empty."""
     return re.sub(unfit, "_", label.strip("/")) or "imu"
 
@@ -44,9 +44,9 @@ def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
     """A name for each IMU from its label, without unfit characters; all differ everywhere."""
     names: list[str] = []
     for label in labels_of(results):
-        taken = set(map(sameness, names))
-        stem = fitted(label, unfit)
-        names.append(next(name for name in numbered(stem, "_") if sameness(name) not in taken))
+        taken = set(map(collision_key, names))
+        stem = safe_name(label, unfit)
+        names.append(next(name for name in numbered(stem, "_") if collision_key(name) not in taken))
     return names
 
 
@@ -56,7 +56,7 @@ def numbered(stem: str, between: str) -> Iterator[str]:
     yield from (f"{stem}{between}{number}" for number in count(2))
 
 
-def sameness(name: str) -> str:
+def collision_key(name: str) -> str:
     """The same text for names that are one name on some file system.
 
     Some ignore case and how accented letters are composed.
@@ -74,6 +74,6 @@ def log_name(log: LogPath) -> str:
     return resolved.name if resolved.is_dir() else resolved.stem
 
 
-def short(name: str, longest: int = _LONGEST) -> str:
+def shortened(name: str, longest: int = _LONGEST) -> str:
     """The name cut to a length that every file system allows, without bytes that are not UTF-8."""
     return name.encode(errors="surrogateescape")[:longest].decode(errors="ignore")

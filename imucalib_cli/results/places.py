@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.open import holds_log
 from imucalib_cli.logs.tum_euroc import TABLES
-from imucalib_cli.results.atomic import identity, see_writable
+from imucalib_cli.results.atomic import check_writable, identity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -22,7 +22,7 @@ _HEAD = 1 << 16
 _ROBOT = re.compile(rb"<robot[\s>/]")
 
 
-def see_places(
+def check_places(
     *,
     read: Iterable[Path],
     written: Iterable[Path],
@@ -48,7 +48,7 @@ def see_places(
     sources = {identity(file) for path in read for file in files_read(path)}
     seen: set[object] = set()
     for path in written:
-        see_writable(path, folder)
+        check_writable(path, folder)
         if identity(path) in sources:
             raise ChoiceError(f"{path} is an input and would be overwritten: name another file")
         if identity(path) in seen:

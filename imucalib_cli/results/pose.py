@@ -25,7 +25,7 @@ PARTS: dict[Kind, tuple[slice, str, float]] = {
     "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
 }
 """Of a pose: slice of the six components, unit, and units per metre or radian."""
-AFFECTED = 0.05
+LEAST_COMPONENT = 0.05
 """A translation component is unknown if an undetermined direction has at least this component
 (3 degrees off the axis); less is noise of the direction."""
 _ROUNDING = 1e-6
@@ -113,7 +113,7 @@ def correlation(covariance: Floats) -> tuple[Floats, Floats]:
     return scale, covariance / np.outer(scale, scale)
 
 
-def across(directions: ArrayLike) -> Floats:
+def orthogonal_complement(directions: ArrayLike) -> Floats:
     """(k, 3), orthonormal basis of the orthogonal complement of directions (n, 3).
 
     Directions a few degrees apart count as one.
@@ -122,7 +122,7 @@ def across(directions: ArrayLike) -> Floats:
     if not len(found):
         return np.eye(3)
     _, sizes, rows = np.linalg.svd(found)
-    return np.asarray(rows[int((sizes > AFFECTED).sum()) :])
+    return np.asarray(rows[int((sizes > LEAST_COMPONENT).sum()) :])
 
 
 @dataclass(frozen=True, kw_only=True)

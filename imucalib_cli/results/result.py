@@ -15,7 +15,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from imucalib_cli.estimate.estimate import CorrectionName
 from imucalib_cli.results.pose import UncertainPose
-from imucalib_cli.robot.mount import Nominal
+from imucalib_cli.robot.mount import NominalPose
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
 if TYPE_CHECKING:
@@ -521,13 +521,13 @@ class Result(Tree, frozen=True, kw_only=True):
         return Pose(shown.translation, shown.rotation_xyzw, shown.rotation_rpy)
 
     @property
-    def nominal(self) -> Nominal | None:
+    def nominal(self) -> NominalPose | None:
         """The same pose by the URDF or the log's own frames."""
         said = self.diagnostics.nominal
         if said is None:
             return None
         R, t = matrix_from_quaternion(said.rotation_xyzw), np.array(said.translation)
-        return Nominal(joint=said.joint, R_parent_imu=R, t_parent_imu=t)
+        return NominalPose(joint=said.joint, R_parent_imu=R, t_parent_imu=t)
 
     @property
     def uncertain_pose(self) -> UncertainPose:

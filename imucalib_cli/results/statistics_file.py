@@ -19,7 +19,7 @@ from imucalib_cli import __version__
 from imucalib_cli.combine.imus import SOLVED_TOGETHER
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
-from imucalib_cli.estimate.checks.specification import OtherWindow
+from imucalib_cli.estimate.checks.specification import WindowAnswer
 from imucalib_cli.estimate.details import Spectrum
 from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
 from imucalib_cli.estimate.model.state import State
@@ -194,7 +194,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
         edges=arrays["edges"],
         spectra=(_spectrum("accel", arrays), _spectrum("gyro", arrays)),
         windows=tuple(
-            OtherWindow(seconds=float(seconds), changes=changes.reshape(n))
+            WindowAnswer(seconds=float(seconds), changes=changes.reshape(n))
             for seconds, changes in zip(
                 arrays["window_seconds"], arrays["window_changes"], strict=True
             )

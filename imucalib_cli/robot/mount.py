@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Nominal:
+class NominalPose:
     """Pose of an IMU in the URDF or in the log's frames."""
 
     joint: str
@@ -33,7 +33,7 @@ class Mount:
 
     parent: str
     child: str
-    nominal: Nominal | None
+    nominal: NominalPose | None
 
 
 def find_mount(
@@ -106,7 +106,7 @@ def require_nominal(robot: Robot, frame_id: str, parent: str | None, imu_link: s
             ) from None
 
 
-def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
+def nominal_pose(robot: Robot, parent: str, child: str) -> NominalPose:
     """The nominal pose of one link in another, over fixed joints of a URDF.
 
     Raises:
@@ -116,10 +116,12 @@ def nominal_pose(robot: Robot, parent: str, child: str) -> Nominal:
     return _nominal(robot, parent, child, *fixed_transform(robot, parent, child))
 
 
-def _nominal(robot: Robot, parent: str, child: str, R: Floats, t: Floats) -> Nominal:
+def _nominal(robot: Robot, parent: str, child: str, R: Floats, t: Floats) -> NominalPose:
     joint = robot.joint_above.get(child)
     is_single = joint is not None and joint.kind == "fixed" and joint.parent == parent
-    return Nominal(joint=joint.name if joint and is_single else "", R_parent_imu=R, t_parent_imu=t)
+    return NominalPose(
+        joint=joint.name if joint and is_single else "", R_parent_imu=R, t_parent_imu=t
+    )
 
 
 def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:

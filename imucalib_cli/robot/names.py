@@ -22,7 +22,7 @@ def frame_name(name: str) -> str:
     return name.removeprefix("/")
 
 
-def renamed(names: Collection[str], known: Collection[str], prefix: str) -> dict[str, str]:
+def names_in_urdf(names: Collection[str], known: Collection[str], prefix: str) -> dict[str, str]:
     """For each name that differs from a known one by the prefix, on either side, the known name."""
     found = {}
     missing = set(known).difference(names)
@@ -60,7 +60,7 @@ def prefixes(names: Collection[str], known: Collection[str], hints: str = "") ->
     return tuple(hinted if len(hinted) == 1 else best)
 
 
-def known_name(name: str, known: Collection[str], hints: str = "") -> str:
+def name_without_prefix(name: str, known: Collection[str], hints: str = "") -> str:
     """The known name that a name has behind a prefix; the name itself if there is none.
 
     Args:

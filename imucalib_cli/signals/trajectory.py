@@ -105,7 +105,7 @@ def clean_track(track: Track) -> CleanTrack:
     return _CLEANED[track]
 
 
-def stamped_earlier(track: Track, seconds: float) -> Track:
+def with_earlier_stamps(track: Track, seconds: float) -> Track:
     """The same track with earlier stamps, s, which need not be cleaned again.
 
     Raises:

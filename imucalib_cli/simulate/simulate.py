@@ -11,7 +11,7 @@ import yaml
 from imucalib_cli import __version__
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import PlainDumper
-from imucalib_cli.results.places import see_places
+from imucalib_cli.results.places import check_places
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.camera.kalibr import camera_truth, kalibr_paths, write_kalibr
 from imucalib_cli.simulate.camera.render import opencv
@@ -69,7 +69,7 @@ def simulate(
     see_log_place(output, log.compression)  # before minutes of physics
     written = [output, truth_path(output), *(kalibr_paths(output).values() if camera else ())]
     written += [urdf] if urdf else []
-    see_places(read=read, written=written, force=force, made_here=_made_here)
+    check_places(read=read, written=written, force=force, made_here=_made_here)
     if camera is not None:
         opencv()
     clean = record(system, physics, progress, camera=camera)

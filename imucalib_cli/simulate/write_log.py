@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.results.atomic import see_writable
+from imucalib_cli.results.atomic import check_writable
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.recording import CameraRecord, ImuRecord, JointRecord, PoseRecord
@@ -94,12 +94,12 @@ def see_log_place(path: Path, compression: str | None) -> str:
         raise ChoiceError(f"{path}: write to a file ending in {kinds}, or to a folder name")
     if compression is not None and compression not in known:
         raise ChoiceError(f"{path}: {compression} is not a choice here; choose {', '.join(known)}")
-    with suppress(OSError):  # a name too long, which see_writable tells
+    with suppress(OSError):  # a name too long, which check_writable tells
         if path.is_dir():
             raise InputError(f"{path}: is a folder already; name a new one")
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is a pipe or a device; name a file")
-    see_writable(path)
+    check_writable(path)
     return compression or known[0]
 
 

@@ -141,7 +141,7 @@ def _check_counts(parameters: object, where: str) -> None:
                 _check_counts(item, here)
 
 
-def see_installed(name: str) -> None:
+def check_installed(name: str) -> None:
     """Check before any run that a study's optional dependencies are installed.
 
     Raises:

@@ -26,14 +26,14 @@ from imucalib_cli.batch.tables import (
     words,
 )
 from imucalib_cli.cli.commands.batch import batch_command
-from imucalib_cli.findings import Severity, texts
+from imucalib_cli.findings import Severity, findings_without_code
 from imucalib_cli.layout import csv_text, plain
 from imucalib_cli.results.codec import to_document
-from imucalib_cli.shown import shown
+from imucalib_cli.shown import printable
 from tests.results.test_results_documents import UP, make_result
 
 HOSTILE = 'a,"b"\nc|d <i>*&amp;*</i> %0A::error::x\x1b[2J\u202e\u0000é'
-NAMED = shown(HOSTILE)
+NAMED = printable(HOSTILE)
 """As it stands in tables whose readers take no zero byte."""
 
 
@@ -58,7 +58,7 @@ def bad(log: str = "b.mcap", why: str = "too short") -> Record:
 
 
 def doubtful(log: str = "c.mcap", why: str = "segments disagree", child: str = "imu") -> Record:
-    result = make_result(child=child, findings=texts(Severity.UNTRUSTED, [why]))
+    result = make_result(child=child, findings=findings_without_code(Severity.UNTRUSTED, [why]))
     return record(log, status="untrusted", exit_code=3, results=[result])
 
 

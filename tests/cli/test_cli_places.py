@@ -13,7 +13,7 @@ import yaml
 from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.codec import to_document, to_yaml
-from imucalib_cli.results.places import see_places
+from imucalib_cli.results.places import check_places
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
 from tests.results.test_results_documents import make_estimate, make_result
@@ -184,7 +184,7 @@ def test_inputs_are_known_by_any_name(tmp_path: Path) -> None:
     # SQLite reads the companion of a database too
     for name in (source, soft, hard, tmp_path / "." / "source.yaml", log):
         with pytest.raises(ChoiceError, match="is an input"):
-            see_places(read=[source, tmp_path / "a.db3"], written=[name])
+            check_places(read=[source, tmp_path / "a.db3"], written=[name])
 
 
 @pytest.mark.parametrize("command", [["verify"], ["apply", "--force"]])

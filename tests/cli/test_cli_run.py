@@ -15,7 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.findings import Severity, texts
+from imucalib_cli.findings import Severity, findings_without_code
 from tests.cli.stand_in import ESTIMATE, SIDEWAYS, Estimator
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def test_an_untrusted_pose_is_refused_unless_forced(
     fmt: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
     estimator.estimate = replace(
-        ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it contradicts itself"])
+        ESTIMATE, findings=findings_without_code(Severity.UNTRUSTED, ["it contradicts itself"])
     )
     out, err = run_arm("--format", fmt, code=3)
     assert out == ""

@@ -24,7 +24,7 @@ from imucalib_cli.cli.main import main
 from imucalib_cli.cli.output import say, wants_colour
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
-from imucalib_cli.findings import Severity, texts
+from imucalib_cli.findings import Severity, findings_without_code
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.formats import FORMATS
@@ -174,7 +174,9 @@ def test_run_into_a_folder_names_each_file(
 def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(
     shown: Shown, arm: tuple[object, ...], estimator: Estimator
 ) -> None:
-    estimator.estimate = replace(ESTIMATE, findings=texts(Severity.UNTRUSTED, ["it wobbles"]))
+    estimator.estimate = replace(
+        ESTIMATE, findings=findings_without_code(Severity.UNTRUSTED, ["it wobbles"])
+    )
     code, out, err = shown("run", *arm, streams=("stdout",))
     assert code == 3
     assert "UNTRUSTED" in out

@@ -21,7 +21,7 @@ from imucalib_cli.combine.imus import (
     solve_together,
 )
 from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.jobs.several_imus import together
+from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.dead_reckoning import dead_reckon
 from tests.estimate.estimate_arm import GRAVITY, Solved, beside, prior, solve
@@ -212,7 +212,7 @@ def imus(seed: int) -> tuple[Imu, Imu]:
 def jointly(imus: Sequence[Imu]) -> list[Solved]:
     """All of them, solved together."""
     mounts = [alone.mount for _, alone, _ in imus]
-    return [beside(*each) for each in zip(together(imus), mounts, strict=True)]
+    return [beside(*each) for each in zip(solve_imus_together(imus), mounts, strict=True)]
 
 
 @lru_cache(maxsize=16)
@@ -238,7 +238,7 @@ def test_one_imu_is_solved_as_by_itself() -> None:
     scale = np.sqrt(np.diag(own.covariance)) + 1e-300
     difference = (found.covariance - own.covariance) / np.outer(scale, scale)
     assert np.abs(difference).max() < 1e-8
-    assert together([foot]) == [foot[1]]
+    assert solve_imus_together([foot]) == [foot[1]]
 
 
 def named(place: int, placed: Placed, index: int) -> dict[tuple[object, ...], float]:
@@ -312,7 +312,7 @@ def test_what_is_shared_is_one_and_found_better(seeds: Sequence[int]) -> None:
 
 
 def test_the_order_of_imus_does_not_matter() -> None:
-    turned = together(imus(2)[::-1])[::-1]
+    turned = solve_imus_together(imus(2)[::-1])[::-1]
     for each, again in zip(joined(2), turned, strict=True):
         np.testing.assert_array_equal(each.t_parent_imu, again.t_parent_imu)
         np.testing.assert_array_equal(each.covariance, again.covariance)
@@ -366,7 +366,7 @@ def test_what_is_held_of_the_mounts_stays_held(names: str) -> None:
 def test_an_imu_that_is_not_to_be_trusted_takes_nobody_along() -> None:
     (name, shank, path), foot = imus(2)
     vague = replace(shank, statistics=replace(shank.log_statistics, widened=1e-6 * np.eye(6)))
-    assert together([(name, vague, path), foot]) == [vague, foot[1]]
+    assert solve_imus_together([(name, vague, path), foot]) == [vague, foot[1]]
 
 
 def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None:

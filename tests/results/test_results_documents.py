@@ -32,7 +32,7 @@ from imucalib_cli.estimate.estimate import (
     UnobservableDirection,
     Window,
 )
-from imucalib_cli.findings import Severity, note, texts, untrusted, warning
+from imucalib_cli.findings import Severity, findings_without_code, note, untrusted, warning
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
 from imucalib_cli.results.comparison.answers import schema_of
 from imucalib_cli.results.comparison.requirement import Tolerance, require
@@ -46,7 +46,7 @@ from imucalib_cli.results.result import (
     SourceFile,
     Topics,
 )
-from imucalib_cli.robot.mount import Nominal
+from imucalib_cli.robot.mount import NominalPose
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/result.schema.json").read_text()))
@@ -60,7 +60,7 @@ ROLL = UnobservableDirection(
     kind="rotation", direction_parent=np.array([1.0, 0.0, 0.0]), std=0.3, motion="roll it"
 )
 
-DOUBTS = texts(Severity.UNTRUSTED, ["it wobbles"])
+DOUBTS = findings_without_code(Severity.UNTRUSTED, ["it wobbles"])
 
 
 def make_estimate(**changes: Any) -> Estimate:
@@ -128,7 +128,7 @@ def make_result(
         estimate or make_estimate(**changes),
         parent=parent,
         child=child,
-        nominal=Nominal(
+        nominal=NominalPose(
             joint="imu_joint", R_parent_imu=np.eye(3), t_parent_imu=np.array([0.0, 0.1, 0.0])
         ),
         provenance=Provenance(
@@ -157,7 +157,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "translation unknown": {"unobservable": (UP,)},
     "rotation unknown": {"unobservable": (ROLL,)},
     "infinite sigma": {"covariance": np.diag([1.0, 1.0, math.inf, 1.0, 1.0, 1.0])},
-    "distrusted": {"findings": texts(Severity.UNTRUSTED, ["segments disagree"])},
+    "distrusted": {"findings": findings_without_code(Severity.UNTRUSTED, ["segments disagree"])},
 }
 
 
@@ -614,7 +614,9 @@ def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
 
 
 def test_every_field_of_the_list_is_in_the_summary() -> None:
-    result = make_result(unobservable=(UP,), findings=texts(Severity.WARNING, ["it creaks"]))
+    result = make_result(
+        unobservable=(UP,), findings=findings_without_code(Severity.WARNING, ["it creaks"])
+    )
     listed = sections(result)
     assert len({section.title for section in listed}) == len(listed)
     assert [section.title for section in listed if section.formula] == [

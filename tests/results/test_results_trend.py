@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.findings import Severity, texts
+from imucalib_cli.findings import Severity, findings_without_code
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.trend.search import Series, find_line, find_mounts
 from imucalib_cli.results.trend.trend import trend
@@ -190,7 +190,12 @@ def test_results_that_tell_nothing_are_left_out_and_named() -> None:
     fixed[0], fixed[:, 0] = 0.0, 0.0
     flat = np.outer(np.sqrt(np.diag(C[0])), np.sqrt(np.diag(C[0])))
     wrong = [
-        ("a.yaml", result(20, values[0], C[0], findings=texts(Severity.UNTRUSTED, ["loose"]))),
+        (
+            "a.yaml",
+            result(
+                20, values[0], C[0], findings=findings_without_code(Severity.UNTRUSTED, ["loose"])
+            ),
+        ),
         ("b.yaml", result(21, values[0], np.zeros((6, 6)))),
         ("c.yaml", result(22, values[0], fixed)),
         ("e.yaml", result(23, values[0], flat)),

@@ -12,10 +12,10 @@ from msgspec import UNSET, structs
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
-from imucalib_cli.findings import Severity, texts
+from imucalib_cli.findings import Severity, findings_without_code
 from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.comparison.verdicts import diff, verify
-from imucalib_cli.robot.mount import Nominal
+from imucalib_cli.robot.mount import NominalPose
 from tests.results.test_results_documents import ROLL, UP, make_estimate, make_result
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 R_TOLD = Rotation.from_euler("xyz", [0.5, -1.0, 2.0])
 T_TOLD = np.array([0.1, -0.2, 0.3])
-TOLD = Nominal(joint="imu_joint", R_parent_imu=R_TOLD.as_matrix(), t_parent_imu=T_TOLD)
+TOLD = NominalPose(joint="imu_joint", R_parent_imu=R_TOLD.as_matrix(), t_parent_imu=T_TOLD)
 SMALL = np.diag([1e-10] * 3 + [1e-12] * 3)
 TIGHT = Tolerance(translation=1e-3, rotation=1e-3)
 
@@ -159,7 +159,7 @@ def test_no_significant_difference_says_what_it_would_not_have_seen() -> None:
 @pytest.mark.parametrize("distrust", ["segments disagree", "the time offset may lie beyond"])
 def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None:
     for shift in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0]):
-        doubtful = found_at(shift, findings=texts(Severity.UNTRUSTED, [distrust]))
+        doubtful = found_at(shift, findings=findings_without_code(Severity.UNTRUSTED, [distrust]))
         for found, place in ((answer(doubtful), ""), (moved(found_at(), doubtful), "b.yaml: ")):
             assert found.verdict == "unknown"
             why = f"{place}the result contradicts itself or its model: {distrust}"

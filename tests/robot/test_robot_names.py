@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from imucalib_cli.robot.names import prefixes, renamed
+from imucalib_cli.robot.names import names_in_urdf, prefixes
 
 JOINTS = ("pan", "lift", "wrist_roll")
 
@@ -36,7 +36,7 @@ def test_prefixes(
 
 
 def test_either_side_may_have_the_prefix() -> None:
-    assert renamed(("l_pan", "x"), JOINTS, "l_") == {"l_pan": "pan"}
-    assert renamed(("pan", "x"), ("l_pan", "r_pan"), "l_") == {"pan": "l_pan"}
+    assert names_in_urdf(("l_pan", "x"), JOINTS, "l_") == {"l_pan": "pan"}
+    assert names_in_urdf(("pan", "x"), ("l_pan", "r_pan"), "l_") == {"pan": "l_pan"}
     # a name that is there already is not taken twice
-    assert renamed(("pan", "l_pan"), JOINTS, "l_") == {}
+    assert names_in_urdf(("pan", "l_pan"), JOINTS, "l_") == {}

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import JointStep, KinematicPath, PoseStep, Track
-from imucalib_cli.signals.trajectory import Trajectory, clean_track, continuous, stamped_earlier
+from imucalib_cli.signals.trajectory import Trajectory, clean_track, continuous, with_earlier_stamps
 
 Floats = NDArray[np.float64]
 
@@ -133,7 +133,7 @@ def test_other_stamps_are_as_if_the_track_were_cleaned_with_them(
     rng = np.random.default_rng(3)
     t = np.arange(400) / 200.0
     track = Track(name="/x", kind=kind, t=t, values=rng.normal(size=(400, 6)))
-    moved = stamped_earlier(track, 0.25)
+    moved = with_earlier_stamps(track, 0.25)
     fresh = clean_track(Track(name="/x", kind=kind, t=t - 0.25, values=track.values))
     np.testing.assert_allclose(clean_track(moved).t, fresh.t, atol=1e-12)
     np.testing.assert_allclose(clean_track(moved).values, fresh.values, atol=1e-9)

@@ -51,7 +51,7 @@ def apply_command(
     """Write a URDF with each IMU's joint at the calibrated pose; all other bytes stay the same."""
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.jobs.result_files import result_names
-    from imucalib_cli.results.places import see_places
+    from imucalib_cli.results.places import check_places
 
     if in_place and (output is not None or str(urdf) == "-"):
         raise ChoiceError(
@@ -69,7 +69,7 @@ def apply_command(
                 output = urdf
             elif output is not None:
                 read = files_of(*names, urdf)
-                see_places(read=read, written=[output], force=force, made_here=applied.made)
+                check_places(read=read, written=[output], force=force, made_here=applied.made)
             deliver(applied.content, output, quiet=quiet)
         if not quiet:
             for change in applied.changes:

@@ -211,14 +211,14 @@ def _check_places(
 ) -> None:
     """Check before any work that nothing is lost by writing."""
     from imucalib_cli.batch.batch import SUMMARY
-    from imucalib_cli.results.atomic import see_folder_writable
-    from imucalib_cli.results.places import see_places
+    from imucalib_cli.results.atomic import check_folder_writable
+    from imucalib_cli.results.places import check_places
 
     written = [path for path in files if path is not None]
     if output is not None:
-        see_folder_writable(output)
+        check_folder_writable(output)
         written += [output / SUMMARY] if output.is_dir() else []
-    see_places(read=read, written=written, folder=output)
+    check_places(read=read, written=written, folder=output)
 
 
 def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) -> "Engine":

@@ -83,9 +83,9 @@ def run_command(
     """Find the pose of every IMU of a recording on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.jobs.combine import calibrate_together
-    from imucalib_cli.logs.open import is_made_here
-    from imucalib_cli.results.atomic import see_folder_writable
-    from imucalib_cli.results.places import see_places
+    from imucalib_cli.logs.open import is_own_output
+    from imucalib_cli.results.atomic import check_folder_writable
+    from imucalib_cli.results.places import check_places
 
     request = options.calibration_request(ctx, logs, recording, estimator, require)
     read = files_of(*logs, recording.urdf, estimator.imu_model)
@@ -94,17 +94,17 @@ def run_command(
     folder = target if output is not None and is_folder(output) else None
     # checked here, not after minutes of computing
     if folder is not None:
-        see_folder_writable(folder)
+        check_folder_writable(folder)
     single = [] if target is None or folder is not None else [target]
     beside = check_extras(extras)
     request = replace(request, details=bool(beside))
     if joint:
         _check_joint(logs, estimator, beside, kinematics_report=kinematics_report)
-    see_places(
+    check_places(
         read=read,
         written=[*single, *beside],
         force=force,
-        made_here=is_made_here,
+        made_here=is_own_output,
         folder=folder,
     )
     older = [*single, *beside, *([] if folder is None else files_named_after(folder, logs[0]))]

@@ -69,7 +69,7 @@ def study_command(
     The tables on stdout are rounded, in every --format. DIR/NAME.jsonl has all numbers of every
     run, with all digits, one line per run.
     """
-    from imucalib_cli.study.study import STUDIES, can_draw, load_study, see_installed
+    from imucalib_cli.study.study import STUDIES, can_draw, check_installed, load_study
 
     if not name:
         listed = tuple((known, words) for known, (_, words) in STUDIES.items())
@@ -92,10 +92,10 @@ def study_command(
         if not quiet:
             say("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
     if folder.is_dir():  # else nothing in it can be lost
-        from imucalib_cli.results.places import see_places
+        from imucalib_cli.results.places import check_places
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
-        see_places(read=files_of(config), written=[file, *drawn])
+        check_places(read=files_of(config), written=[file, *drawn])
     at_a_time = jobs or os.cpu_count() or 1
     with CountProgress(
         name, "runs", file, "rows", fresh=fresh, jobs=at_a_time, quiet=quiet
@@ -105,7 +105,7 @@ def study_command(
             file,
             jobs=jobs,
             fresh=fresh,
-            prepare=lambda: see_installed(name),
+            prepare=lambda: check_installed(name),
             report=progress.report,
         )
     tables = _tables(study, rows, file, old=progress.before > 0)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
-    from imucalib_cli.estimate.checks.specification import Dependence, OtherWindow
+    from imucalib_cli.estimate.checks.specification import Dependence, WindowAnswer
     from imucalib_cli.estimate.matched import Attempt
     from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.model.windows import Windowing
@@ -417,8 +417,8 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
 
 
 def _too_large(
-    answer: Answer, windows: Sequence[OtherWindow]
-) -> Iterator[tuple[Placed, int, OtherWindow | None]]:
+    answer: Answer, windows: Sequence[WindowAnswer]
+) -> Iterator[tuple[Placed, int, WindowAnswer | None]]:
     """Entries that are surely too large: the component, and a window by which it is not too large.
 
     With such a window something else looks like the entry.

@@ -40,7 +40,7 @@ _NEGLIGIBLE: Final = (1e-5, 2e-5)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OtherWindow:
+class WindowAnswer:
     """The answer by another window."""
 
     seconds: float
@@ -50,7 +50,7 @@ class OtherWindow:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Dependence(OtherWindow):
+class Dependence(WindowAnswer):
     """How the pose changes with the window."""
 
     difference: Floats

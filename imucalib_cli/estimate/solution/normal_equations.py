@@ -15,7 +15,7 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.checks.specification import OtherWindow
+    from imucalib_cli.estimate.checks.specification import WindowAnswer
     from imucalib_cli.estimate.details import Spectrum
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.options import MatchedOptions
@@ -115,7 +115,7 @@ class LogStatistics:
     """(p + 1,), s of the log."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
-    windows: tuple[OtherWindow, ...]
+    windows: tuple[WindowAnswer, ...]
     widened: Floats
     """(6, 6), added to the covariance of the pose by findings about the data."""
     offset_variance: float

@@ -15,7 +15,7 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note
 from imucalib_cli.logs.select import without_sensor
-from imucalib_cli.shown import meant
+from imucalib_cli.shown import similar_names
 from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
@@ -80,7 +80,8 @@ def _asked(
             if name not in imus or not len(imus[name]):
                 listed = ", ".join(imus) or "none"
                 raise ChoiceError(
-                    f"{option} {name}: no such IMU; there are {listed}{meant(name, list(imus))}",
+                    f"{option} {name}: no such IMU; there are {listed}"
+                    f"{similar_names(name, list(imus))}",
                     option=option,
                 )
     pairs = zip(request.gyro_topics, request.accel_topics, strict=True)

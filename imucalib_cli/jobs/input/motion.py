@@ -20,8 +20,8 @@ from imucalib_cli.robot.build import (
     moving_base_path,
 )
 from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
-from imucalib_cli.robot.mount import Mount, Nominal, find_mount, require_nominal
-from imucalib_cli.robot.names import known_name
+from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, require_nominal
+from imucalib_cli.robot.names import name_without_prefix
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.shown import near_matches
 from imucalib_cli.signals.moves import track_moves
@@ -164,7 +164,7 @@ def _from_robot(
     hints = " ".join((frame_id, *sources.topics.values()))
 
     def in_urdf(frame: str | None) -> str | None:  # the user may name it as the log does
-        return None if frame is None else known_name(frame, robot.links, hints)
+        return None if frame is None else name_without_prefix(frame, robot.links, hints)
 
     parent, imu_link = in_urdf(request.parent), in_urdf(request.imu_link)
     request = replace(request, parent=parent, imu_link=imu_link, world=in_urdf(request.world))
@@ -316,15 +316,15 @@ def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
     )
 
 
-def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, Nominal | None]:
+def _guess_parent(edges: tuple[Edge, ...], frame_id: str) -> tuple[str, NominalPose | None]:
     """The frame that carries an IMU, if the user names none."""
     for edge in edges:
         if edge.child != frame_id:
             continue
         if not edge.is_static:  # the IMU's frame itself is tracked
-            return frame_id, Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
+            return frame_id, NominalPose(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
         last = edge.last
-        return edge.parent, Nominal(joint="", R_parent_imu=last.R, t_parent_imu=last.p)
+        return edge.parent, NominalPose(joint="", R_parent_imu=last.R, t_parent_imu=last.p)
     candidates = tuple(dict.fromkeys(edge.child for edge in edges if not edge.is_static))
     if len(candidates) == 1:
         return candidates[0], None

@@ -13,9 +13,9 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.build import BaseImu, find_base
-from imucalib_cli.robot.mount import Mount, Nominal, find_mount, rigid_transform
-from imucalib_cli.shown import meant
-from imucalib_cli.signals.imu.base import base_track, is_same_sensor, turns
+from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, rigid_transform
+from imucalib_cli.shown import similar_names
+from imucalib_cli.signals.imu.base import base_track, is_same_sensor, is_turning
 from imucalib_cli.signals.imu.checks import refuse_dead
 from imucalib_cli.signals.moves import track_moves
 from imucalib_cli.signals.samples import samples_of
@@ -54,7 +54,7 @@ def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> Non
             listed = ", ".join(f"{imu.name} (frame '{imu.frame_id}')" for imu in imus)
             raise ChoiceError(
                 f"--parent {name}={parent}: no such IMU; there are "
-                f"{listed}{meant(name, sorted(known))}"
+                f"{listed}{similar_names(name, sorted(known))}"
             )
 
 
@@ -133,7 +133,7 @@ def with_base_imu(
         )
     samples = samples_of(base, sources.clock)
     refuse_dead(samples, "--base-imu")
-    if not turns(samples):
+    if not is_turning(samples):
         raise InputError(
             f"{base.name} hardly turns, so it does not show how the base moves: leave --base-imu "
             "out if the base stands still, or record while it moves",
@@ -163,7 +163,7 @@ def possible_bases(imus: Imus, sources: Sources, request: CalibrationRequest) ->
     for imu in imus:
         samples = samples_of(imu, sources.clock)
         try:
-            if turns(samples):
+            if is_turning(samples):
                 track, _ = base_track(samples, request.units, request.gravity)
                 yield _placed(imu, track, sources, request, ())
         except ImucalibError:
@@ -175,7 +175,8 @@ def _named(imus: Imus, name: str) -> ImuStream:
     if len(found) != 1:
         names = [imu.name for imu in imus]
         raise ChoiceError(
-            f"--base-imu {name}: no such IMU; there are {', '.join(names)}{meant(name, names)}"
+            f"--base-imu {name}: no such IMU; there are {', '.join(names)}"
+            f"{similar_names(name, names)}"
         )
     return found[0]
 
@@ -194,7 +195,7 @@ def _on_the_root(imus: Imus, sources: Sources) -> ImuStream | None:
         for imu in imus
         if imu.frame_id in robot.links
         and any(rigid_transform(robot, root, imu.frame_id) for root in roots)
-        and turns(samples_of(imu, sources.clock))
+        and is_turning(samples_of(imu, sources.clock))
     ]
     return max(on_root, key=len, default=None)
 
@@ -215,7 +216,7 @@ def _placed(
     if not frame or (robot is None and frame in taken):
         frame = imu.topic.strip("/").replace("/", "_")
     if robot is None:
-        nominal = Nominal(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
+        nominal = NominalPose(joint="", R_parent_imu=np.eye(3), t_parent_imu=np.zeros(3))
         mount = Mount(parent=frame, child=frame, nominal=nominal)
     else:
         try:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warning
 from imucalib_cli.logs.remote.file import RemoteFile
-from imucalib_cli.robot.names import in_namespace, prefixes, renamed
+from imucalib_cli.robot.names import in_namespace, names_in_urdf, prefixes
 from imucalib_cli.robot.urdf import load_robot, parse_robot
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
-from imucalib_cli.shown import meant
+from imucalib_cli.shown import similar_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -76,7 +76,9 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
         found = prefixes(stream.names, robot.moving_joints, f"{topic} {frames}")
         if request.joint_prefix is not None:
             found = (request.joint_prefix,)
-        names = renamed(stream.names, robot.moving_joints, found[0]) if len(found) == 1 else {}
+        names = (
+            names_in_urdf(stream.names, robot.moving_joints, found[0]) if len(found) == 1 else {}
+        )
         unsure.update(dict.fromkeys(found if len(found) > 1 else ()))
         if names:
             used.add(found[0])
@@ -117,7 +119,8 @@ def asked_imus(data: LogData, request: CalibrationRequest) -> Imus:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
             names = list(data.imus)
             raise ChoiceError(
-                f"--imu-topic {name}: no such IMU; there are {', '.join(names)}{meant(name, names)}"
+                f"--imu-topic {name}: no such IMU; there are {', '.join(names)}"
+                f"{similar_names(name, names)}"
             )
     return {name: imu for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
 
@@ -174,7 +177,7 @@ def _described_robot(
 
 def _known(names: set[str], known: Collection[str]) -> int:
     """How many of some names are known, with the best prefix."""
-    by_prefix = (len(renamed(names, known, prefix)) for prefix in prefixes(names, known))
+    by_prefix = (len(names_in_urdf(names, known, prefix)) for prefix in prefixes(names, known))
     return len(names.intersection(known)) + max(by_prefix, default=0)
 
 
@@ -260,7 +263,7 @@ def _with_frame_names(
     frames = {imu.frame_id for imu in data.imus.values()}
     frames = {*frames, *(frame for pose in poses for frame in (pose.parent, pose.child))} - {""}
     found = prefixes(frames, robot.links, hints)
-    names = renamed(frames, robot.links, found[0]) if len(found) == 1 else {}
+    names = names_in_urdf(frames, robot.links, found[0]) if len(found) == 1 else {}
     if not names or not (found[0].endswith("/") or found[0] in used or len(names) >= _SURELY):
         return data
     values = {"prefix": found[0], "robot": str(robot.source)}

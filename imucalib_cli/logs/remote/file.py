@@ -334,7 +334,7 @@ class RangedReader(io.RawIOBase):
 
 
 @contextmanager
-def without_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[RemoteFile]]:
+def discarding_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[RemoteFile]]:
     """The remote ones among some files; their temporary copies are removed at the end."""
     remote = [each for each in files if isinstance(each, RemoteFile)]
     try:

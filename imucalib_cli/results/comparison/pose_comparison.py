@@ -20,7 +20,7 @@ from imucalib_cli.results.comparison.answers import (
 )
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.from_estimate import plain
-from imucalib_cli.results.pose import AFFECTED, PARTS, across, correlation
+from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, correlation, orthogonal_complement
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -100,7 +100,7 @@ class Part:
     @property
     def basis(self) -> Floats:
         """(3 - k, 6), orthonormal directions in which both poses are known."""
-        known = across(self.unknown) if self.meaningful else np.zeros((0, 3))
+        known = orthogonal_complement(self.unknown) if self.meaningful else np.zeros((0, 3))
         rows = np.zeros((len(known), 6))
         rows[:, self.block] = known
         return rows
@@ -331,7 +331,7 @@ def _distinct(*stacks: Floats) -> Floats:
     if not len(directions):
         return np.zeros((0, 3))
     _, sizes, rows = np.linalg.svd(directions, full_matrices=False)
-    basis = rows[sizes > AFFECTED]
+    basis = rows[sizes > LEAST_COMPONENT]
     largest = np.take_along_axis(basis, np.argmax(np.abs(basis), axis=1)[:, None], axis=1)
     return np.asarray(basis * np.sign(largest))
 

@@ -14,7 +14,7 @@ from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.comparison.requirement import CODES, Tolerance
 from imucalib_cli.results.fields import unobservable_fields
-from imucalib_cli.results.from_estimate import copied, plain, pose_entry
+from imucalib_cli.results.from_estimate import plain, pose_entry, tree_from
 from imucalib_cli.results.result import SCHEMA
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.result import Result, SourceFile
-    from imucalib_cli.robot.mount import Nominal
+    from imucalib_cli.robot.mount import NominalPose
 
 _MOVED: dict[answers.Verdict, Literal["moved", "not moved", "unknown"]] = {
     "yes": "not moved",
@@ -36,7 +36,7 @@ WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
 
 def verify(
     result: Result,
-    told: Nominal,
+    told: NominalPose,
     within: Tolerance = WITHIN,
     urdf: SourceFile | None = None,
     file: str = "",
@@ -85,7 +85,7 @@ def verify(
         within=within_entry(within),
         **apart.entries(*verdicts),
         significance=apart.significance(),
-        told=copied(
+        told=tree_from(
             answers.ToldPose,
             pose_entry(told.R_parent_imu, told.t_parent_imu),
             joint=told.joint,

@@ -19,12 +19,12 @@ from imucalib_cli.results.comparison.bounds import chance_of_more
 from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison, compare_poses
 from imucalib_cli.results.comparison.verdicts import within_entry
 from imucalib_cli.results.fields import instant, judgement
-from imucalib_cli.results.from_estimate import copied, plain, pose_entry, tangent
+from imucalib_cli.results.from_estimate import plain, pose_entry, tangent, tree_from
 from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.result import SCHEMA
 from imucalib_cli.results.trend import search
 from imucalib_cli.robot.rotations import left_jacobian_inverse, matrix_from_rotvec, rotation_angle
-from imucalib_cli.shown import natural
+from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -191,7 +191,7 @@ def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
     """Order of recordings: by start, s, then by name, with numbers in names as numbers."""
     name, result = named
     start = result.recorded_at
-    return (0.0 if start is None else start.timestamp()), natural(name)
+    return (0.0 if start is None else start.timestamp()), natural_key(name)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -304,7 +304,7 @@ def _steps(
         used=used,
         recordings=_recordings(used, mounts[0], rows, odd),
         mounts=[
-            copied(
+            tree_from(
                 answers.MountEntry,
                 pose_entry(mount.R, mount.t),
                 first=used[row[0]][0],

@@ -55,7 +55,7 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
     return Track(name=imu.topic, kind="imu", t=imu.t, values=values), tuple(findings)
 
 
-def turns(imu: ImuSamples) -> bool:
+def is_turning(imu: ImuSamples) -> bool:
     """Whether an IMU turns faster than bias and noise explain, so that its carrier moves."""
     middle = np.median(imu.gyro, axis=0)
     return bool(np.sqrt(np.mean(((imu.gyro - middle) ** 2).sum(axis=1))) > TURNING)
