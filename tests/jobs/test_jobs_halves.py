@@ -98,5 +98,5 @@ def test_the_user_overrules() -> None:
         join(*three, request=replace(request, gyro_topics=("/none",)))
     with pytest.raises(ChoiceError, match="belong together"):
         half_topics(replace(request, accel_topics=()))
-    with pytest.raises(ChoiceError, match="/c is named twice"):
+    with pytest.raises(ChoiceError, match="/c is given twice"):
         half_topics(replace(request, gyro_topics=("/c",)))
