@@ -302,9 +302,7 @@ def test_protobuf_that_is_not_installed_is_told(
     monkeypatch.setitem(sys.modules, "google.protobuf", None)
     monkeypatch.setattr("imucalib_cli.logs.select.is_installed", lambda: False)
     unread = Topic(name="/joints", type="no", encoding="protobuf", count=9)
-    with pytest.raises(
-        InputError, match=r"need pip install 'imucalib\[protobuf\]'"
-    ):
+    with pytest.raises(InputError, match=r"need pip install 'imucalib\[protobuf\]'"):
         select_topics([Topic(**IMU), unread])
     assert [each.name for each in log.topics] == ["/joints"]
 
