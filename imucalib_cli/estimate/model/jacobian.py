@@ -35,6 +35,8 @@ from imucalib_cli.signals.kernels import convolve_at, matched_filter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from numpy.typing import NDArray
+
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
@@ -83,12 +85,20 @@ class NodePlan:
         """Nodes on each side of a window's centre that its filters touch."""
         return len(self.second.average) // 2
 
-    def kernel(self, pair: MatchedFilter, response: Floats) -> Floats:
-        """Weights of single samples in a window's average of the nodes' response to a reading."""
-        weights = np.convolve(pair.average, response[::-1])
-        spread = np.zeros((len(weights) - 1) * self.every + 1)
-        spread[:: self.every] = weights
-        return np.convolve(spread, self.box)
+    def spectra(self, pair: MatchedFilter, responses: Floats) -> tuple[NDArray[np.complex128], int]:
+        """Spectra of a window's average of the nodes' responses (n, 3, 7) to a single sample.
+
+        Returns:
+            (n, 3, F), of kernels that are padded to twice their length, and that length.
+        """
+        taps = np.arange(responses.shape[2])
+        size = (len(pair.average) + taps[-1] - 1) * self.every + len(self.box)
+        frequency = np.arange(size + 1) / (2 * size)
+        spread = np.zeros((len(pair.average) - 1) * self.every + 1)
+        spread[:: self.every] = pair.average
+        alone = np.fft.rfft(spread, 2 * size) * np.fft.rfft(self.box, 2 * size)
+        turns = np.exp(-2j * np.pi * self.every * np.outer(taps, frequency))
+        return responses[:, :, ::-1] @ turns * alone, size
 
 
 def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:

@@ -15,6 +15,7 @@ the base. A URDF whose last link is wrong gives the pose that this URDF needs.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -62,6 +63,7 @@ class Reading:
     turns: bool = False
     """Whether it turns the sensor's axes: it is then removed to second order."""
 
+    @lru_cache(maxsize=256)  # noqa: B019 entries of the table live as long as the program
     def own_response(self, dt: float) -> Floats:
         """(size, 3, 7), the basis along each axis about an instant at which that axis reads 1.
 

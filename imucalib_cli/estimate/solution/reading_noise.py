@@ -127,9 +127,9 @@ def _of_columns(
             continue
         pair = (nodes.second, nodes.first)[sensor]
         answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
-        kernels = np.array([[nodes.kernel(pair, axis) for axis in each] for each in answers])
+        spectra, size = nodes.spectra(pair, answers)
         plain = plan.filters[sensor].average
-        length = 2 * kernels.shape[2]
+        length = 2 * size
         frequency = np.arange(length // 2 + 1) / (length * dt)
         edges = np.clip((np.arange(len(frequency) + 1) - 0.5) / (length * dt), 0.0, frequency[-1])
         seen = noise.between(sensor, edges)
@@ -142,14 +142,14 @@ def _of_columns(
             power = np.maximum(share**2 * (seen - 2.0 * of_joints), least)
         root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
         root *= plan.noise_gains[sensor]
-        in_columns = np.fft.rfft(kernels, length) * root
-        margin = (kernels.shape[2] - len(plain)) // 2
+        in_columns = spectra * root
+        margin = (size - len(plain)) // 2
         in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
         places = places_of(each.part for each, _ in found)
         left = in_residual - np.tensordot(x[places], in_columns, axes=1)
         # As in the rows: these columns contain the residual, whose noise has the other sign.
         in_columns[np.isin(places, layout.unit)] -= left / 3.0
-        flat = in_columns.reshape(len(kernels), -1).view(np.float64)
+        flat = in_columns.reshape(len(places), -1).view(np.float64)
         on_information[np.ix_(places, places)] = flat @ flat.T
         on_score[places] = -(flat @ left.ravel().view(np.float64))
     return on_information, on_score
