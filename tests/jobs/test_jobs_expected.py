@@ -92,7 +92,7 @@ def test_five_times_the_noise_is_told_and_changes_nothing(tmp_path: Path) -> Non
     told, untold = result(log, "bmi270"), result(log, None)
     accel, gyro = of_model(told)
     assert "accelerometer's noise is 0.09" in accel
-    assert "6 times the 0.016 by the data sheet of bmi270 at 200 Hz" in accel  # 190 * 5 / 160
+    assert "6 times the 0.016 of the data sheet of bmi270 at 200 Hz" in accel  # 190 * 5 / 160
     assert "10 times the 0.0012" in gyro
     assert "--imu-model" in accel
     for key in ("transform", "covariance", "accel_bias"):
@@ -118,7 +118,10 @@ def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
     filtered = result(as_log(tmp_path, replace(noisy, imu=imu)), "bmi088")
     assert len(of_model(filtered)) == 2
     for sentence in of_model(filtered):
-        assert "below its cut-off the noise is the sheet's; its delay is part of" in sentence
+        assert (
+            "below the cut-off the noise is that of the sheet; the filter's delay is part of"
+            in sentence
+        )
     assert filtered.time_offset.seconds > 0.005  # as that sentence says
 
 
