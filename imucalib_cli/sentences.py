@@ -243,7 +243,6 @@ def unknown_found(
 _UNEXPLAINED = " (…): "
 _REMAP = "fix the driver's axis mapping"
 _REORDER = "let the publisher list positions in the order of its names"
-_JOINT_STATES = "sensor_msgs/JointState is in {}: convert them in the publisher"
 CAUSES: dict[str, str] = {
     "link": "the IMU moves like {any}[ (rigidly joined: {joined})], not like {told} (…): rerun "
     "with --parent {parents}; if --parent was not given, also correct the frame_id or the URDF's "

@@ -123,7 +123,7 @@ class DaskWorkers:
                 address = self.scheduler
             try:
                 if address == self.scheduler:
-                    asyncio.run(_see_answer(distributed, address))
+                    asyncio.run(_check_answer(distributed, address))
                 client = distributed.Client(address, timeout=_GREETING, set_as_default=False)
             except Exception as error:  # any kind; its text may hold a password
                 raise InputError(
@@ -140,7 +140,7 @@ class DaskWorkers:
         return without_secrets(self.scheduler if has_protocol else f"tcp://{self.scheduler}")
 
 
-async def _see_answer(distributed: Any, address: str) -> None:
+async def _check_answer(distributed: Any, address: str) -> None:
     """Connect once: a client that cannot connect would wait, and complain at exit."""
     security = distributed.Security().get_connection_args("client")
     comm = await distributed.comm.connect(address, timeout=_CONNECTING, **security)

@@ -46,14 +46,18 @@ if TYPE_CHECKING:
 
 
 _SECONDS: Final = 60.0
-"""s: the liveliest stretch of so long is enough to find gross faults; also the largest difference
-of stamps that is searched, since clocks set by hand differ by less, or by hours."""
+"""s: the liveliest stretch of so long is enough to find gross faults."""
+_FAR: Final = 60.0
+"""s: largest difference of stamps that is searched. Clocks set by hand differ by less, or by
+hours."""
 _STRETCH: Final = 5.0
 """s: half of the range of one search for the offset: moves look alike, and the best correlation of
 all may be that of the wrong move."""
 _GOOD: Final = (0.1, 0.03)
 """Shares of acceleration and rotation that a right model, with the worst sensor and robot that are
-sold, leaves unexplained. A right link on a robot three times as bad leaves 0.1 of the rotation."""
+sold, leaves unexplained."""
+_ALIKE: Final = 0.1
+"""Share of the rotation that the right link leaves on a robot three times as bad as that."""
 _NOISES: Final = 3.0
 """Residuals up to so many times the sensor's own noise are good, whatever their share."""
 _FALL: Final = 2.0
@@ -122,7 +126,7 @@ class Trial:
     @property
     def turns_alike(self) -> bool:
         """Whether it explains the rotation, which a wrong link does not."""
-        return bool(self.shares[1] < _GOOD[0])
+        return bool(self.shares[1] < _ALIKE)
 
     def falls_from(self, given: Trial) -> bool:
         """Whether it is decisively better than what was given."""
@@ -337,7 +341,7 @@ def _screened(
 def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iterator[Trial]:
     """Trials at time offsets beyond those that were searched."""
     found = []
-    for centre in np.arange(-_SECONDS, _SECONDS + 1.0, 2.0 * _STRETCH):
+    for centre in np.arange(-_FAR, _FAR + 1.0, 2.0 * _STRETCH):
         offset, alike = fitter.coarse(hypothesis.path, float(centre), _STRETCH)
         robot = np.array(fitter.windowing.trajectory.span) + offset
         imu = fitter.windowing.grid.t[[0, -1]]

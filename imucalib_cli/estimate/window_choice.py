@@ -116,6 +116,7 @@ def lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:
     inside = np.linspace(0.0, _LENGTHS[0], _NODES)
     pair = matched_filter(_NODES, _DEGREE, 2, float(inside[1]))
     starts = np.arange(grid.t0, grid.t[-1] - _LENGTHS[0], _LENGTHS[0])
+    # 400 stretches are enough for a mean.
     t = starts[:: max(len(starts) // 400, 1), None] + inside
     t = t[trajectory.covered(t.ravel()).reshape(t.shape).all(axis=1)]
     if not t.size:

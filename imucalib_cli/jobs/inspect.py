@@ -319,7 +319,7 @@ def _robots(data: LogData, request: CalibrationRequest) -> tuple[Named, ...]:
     try:
         return (named_log(data, request),)
     except ChoiceError as error:
-        if error.option != "--description-topic" or len(data.imus) == 1:
+        if error.option != "--description-topic" or len(data.imus) <= 1:
             return (Named(data=data, problem=error),)
     alone = (replace(data, imus={name: imu}) for name, imu in data.imus.items())
     return tuple(one for each in alone for one in _robots(each, request))

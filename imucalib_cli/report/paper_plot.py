@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import WindowSeries
     from imucalib_cli.results.comparison.answers import TrendAnswer
+    from imucalib_cli.results.result import Kind
 
 SUFFIXES = (".svg", ".pdf", ".png")
 _WIDTH, _HEIGHT = 7.2, 8.6
@@ -200,7 +201,8 @@ def _levels(
     answer: TrendAnswer, x: Floats, what: str, axis: int
 ) -> list[tuple[Floats, Floats, Floats]]:
     """Lines of the mounts or of the drift on an axis: x, values and 1 sigma of their two ends."""
-    part, (block, unit, scale) = list(PARTS.items())[what == "turn"]
+    part: Kind = "rotation" if what == "turn" else "translation"
+    block, unit, scale = PARTS[part]
     if answer.drift is not None:
         change = getattr(answer.drift, part)
         ends, halves = (getattr(change, f"{name}_{unit}")[axis] for name in ("vector", "std"))

@@ -60,12 +60,12 @@ def check_writable(path: Path, made: Path | None = None) -> None:
             if made is not None and target.parent == made.resolve():
                 check_folder_writable(made)
             else:
-                _see_folder(target.parent)
+                _check_folder(target.parent)
         # replacing needs only the folder, but protection of the file is respected
         elif not target.stat().st_mode & _WRITABLE or not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, "it is write-protected")
         elif target.is_file():
-            _see_folder(target.parent)
+            _check_folder(target.parent)
 
 
 def check_folder_writable(folder: Path) -> None:
@@ -74,7 +74,7 @@ def check_folder_writable(folder: Path) -> None:
         nearest = folder.resolve()
         while not nearest.exists() and nearest != nearest.parent:
             nearest = nearest.parent
-        _see_folder(nearest)
+        _check_folder(nearest)
 
 
 def lock(file: IO[bytes]) -> bool:
@@ -100,7 +100,7 @@ def _target(path: Path) -> Path:
     return target
 
 
-def _see_folder(folder: Path) -> None:
+def _check_folder(folder: Path) -> None:
     for holds, number in (
         (folder.exists(), errno.ENOENT),
         (folder.is_dir(), errno.ENOTDIR),

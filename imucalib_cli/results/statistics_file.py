@@ -142,11 +142,11 @@ def _read(path: Path) -> StoredLog:
         )
     result = result_from(header["result"], str(path))
     log = StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
-    _see_they_agree(log)
+    _check_agreement(log)
     return log
 
 
-def _see_they_agree(log: StoredLog) -> None:
+def _check_agreement(log: StoredLog) -> None:
     """Raise ValueError unless the statistics give the pose of the result.
 
     A result that was solved together with other IMUs is not checked: the statistics are of its own

@@ -103,9 +103,11 @@ class Turning:
         """Correlation of the two rates in the other bins; 0 if there are too few."""
         both = self.known & ~besides
         a, b = self.derived[both], self.measured[both]
-        if len(a) < _LEAST_BINS or np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+        if len(a) < _LEAST_BINS:
             return 0.0
         a, b = np.minimum(a, np.percentile(a, 99)), np.minimum(b, np.percentile(b, 99))
+        if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
+            return 0.0
         return float(np.corrcoef(a, b)[0, 1])
 
     def bins_of(self, t: Floats) -> Indices:

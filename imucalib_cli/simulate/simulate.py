@@ -19,7 +19,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import MADE_BY, urdf_text
-from imucalib_cli.simulate.write_log import named_imus, see_log_place, write_log
+from imucalib_cli.simulate.write_log import check_log_place, named_imus, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -66,7 +66,7 @@ def simulate(
         ChoiceError: The output's suffix or another choice does not exist, or a file would be lost.
     """
     log = log or LogOptions()
-    see_log_place(output, log.compression)  # before minutes of physics
+    check_log_place(output, log.compression)  # before minutes of physics
     written = [output, truth_path(output), *(kalibr_paths(output).values() if camera else ())]
     written += [urdf] if urdf else []
     check_places(read=read, written=written, force=force, made_here=_made_here)

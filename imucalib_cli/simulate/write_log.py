@@ -81,7 +81,7 @@ def write_log(
                 progress(done / len(order))
 
 
-def see_log_place(path: Path, compression: str | None) -> str:
+def check_log_place(path: Path, compression: str | None) -> str:
     """Check that a log can be written; return its compression.
 
     Raises:
@@ -110,9 +110,9 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
     A symbolic link is kept and its target replaced; permissions are kept.
 
     Raises:
-        InputError, ChoiceError: As :func:`see_log_place`.
+        InputError, ChoiceError: As :func:`check_log_place`.
     """
-    compression = see_log_place(path, compression)
+    compression = check_log_place(path, compression)
     try:
         target = path.resolve()
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".imucalib-") as folder:

@@ -154,6 +154,17 @@ def test_of_several_descriptions_the_one_that_fits_is_used(
     assert str(chosen.source) == "/a/robot_description"
 
 
+def test_a_log_of_two_robots_without_an_imu_is_inspected(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log_writer.joints().text("/b/robot_description", arm_urdf.read_text())
+    other = arm_urdf.read_text().replace('robot name="', 'robot name="other_')
+    log = log_writer.text("/a/robot_description", other).write()
+    found = inspect(CalibrationRequest(logs=(log,)))
+    assert found.imus == ()
+    assert len(found.joints) == 1
+
+
 def test_a_part_of_two_tells_its_own_seconds(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu().joints().write()
     request = CalibrationRequest(logs=(log,), urdf=arm_urdf, part=Part(start=1.0, end=3.0))

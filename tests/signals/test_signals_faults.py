@@ -236,6 +236,16 @@ def test_clocks_that_do_not_match_are_no_fault_of_the_robot(clean: Log) -> None:
     assert turning.held_robot() == []
 
 
+def test_a_robot_that_hardly_moves_is_not_taken_for_one_that_is_held(clean: Log) -> None:
+    """Where nearly all rates are alike, their correlation says nothing."""
+    imu = clean.noisy(3).imu
+    turning = compare_turning(imu.t, imu.gyro, Trajectory.of(clean.path), 1.0)
+    derived = np.zeros_like(turning.derived)
+    derived[:1] = 1.0
+    measured = np.where(np.arange(len(derived)) > len(derived) // 2, 1.0, 0.0)
+    assert replace(turning, derived=derived, measured=measured).held_robot() == []
+
+
 def test_a_gentle_flat_top_is_saturation_only_at_a_known_range() -> None:
     """It ends so gently that the values do not tell."""
     t, top, quantum = np.arange(4000) / 200.0, 2 * 9.80665, MPU[1]

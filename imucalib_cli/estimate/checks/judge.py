@@ -383,6 +383,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
         what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
+            # Within two sigmas of a stated prior, a bias is as stated.
             if size > max(limit, 2.0 * answer.options.stated_std(unknown.name)):
                 # surely so: a bias that a log hardly determines proves nothing
                 sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
@@ -454,6 +455,7 @@ def _resting_on_priors(answer: Answer) -> Iterator[Finding]:
     if answer.options.known_pose is None:
         return
     std, variance = answer.options.known_pose[2], np.diag(answer.pose_covariance)
+    # If nine tenths of a prior's deviation remain, the data add nothing to it.
     stated = (std < np.inf) & np.where(std > 0.0, variance > (0.9 * std) ** 2, undetermined(answer))
     if stated.any():
         names = tuple(POSE_NAMES[i] for i in np.flatnonzero(stated))

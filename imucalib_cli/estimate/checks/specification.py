@@ -79,6 +79,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     centres = fit.centres[fit.weights > 0.0]
     for factor in FACTORS:
         length = odd_length((own.length - 1) * factor)
+        # A window of nine samples cannot be halved any more.
         if length < 9 or not _sound(fit, length):
             continue
         plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop)

@@ -263,7 +263,7 @@ def _globally(
     windowing: Windowing, options: MatchedOptions, time_offset: float, layout: Layout
 ) -> tuple[State, float]:
     centres = windowing.centres(time_offset)
-    _see_enough(windowing, centres, time_offset)
+    _check_enough(windowing, centres, time_offset)
     rows = windowing.rows(time_offset, thinned(centres, _FEW))
     known, scales = Known.of(options), np.array(_FIRST_SCALES)
     gains = windowing.plan.noise_gains
@@ -324,7 +324,7 @@ def transferred(
     return replace(state, x=x, held_offset=0.0)
 
 
-def _see_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
+def _check_enough(windowing: Windowing, centres: Indices, offset: float) -> None:
     if len(centres) < MIN_WINDOWS:
         grid, (first, last) = windowing.grid, windowing.trajectory.span
         raise InputError(
@@ -358,7 +358,7 @@ def _fitted(
     noise = NoiseSpectrum.white(windowing.noise * np.sqrt(windowing.grid.refine))
     for turn in range(_PASSES):
         every = model.centres(state)
-        _see_enough(windowing, every, model.shifts(state)[1][0])
+        _check_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, _FEW * more**turn)
         (residuals,) = model.residuals(state, centres)
         # A log without noise is no reason to doubt the priors.

@@ -291,10 +291,10 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
             short[len(names), positions] += len(piece.stamp_ns)
         else:
             first, pieces = sets.setdefault(tuple(sorted(names)), (names, []))
+            position = piece.numbers["position"]
             if names != first:
-                order = [names.index(name) for name in first]
-                piece.numbers["position"] = piece.numbers["position"][:, order]
-            pieces.append(piece)
+                position = position[:, [names.index(name) for name in first]]
+            pieces.append(replace(piece, numbers={**piece.numbers, "position": position}))
     losses = []
     if repeated:
         losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
