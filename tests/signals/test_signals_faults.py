@@ -240,9 +240,11 @@ def test_a_robot_that_hardly_moves_is_not_taken_for_one_that_is_held(clean: Log)
     """Where nearly all rates are alike, their correlation says nothing."""
     imu = clean.noisy(3).imu
     turning = compare_turning(imu.t, imu.gyro, Trajectory.of(clean.path), 1.0)
-    derived = np.zeros_like(turning.derived)
-    derived[:1] = 1.0
-    measured = np.where(np.arange(len(derived)) > len(derived) // 2, 1.0, 0.0)
+    derived = np.full_like(turning.derived, 0.1)
+    derived[5] = 1.0
+    half = len(derived) // 2
+    derived[half:] = 0.0
+    measured = np.where(np.arange(len(derived)) < half, turning.measured, 1.0)
     assert replace(turning, derived=derived, measured=measured).held_robot() == []
 
 
