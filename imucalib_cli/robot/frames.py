@@ -18,7 +18,7 @@ from imucalib_cli.robot.path import (
     merge_fixed,
 )
 from imucalib_cli.robot.rotations import matrix_from_quaternion, quaternion_from_matrix
-from imucalib_cli.robot.urdf import Joint, Robot
+from imucalib_cli.robot.urdf import Joint, Robot, way_between
 from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
@@ -113,8 +113,7 @@ def frame_path(
             "or record the transform that joins them"
         )
     tracks: list[Track] = []
-    up = [frame for frame in from_world if frame not in from_parent]
-    down = [frame for frame in reversed(from_parent) if frame not in from_world]
+    up, down = way_between(from_world, from_parent)
     steps = [_step(above[frame][0], tracks, inverse=True) for frame in up]
     steps += [_step(above[frame][0], tracks, inverse=False) for frame in down]
     return KinematicPath(world=world, parent=parent, steps=merge_fixed(steps), tracks=tuple(tracks))

@@ -98,9 +98,7 @@ class Robot:
         Raises:
             InputError: A link is not in the URDF.
         """
-        from_start, from_end = self._ancestors(start), self._ancestors(end)
-        up = [link for link in from_start if link not in from_end]
-        down = [link for link in reversed(from_end) if link not in from_start]
+        up, down = way_between(self._ancestors(start), self._ancestors(end))
         return (
             *((self.joint_above[link], True) for link in up),
             *((self.joint_above[link], False) for link in down),
@@ -119,6 +117,16 @@ class Robot:
             raise InputError(
                 f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
             )
+
+
+def way_between(from_start: list[str], from_end: list[str]) -> tuple[list[str], list[str]]:
+    """Nodes of a tree to go up from and to go down to, by the ancestors of start and end.
+
+    Ancestors include the node itself, and end at the root.
+    """
+    up = [node for node in from_start if node not in from_end]
+    down = [node for node in reversed(from_end) if node not in from_start]
+    return up, down
 
 
 def load_robot(path: Path) -> Robot:
