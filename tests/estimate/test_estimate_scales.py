@@ -85,6 +85,20 @@ def test_the_integral_is_the_dense_grids(seed: int) -> None:
     np.testing.assert_allclose(found.u, mean[-2:], atol=0.5)
 
 
+def test_what_is_eliminated_changes_nothing() -> None:
+    given = problem(4)
+    axes = [np.linspace(low, high, 81) for low, high in given.bounds.tolist()]
+    at = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)[::500]
+    expected = list(grid_over_scales(given))[::500]
+    for u, (log, mean, covariance) in zip(at, expected, strict=True):
+        value, step = given.likelihood(u)
+        assert value == pytest.approx(log, rel=1e-10)
+        again, inverse = given.solve(u)
+        for found in (step, again):
+            np.testing.assert_allclose(found, mean[:-2], rtol=1e-9)
+        np.testing.assert_allclose(inverse, covariance[:-2, :-2], rtol=1e-8, atol=1e-14)
+
+
 @pytest.mark.slow
 def test_the_mean_over_many_scales_is_that_of_plain_draws() -> None:
     """Twelve of four components each, seen by sixteen readings: few points by themselves count."""

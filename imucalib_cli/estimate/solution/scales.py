@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -114,38 +115,125 @@ class Problem:
             noise=None if self.noise is None else self.noise[np.ix_(kept, kept)],
         )
 
+    @cached_property
+    def reduced(self) -> Reduced:
+        """Of the components with learnt scales alone."""
+        return Reduced.of(self)
+
     def precision(self, u: Floats) -> Floats:
         """(n,), P's diagonal."""
         return 1.0 / self.prior.std_at(u) ** 2
 
-    def _scaled(self, P: Floats) -> tuple[Floats, Floats]:
-        """H of unit diagonal, and the units (n,) that make it so."""
-        H = self.information + np.diag(P)
-        unit = 1.0 / np.sqrt(np.diag(H))
-        return H * np.outer(unit, unit), unit
-
     def likelihood(self, u: Floats) -> tuple[float, Floats]:
         """Log marginal likelihood of the scales, and the step to the posterior mean."""
-        P = self.precision(u)
-        scaled, unit = self._scaled(P)
-        gradient = self.score + P * self.offset
-        step = -unit * np.linalg.solve(scaled, unit * gradient)
-        log_det = 2.0 * np.log(np.diag(np.linalg.cholesky(scaled)) / unit).sum()
-        fit = gradient @ -step - P @ self.offset**2
-        return float(0.5 * (fit - log_det + np.log(P).sum())), step
+        value, step = self.reduced.likelihood(u)
+        return value, self.reduced.whole(step)
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
-        P = self.precision(u)
-        scaled, unit = self._scaled(P)
-        inverse = np.linalg.inv(scaled) * np.outer(unit, unit)
-        return -inverse @ (self.score + P * self.offset), inverse
+        step, inverse = self.reduced.solve(u)
+        return self.reduced.whole(step), self.reduced.whole_inverse(inverse)
 
     def covariance(self, u: Floats) -> Floats:
         """(n, n), of the posterior mean: (A + P)^-1 (B + P) (A + P)^-1."""
         _, inverse = self.solve(u)
         B = self.information if self.noise is None else self.noise
         return np.asarray(inverse @ (B + np.diag(self.precision(u))) @ inverse)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reduced:
+    """Normal equations of the l components with learnt scales; the others are eliminated once."""
+
+    information: Floats
+    """(l, l)."""
+    score: Floats
+    """(l,)."""
+    offset: Floats
+    """(l,)."""
+    scale: Indices
+    """(l,), as in :class:`Prior`."""
+    learnt: Bools
+    """(n,), which components these are."""
+    still: Floats
+    """(n,), step of the others where these do not move."""
+    moved: Floats
+    """(n, l), step of all components for a step of these."""
+    inverse: Floats
+    """(n, n), covariance of the others where these are known."""
+    constant: float
+    """Of the logarithm of the likelihood."""
+
+    @classmethod
+    def of(cls, problem: Problem) -> Reduced:
+        """Eliminate the components whose prior is given."""
+        learnt = problem.prior.scale >= 0
+        A, b = problem.information, problem.score
+        P = 1.0 / problem.prior.std[~learnt] ** 2
+        given_offset = problem.offset[~learnt]
+        own, across = A[np.ix_(~learnt, ~learnt)] + np.diag(P), A[np.ix_(~learnt, learnt)]
+        gradient = b[~learnt] + P * given_offset
+        unit = 1.0 / np.sqrt(np.diag(own))
+        # A Cholesky factor keeps the digits that a difference with an inverse would lose.
+        root = np.linalg.cholesky(own * np.outer(unit, unit)) / unit[:, None]
+        sides = np.linalg.solve(root, np.column_stack([across, gradient, np.eye(len(P))]))
+        size = across.shape[1]
+        halves, half, inverse_root = sides[:, :size], sides[:, size], sides[:, size + 1 :]
+        still, moved = np.zeros(len(b)), np.zeros((len(b), size))
+        still[~learnt] = -inverse_root.T @ half
+        moved[~learnt] = -inverse_root.T @ halves
+        moved[learnt] = np.eye(size)
+        inverse = np.zeros_like(A)
+        inverse[np.ix_(~learnt, ~learnt)] = inverse_root.T @ inverse_root
+        fit = half @ half - P @ given_offset**2
+        log_det = 2.0 * np.log(np.diag(root)).sum()
+        return cls(
+            information=A[np.ix_(learnt, learnt)] - halves.T @ halves,
+            score=b[learnt] - halves.T @ half,
+            offset=problem.offset[learnt],
+            scale=problem.prior.scale[learnt],
+            learnt=learnt,
+            still=still,
+            moved=moved,
+            inverse=inverse,
+            constant=0.5 * float(fit - log_det + np.log(P).sum()),
+        )
+
+    def _scaled(self, u: Floats) -> tuple[Floats, Floats, Floats]:
+        """H of unit diagonal, the units (l,) that make it so, and the gradient in these units."""
+        P = np.exp(-2.0 * u)[self.scale]
+        H = self.information.copy()
+        H.flat[:: len(H) + 1] += P
+        unit = 1.0 / np.sqrt(H.diagonal())
+        H *= unit
+        H *= unit[:, None]
+        return H, unit, unit * (self.score + P * self.offset)
+
+    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+        """As :meth:`Problem.likelihood`, with the step (l,) of these components alone."""
+        scaled, unit, gradient = self._scaled(u)
+        step = -np.linalg.solve(scaled, gradient)
+        log_det = 2.0 * np.log(np.linalg.cholesky(scaled).diagonal() / unit).sum()
+        log_P = -2.0 * u[self.scale]
+        fit = -gradient @ step - np.exp(log_P) @ self.offset**2
+        return self.constant + 0.5 * float(fit - log_det + log_P.sum()), unit * step
+
+    def solve(self, u: Floats) -> tuple[Floats, Floats]:
+        """As :meth:`Problem.solve`, of these components alone."""
+        scaled, unit, gradient = self._scaled(u)
+        inverse = np.linalg.inv(scaled)
+        step = -unit * (inverse @ gradient)
+        inverse *= unit
+        inverse *= unit[:, None]
+        return step, np.asarray(inverse)
+
+    def whole(self, step: Floats) -> Floats:
+        """(n,), step of all components."""
+        return np.asarray(self.still + self.moved @ step)
+
+    def whole_inverse(self, inverse: Floats) -> Floats:
+        """(n, n), covariance of all components."""
+        return np.asarray(self.inverse + self.moved @ inverse @ self.moved.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,15 +264,14 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     u = high if start is None else start
     if not len(u):
         return u
-    members = problem.prior.scale == np.arange(len(u))[:, None]
+    reduced = problem.reduced
+    members = (reduced.scale == np.arange(len(u))[:, None]).astype(float)
+    sizes = members.sum(axis=1)
     for _ in range(25):
-        step, inverse = problem.solve(u)
-        squares, variances = (problem.offset + step) ** 2, np.diag(inverse)
-        sums, vague = (
-            np.array([each[its].sum() for its in members]) for each in (squares, variances)
-        )
+        step, inverse = reduced.solve(u)
+        sums = members @ (reduced.offset + step) ** 2
         # A smaller share is rounding.
-        share = np.maximum(members.sum(axis=1) - vague * np.exp(-2.0 * u), 0.05)
+        share = np.maximum(sizes - members @ inverse.diagonal() * np.exp(-2.0 * u), 0.05)
         new = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high)
         new = np.clip(new, u - 2.0, u + 2.0)  # no farther in one step
         settled = bool(np.abs(new - u).max() < 0.02)  # two per cent of each scale
@@ -311,9 +398,16 @@ def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
         density = np.exp(log_height + problem.prior.log_density(tried, newest=index))
         steps = 0.5 * (density[:, 1:] + density[:, :-1])
         cumulative = np.concatenate([np.zeros((len(even), 1)), steps.cumsum(axis=1)], axis=1)
-        for point, (shares, heights) in enumerate(zip(cumulative, density, strict=True)):
-            total = shares[-1]
-            drawn = np.interp(even[point, index], shares / total, fine)
-            points[point, index] = drawn
-            log_density[point] += math.log(np.interp(drawn, fine, heights) / total)
+        total = cumulative[:, -1].copy()
+        cumulative /= total[:, None]
+        # The linear interpolation of each row by itself.
+        after = np.argmax(cumulative > even[:, index, None], axis=1)
+        rows = np.arange(len(even))
+        below, above = cumulative[rows, after - 1], cumulative[rows, after]
+        share = (even[:, index] - below) / (above - below)
+        points[:, index] = fine[after - 1] + share * (fine[after] - fine[after - 1])
+        heights = density[rows, after - 1] + share * (
+            density[rows, after] - density[rows, after - 1]
+        )
+        log_density += np.log(heights / total)
     return points, log_density
