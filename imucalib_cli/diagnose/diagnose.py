@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.diagnose.alternatives import explaining, given_trial
-from imucalib_cli.diagnose.base_motion import find_motion_at_rest, find_still_imu
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted
@@ -68,6 +66,10 @@ def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
         return (rivals,)
     if not needs_diagnosis(poor.estimate):
         return ()
+    # late: most fits are good
+    from imucalib_cli.diagnose.alternatives import explaining, given_trial
+    from imucalib_cli.diagnose.base_motion import find_motion_at_rest, find_still_imu
+
     reversed_accel = any(each.code == "imu.accel_reversed" for each in poor.estimate.findings)
     found: tuple[Finding, ...] = ()
     # The fit may have reversed the accelerometer for another fault's sake.

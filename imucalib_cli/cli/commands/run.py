@@ -82,7 +82,6 @@ def run_command(
 ) -> None:
     """Find the pose of every IMU of a recording on the robot."""
     from imucalib_cli.jobs.calibrate import calibrate
-    from imucalib_cli.jobs.combine import calibrate_together
     from imucalib_cli.logs.open import is_own_output
     from imucalib_cli.results.atomic import check_folder_writable
     from imucalib_cli.results.places import check_places
@@ -111,6 +110,8 @@ def run_command(
     with warning_of_old_outputs(*older), reading(*logs, recording.urdf, verbose=verbose):
         with ProgressBar(quiet=quiet) as bar:
             if joint:
+                from imucalib_cli.jobs.combine import calibrate_together
+
                 found, failures = calibrate_together(request, bar.report)
             else:
                 outcome = calibrate(request, bar.report)
