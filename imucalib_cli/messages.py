@@ -98,9 +98,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{limit:g} are left out",
     "pose.unusable": "{topic}: {count} poses that are not finite or whose quaternion is not of "
     "unit norm are left out",
-    "joints.prefixed": "{topic}: the names of {count} joints differ from those of {robot} by the "
+    "joints.prefixed": "{topic}: names of joints ({count}) differ from those of {robot} by the "
     "prefix '{prefix}' and are matched to them; --joint-prefix overrides this",
-    "frames.prefixed": "the names of {count} frames differ from links of {robot} by the prefix "
+    "frames.prefixed": "names of frames ({count}) differ from links of {robot} by the prefix "
     "'{prefix}' and are matched to them",
     "base.imu": "{topic} on {link} gives the motion of the robot; the other IMUs are calibrated "
     "against it",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_PROTOCOL = r"[A-Za-z][A-Za-z0-9+.-]+"
+_PROTOCOL = r"[A-Za-z][A-Za-z0-9+.-]{1,31}"  # without a bound, long names take minutes
 _LINK = re.compile(rf"({_PROTOCOL}):/{{1,2}}((?:(?!::{_PROTOCOL}(?:::|:/))\S)*)")
 """A URL, or one of a chain of fsspec; a path made from a URL has lost a slash."""
 
@@ -21,6 +21,8 @@ def printable(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+_COMPARED = 200
+"""Letters of a name; the time to compare names grows with the square of their lengths."""
 _HIDDEN = re.compile(r"[?#](?!…(?:\W|$))")
 """Begin of a query or fragment that has not been removed yet."""
 
@@ -33,7 +35,8 @@ def natural_key(name: str) -> list[tuple[int, str]]:
 
 def similar_names(name: str, known: Sequence[str]) -> str:
     """End of an error message: names similar to this one; empty if none is."""
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
+    comparable = [each for each in known if len(each) <= _COMPARED]
+    near = difflib.get_close_matches(name[:_COMPARED], comparable, n=3, cutoff=0.6)
     quoted = " or ".join(f"'{match}'" for match in near)
     return f"; did you mean {quoted}?" if near else ""
 

@@ -18,9 +18,10 @@ from imucalib_cli import __version__
 from imucalib_cli.batch.logs import absolute
 from imucalib_cli.batch.record import FileStamp
 from imucalib_cli.errors import InputError
-from imucalib_cli.jobs.input.reading import printable, sha256_of
+from imucalib_cli.jobs.input.reading import path_text
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.remote.store import NoRangesError
+from imucalib_cli.results.atomic import sha256_of
 from imucalib_cli.results.places import files_read
 
 if TYPE_CHECKING:
@@ -119,7 +120,7 @@ def stamps_of(
         if earlier is not None and (earlier.size, earlier.mtime_ns) == (size, mtime):
             stamps.append(earlier)
             continue
-        digest = (hashes or {}).get(printable(path)) or sha256_of(path)
+        digest = (hashes or {}).get(path_text(path)) or sha256_of(path)
         settled = int(mtime) if now - int(mtime) > _SETTLED_NS else 0
         stamps.append(FileStamp(path=place, size=size, mtime_ns=settled, sha256=digest))
     return stamps

@@ -20,9 +20,9 @@ from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.batch.record import FileStamp, Record
 from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.jobs.input.reading import printable, sha256_of
+from imucalib_cli.jobs.input.reading import path_text
 from imucalib_cli.jobs.result_files import read_result_file
-from imucalib_cli.results.atomic import clear_partial, lock, write_whole
+from imucalib_cli.results.atomic import clear_partial, lock, sha256_of, write_whole
 from imucalib_cli.results.names import collision_key, log_name
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def _free_name(
 
 def _is_of(path: Path, log: BatchLog) -> bool:
     """Whether a file is a result of a log."""
-    named = {printable(path) for path in log.paths}
+    named = {path_text(path) for path in log.paths}
     try:
         results = read_result_file(str(path))
     except ImucalibError:

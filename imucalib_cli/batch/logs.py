@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
-from imucalib_cli.jobs.input.reading import printable
+from imucalib_cli.jobs.input.reading import path_text
 from imucalib_cli.logs.open import holds_log, is_own_output
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.tum_euroc import TABLES
@@ -40,7 +40,7 @@ class BatchLog:
     @property
     def label(self) -> str:
         """Its name in tables and messages."""
-        return printable(self.paths[0])
+        return path_text(self.paths[0])
 
     @property
     def place(self) -> str:
@@ -90,7 +90,7 @@ def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
 
 
 def _parts(paths: tuple[LogPath, ...]) -> Finding:
-    first = printable(paths[0])
+    first = path_text(paths[0])
     pattern = first.replace("_0.", "_*.") if first.count("_0.") == 1 else "NAME_*"
     return note("batch.parts_joined", first=first, others=len(paths) - 1, pattern=pattern)
 

@@ -21,7 +21,7 @@ from imucalib_cli.jobs.input.data_sheet import (
     without_priors,
 )
 from imucalib_cli.jobs.input.motion import Motion, find_motion
-from imucalib_cli.jobs.input.reading import printable, read_recording, recorded_at
+from imucalib_cli.jobs.input.reading import path_text, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options
 from imucalib_cli.jobs.known.mounts import named_parent, with_carriers
 from imucalib_cli.jobs.known.upright import upright_component
@@ -304,7 +304,7 @@ def check_overlap(samples: ImuSamples, motion: Motion) -> None:
 def _provenance(recording: Recording, alone: _Alone) -> Provenance:
     """Where the result of an IMU comes from."""
     motion, t, robot = alone.motion, alone.t, alone.motion.sources.robot
-    urdf = None if robot is None else SourceFile(path=printable(robot.source), sha256=robot.sha256)
+    urdf = None if robot is None else SourceFile(path=path_text(robot.source), sha256=robot.sha256)
     return Provenance(
         tool="imucalib",
         version=__version__,

@@ -11,7 +11,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.input.motion import find_motion
-from imucalib_cli.jobs.input.reading import on_one_clock, open_requested, telling
+from imucalib_cli.jobs.input.reading import on_one_clock, open_requested, progress_of_step
 from imucalib_cli.jobs.known.mounts import with_base_imu, with_carriers
 from imucalib_cli.jobs.known.robot import Named, named_log
 from imucalib_cli.layout import Table
@@ -257,7 +257,7 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
     log = open_requested(request, progress)
     topics = [each for kind in ("imu", "joints", "pose") for each in candidates(log.topics, kind)]
     topics += descriptions(log.topics) if request.urdf is None else ()
-    data = log.read({topic.name for topic in topics}, telling(progress, "reading"))
+    data = log.read({topic.name for topic in topics}, progress_of_step(progress, "reading"))
     robots = _robots(data, request)
     chosen, request, problem = _chosen(log, request)
     clock, imus, found = _imus(robots, chosen, request, problem)

@@ -37,7 +37,8 @@ class Topic:
     type: str
     """Without ``/msg/``: sensor_msgs/Imu."""
     encoding: str
-    """``cdr``, ``ros1``, ``json``, ``protobuf``, ``text`` or another name from the file."""
+    """``cdr``, ``ros1``, ``json``, ``protobuf`` or another name from the file; ``text`` where the
+    format itself passes on numbers (:meth:`Sink.add_decoded`)."""
     definition: str = field(default="", repr=False)
     """The type's definition, if the file embeds it: .msg, a JSON schema, or descriptors of protobuf
     (a character a byte)."""

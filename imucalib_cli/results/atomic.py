@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import secrets
 import time
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 _WRITABLE = 0o222
 """Mode bits that allow anybody to write."""
 _PARTIAL = ".imucalib-{}.part"
+_BLOCK = 1 << 22
+"""Bytes hashed at a time."""
 _ABANDONED = 60.0
 """s without a change after which a partial file counts as abandoned."""
 
@@ -120,6 +123,20 @@ def _reported(path: Path) -> Iterator[None]:
         if isinstance(error, FileNotFoundError):
             reason = f"there is no folder {path.parent}; make it, or name another file"
         raise InputError(f"{path}: cannot be written: {reason}") from error
+
+
+def sha256_of(path: Path) -> str:
+    """Hexadecimal, of the file's bytes.
+
+    Raises:
+        OSError: It cannot be read.
+    """
+    digest = hashlib.sha256()
+    buffer = memoryview(bytearray(_BLOCK))
+    with path.open("rb", buffering=0) as file:
+        while size := file.readinto(buffer):
+            digest.update(buffer[:size])
+    return digest.hexdigest()
 
 
 def identity(path: Path) -> object:

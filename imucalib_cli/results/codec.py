@@ -36,6 +36,8 @@ FARTHEST = 100.0
 """m; no IMU is farther from its parent frame."""
 ROTATIONS_AGREE = 1e-6
 """Largest angle, rad, between quaternion and rpy of one rotation, and largest error of its norm."""
+_SAME_STD = 1e-6
+"""Largest relative difference between a standard deviation and the root of its variance."""
 RESULT = "a result of `imucalib run`"
 _OLD_REQUIREMENT = "--require asks for "
 """Beginning of the reasons of --require in results that were written without codes."""
@@ -261,6 +263,7 @@ def _contradictions(result: Result) -> Iterator[tuple[str, str]]:
     if covariance is not None and not is_covariance(covariance):
         pose = f"{result.transform.child} in {result.transform.parent}"
         yield "covariance", f"of {pose} is not symmetric, or gives a variance below zero"
+    yield from _std_contradictions(result)
     diagnostics = result.diagnostics
     status = "untrusted" if diagnostics.unobservable or diagnostics.distrust else "ok"
     if result.status != status:
@@ -289,6 +292,24 @@ def _pose_contradictions(result: Result) -> Iterator[tuple[str, str]]:
         yield f"{place}.translation", f"should be within {FARTHEST:g} m of the parent frame"
     if nominal is not None:
         yield from _rotation_contradictions(nominal, "diagnostics.nominal")
+
+
+def _std_contradictions(result: Result) -> Iterator[tuple[str, str]]:
+    if result.covariance is not None and result.std is not None:
+        variances = [row[place] for place, row in enumerate(result.covariance)]
+        stated = (*result.std.translation_mm, *result.std.rotation_deg)
+        units = [1e3] * 3 + [math.degrees(1.0)] * 3
+        for place, (std, variance, unit) in enumerate(zip(stated, variances, units, strict=True)):
+            if std is None or variance is None:
+                continue
+            if not math.isclose(std, math.sqrt(max(variance, 0.0)) * unit, rel_tol=_SAME_STD):
+                key = "translation_mm" if place < 3 else "rotation_deg"
+                said = "is not the root of the covariance's diagonal: edit both or neither"
+                yield f"std.{key}[{place % 3}]", said
+    for key in ("time_offset", "accel_bias", "gyro_bias"):
+        stds = getattr(result, key).std
+        if any(std is not None and std < 0.0 for std in np.ravel(stds)):
+            yield f"{key}.std", "should not be negative"
 
 
 def _rotation_contradictions(pose: Pose | NominalEntry, place: str) -> Iterator[tuple[str, str]]:

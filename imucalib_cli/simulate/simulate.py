@@ -9,7 +9,8 @@ import numpy as np
 import yaml
 
 from imucalib_cli import __version__
-from imucalib_cli.results.atomic import write_whole
+from imucalib_cli.guarded_yaml import load_one, read_bounded
+from imucalib_cli.results.atomic import sha256_of, write_whole
 from imucalib_cli.results.codec import PlainDumper
 from imucalib_cli.results.places import check_places
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
@@ -18,7 +19,7 @@ from imucalib_cli.simulate.camera.render import opencv
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.urdf import MADE_BY, urdf_text
+from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import check_log_place, named_imus, write_log
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.options import PhysicsOptions
     from imucalib_cli.simulate.recording import Recording
 
-_HEAD = 512
+_HASH = "sha256"
 _LATER = {"legged", "imus", "bandwidth"}
 """Settings that older truths do not have; they are left out if empty."""
 
@@ -69,7 +70,14 @@ def simulate(
     check_log_place(output, log.compression)  # before minutes of physics
     written = [output, truth_path(output), *(kalibr_paths(output).values() if camera else ())]
     written += [urdf] if urdf else []
-    check_places(read=read, written=written, force=force, made_here=_made_here)
+
+    def made_here(path: Path) -> bool:
+        """Whether a log or a URDF is still as an earlier simulation wrote it."""
+        if path == urdf:
+            return path.read_bytes() == urdf_text(system).encode()
+        return _recorded_hash(path) == sha256_of(path)
+
+    check_places(read=read, written=written, force=force, made_here=made_here)
     if camera is not None:
         opencv()
     clean = record(system, physics, progress, camera=camera)
@@ -78,6 +86,8 @@ def simulate(
     if camera is not None:
         write_kalibr(recording, camera, output, log)
     truth = truth_of(recording, log)
+    if output.is_file():
+        truth["log"][_HASH] = sha256_of(output)
     text = yaml.dump(truth, Dumper=PlainDumper, sort_keys=False, width=100, default_flow_style=None)
     write_whole(truth_path(output), _HEADER + text)
     if urdf is not None:
@@ -85,12 +95,14 @@ def simulate(
     return truth
 
 
-def _made_here(path: Path) -> bool:
-    """Whether a log or a URDF is from an earlier simulation."""
-    if truth_path(path).is_file():
-        return True
-    with path.open("rb") as file:
-        return MADE_BY.encode() in file.read(_HEAD)
+def _recorded_hash(log: Path) -> str | None:
+    """Hash of a log by the truth beside it; None where there is none."""
+    try:
+        with truth_path(log).open("rb") as file:
+            hashed = load_one(read_bounded(file))["log"][_HASH]
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+    return str(hashed)
 
 
 def truth_path(log: Path) -> Path:

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 _TO_AXIS = {"x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
 """rpy that turns a cylinder from z, its axis in URDF, to another axis."""
 
-MADE_BY = "Made by imucalib simulate"
-ORIGIN = MADE_BY + " from configs/{name}.yaml, which tells where its numbers are from."
+ORIGIN = (
+    "Made by imucalib simulate from configs/{name}.yaml, which tells where its numbers are from."
+)
 
 
 def urdf_text(system: SystemConfig) -> str:

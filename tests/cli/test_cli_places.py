@@ -174,6 +174,21 @@ def test_a_simulation_is_repeated_and_keeps_link_and_permissions(
         assert real.read_bytes().startswith(b"\x89MCAP")
 
 
+def test_a_simulation_overwrites_only_what_it_wrote(tmp_path: Path, simulate: Imucalib) -> None:
+    log, urdf = tmp_path / "mine.mcap", tmp_path / "mine.urdf"
+    again = simulate.with_("-o", log, "--urdf", urdf)
+    again()
+    again()
+    recorded, described = log.read_bytes(), urdf.read_bytes()
+    others = {log: recorded + b"\0", urdf: described.replace(b'xyz="', b'xyz="1', 1)}
+    for path, content in others.items():
+        path.write_bytes(content)
+        assert "and would be overwritten: name another file" in again(code=2).err
+        assert path.read_bytes() == content
+        again("--force")
+    assert (log.read_bytes(), urdf.read_bytes()) == (recorded, described)
+
+
 def test_inputs_are_known_by_any_name(tmp_path: Path) -> None:
     source, log = tmp_path / "source.yaml", tmp_path / "a.db3-wal"
     source.write_text("precious")
@@ -263,6 +278,9 @@ def test_a_failed_run_tells_of_older_results_in_a_folder(
     err = run("-o", f"{house}/out/", code=1).err
     assert f"{house / 'out' / 'log.imu_link.yaml'} {words}" in err
     assert words not in run("-o", f"{house}/out/").err
+    # also before the log is read
+    assert words in run("-o", f"{house}/out/", "--imu-model", "nothere.yaml", code=1).err
+    assert words in run("-o", f"{house}/out/", "--tilt-std", "1", "--gravity", "none", code=2).err
 
 
 def test_apply_repeats_itself_and_spares_other_urdfs(

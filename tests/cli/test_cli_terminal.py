@@ -24,10 +24,12 @@ from imucalib_cli.cli.main import main
 from imucalib_cli.cli.output import say, wants_colour
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import Severity, findings_without_code
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.shown import similar_names
 from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
@@ -349,6 +351,12 @@ def test_a_line_on_stderr_stays_one_short_line(capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err.endswith("x… (1000000 letters)\n")
     say("error", "x" * 3000)
     assert capsys.readouterr().err == f"error: {'x' * 3000}\n"
+
+
+def test_a_long_name_costs_no_time() -> None:
+    long = "x" * 1_000_000  # minutes where the time grows with its square
+    assert str(ChoiceError(long)) == long
+    assert similar_names(long, [long, "xx"]) == ""
 
 
 def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:

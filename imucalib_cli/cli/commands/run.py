@@ -86,19 +86,14 @@ def run_command(
     from imucalib_cli.results.atomic import check_folder_writable
     from imucalib_cli.results.places import check_places
 
-    request = options.calibration_request(ctx, logs, recording, estimator, require)
     read = files_of(*logs, recording.urdf, estimator.imu_model)
     target = None if output is None else Path(output)
-    chosen = chosen_format(fmt, target)
     folder = target if output is not None and is_folder(output) else None
     # checked here, not after minutes of computing
     if folder is not None:
         check_folder_writable(folder)
     single = [] if target is None or folder is not None else [target]
     beside = check_extras(extras)
-    request = replace(request, details=bool(beside))
-    if joint:
-        _check_joint(logs, estimator, beside, kinematics_report=kinematics_report)
     check_places(
         read=read,
         written=[*single, *beside],
@@ -108,6 +103,11 @@ def run_command(
     )
     older = [*single, *beside, *([] if folder is None else files_named_after(folder, logs[0]))]
     with warning_of_old_outputs(*older), reading(*logs, recording.urdf, verbose=verbose):
+        request = options.calibration_request(ctx, logs, recording, estimator, require)
+        request = replace(request, details=bool(beside))
+        chosen = chosen_format(fmt, target)
+        if joint:
+            _check_joint(logs, estimator, beside, kinematics_report=kinematics_report)
         with ProgressBar(quiet=quiet) as bar:
             if joint:
                 from imucalib_cli.jobs.combine import calibrate_together

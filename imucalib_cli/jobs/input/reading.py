@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
@@ -22,13 +21,13 @@ from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.select import select_topics
+from imucalib_cli.results.atomic import sha256_of
 from imucalib_cli.results.result import RemoteEntry, SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
-    from pathlib import Path
 
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.jobs.known.robot import Named
@@ -44,8 +43,6 @@ _SHOWN = 3
 _UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _FIRST_DATE_NS = 946_684_800 * 10**9
 """Stamps from the year 2000 on are dates: no device has been running for thirty years."""
-_BLOCK = 1 << 22
-"""Bytes hashed at a time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +100,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         chosen = replace(chosen, descriptions=())
     files = fingerprints(log.paths)
     # An IMU that nobody asked for may be the one that measures how the base moves.
-    data = log.read((*chosen.all, *chosen.other_imus), telling(progress, "reading"))
+    data = log.read((*chosen.all, *chosen.other_imus), progress_of_step(progress, "reading"))
     data = chosen.of(data)
     used = {imu.topic for imu in data.imus.values() if len(imu)}
     unused = [topic for topic in chosen.imus if topic not in used]
@@ -123,11 +120,11 @@ def open_requested(request: CalibrationRequest, progress: Progress | None = None
         request.csv_columns,
         columns=request.joint_columns,
         scan_remote=request.allow_remote_scan,
-        progress=telling(progress, "downloading"),
+        progress=progress_of_step(progress, "downloading"),
     )
 
 
-def telling(progress: Progress | None, step: str) -> Callable[[float], None]:
+def progress_of_step(progress: Progress | None, step: str) -> Callable[[float], None]:
     """A function that reports the share done of a step, 0 to 1, if anyone listens."""
     return lambda share: None if progress is None else progress(step, share)
 
@@ -345,27 +342,13 @@ def fingerprints(paths: Collection[LogPath]) -> Future[tuple[SourceFile, ...]]:
 
 def _source_file(path: LogPath) -> SourceFile:
     if not isinstance(path, RemoteFile):
-        return SourceFile(path=printable(path), sha256=sha256_of(path))
+        return SourceFile(path=path_text(path), sha256=sha256_of(path))
     # the hash of a file that is read in parts is not known
     sha256 = None if path.copy is None else sha256_of(path.copy)
     remote = RemoteEntry(bytes=path.size, version=path.version or None)
-    return SourceFile(path=printable(path), sha256=sha256, remote=remote)
+    return SourceFile(path=path_text(path), sha256=sha256, remote=remote)
 
 
-def printable(path: LogPath | str) -> str:
+def path_text(path: LogPath | str) -> str:
     """A path as text: bytes that are not UTF-8 become question marks."""
     return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
-
-
-def sha256_of(path: Path) -> str:
-    """Hexadecimal, of the file's bytes.
-
-    Raises:
-        OSError: It cannot be read.
-    """
-    digest = hashlib.sha256()
-    buffer = memoryview(bytearray(_BLOCK))
-    with path.open("rb", buffering=0) as file:
-        while size := file.readinto(buffer):
-            digest.update(buffer[:size])
-    return digest.hexdigest()
