@@ -86,13 +86,6 @@ def untrusted(code: str, **values: Any) -> Finding:
     return Finding(code=code, severity=Severity.UNTRUSTED, values=values)
 
 
-def findings_without_code(severity: Severity, sentences: Iterable[str]) -> tuple[Finding, ...]:
-    """Findings from sentences without a code."""
-    return tuple(
-        Finding(code=TEXT, severity=severity, values={"text": sentence}) for sentence in sentences
-    )
-
-
 def reasons(findings: Iterable[Finding]) -> tuple[str, ...]:
     """Why a result must not be used, in words and in order."""
     return tuple(each.message for each in findings if each.severity is Severity.UNTRUSTED)

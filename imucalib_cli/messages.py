@@ -236,11 +236,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "require.sigma": "--require asks for [" + _TRANSLATION + "]"
     "[translation_axis?; and for " + _ROTATION + "][translation_axis=?" + _ROTATION + "]: "
     "[remedy=motion?record the motion that determines it]"
-    "[remedy=model?the robot model or the mount, not noise, determines it, so correct the URDF's "
-    "lengths and joint zeros or tighten the mount; more of the same motion will not help]"
     "[remedy=longer?record about {longer:fig2} times as long (sigma falls with the root of the "
-    "duration), or livelier motion]"
-    "[remedy=livelier?record livelier motion (faster turns about several axes) and more of it]",
+    "duration), or faster motion]"
+    "[remedy=faster?record faster turns about several axes, and more of them]",
     "require.no_sigma": "--require asks for [{translation:mm.6g}][translation? and "
     "{rotation:deg.6g}][translation=?{rotation:deg.6g}], but --method {method} gives no sigma: "
     "use --method matched",

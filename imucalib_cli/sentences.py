@@ -87,7 +87,8 @@ _FORMS: dict[str, Callable[[Any], str]] = {
         "gyroscope": "be right-handed",
     }.__getitem__,
     "cure": lambda name: (
-        "it hangs elsewhere in each pose; stiffen the mount, or record slower motion"
+        "it bends under gravity, differently in each pose; stiffen the mount, or record slower "
+        "motion"
         if name == "mount_give"
         else "check units, ranges, axes and the URDF"
     ),
@@ -389,7 +390,7 @@ def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind
         "rotation": f"about {math.degrees(2.0 * size):.2g} deg",
     }[kind]
     return (
-        f"{told} jumps to and fro by {by} from message to message: two publishers send it and "
+        f"{told} jumps back and forth by {by} from message to message: two publishers send it and "
         "contradict each other; stop one of them, and record again"
     )
 

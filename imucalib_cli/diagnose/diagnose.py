@@ -43,7 +43,7 @@ _FOLLOWING: Final = GENERIC | {
     "imu.accel_reversed",
 }
 """Findings that a wrong model causes too."""
-_AFTER: Final = "not to be judged before the cause of the misfit is mended"
+_AFTER: Final = "mend the cause of the poor fit first"
 
 
 def needs_diagnosis(estimate: Estimate) -> bool:

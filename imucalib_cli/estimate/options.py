@@ -80,7 +80,7 @@ class MatchedOptions:
     sensor_scale_most: float = math.inf
     """Upper limit of the learnt error of the sensors' scales, by their data sheet, relative."""
     sensor_axes_most: float = math.inf
-    """The same for the turn of the gyroscope's axes against the accelerometer's, rad."""
+    """The same for the rotation of the gyroscope's axes relative to the accelerometer's, rad."""
 
     @property
     def known_pose(self) -> tuple[Floats, Floats, Floats] | None:

@@ -66,7 +66,8 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
         if attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION and not drowned:
             if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
-            return seconds, "automatic: averages the noise of the kinematics below the IMU's"
+            reason = "automatic: long enough to reduce the noise of the kinematics below the IMU's"
+            return seconds, reason
     return _LENGTHS[-1], "automatic: the longest, the kinematics are noisy"
 
 

@@ -163,7 +163,7 @@ def _estimate_one(
         request = replace(request, estimator=options)
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
     if progress is not None and needs_diagnosis(estimate):
-        progress(f"looking for what is wrong with {imu.name}", None)
+        progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
     of_log = (*recording.findings, *motion.findings, *missing)

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import ParameterEntry
     from imucalib_cli.robot.path import KinematicPath
 
-_HEADS: Final = ("joint", "what", "true less URDF", "beforehand", "")
+_HEADS: Final = ("joint", "what", "true - URDF (1 sigma)", "prior (1 sigma)", "")
 _UNITS: Final = {"rad": ("deg", math.degrees(1.0)), "m": ("mm", 1e3)}
 _TAUGHT: Final = 0.9
 """Share of the prior sigma: with more of it left, the log gave no information."""
-_BASE: Final = "gauge: where the robot's base stands, which gravity and the fit follow"
+_BASE: Final = "not observable: looks like another place of the robot's base"
 _OF_BASE: Final = {"base_translation": "place", "base_rotation": "rotation"}
 """Names of the errors of the base IMU's place in its link."""
-_MOUNT: Final = "gauge: part of the IMU's mount"
+_MOUNT: Final = "not observable: looks like another mount of the IMU"
 
 
 def kinematics_report(each: Calibrated) -> Iterator[Block]:
@@ -43,8 +43,9 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         yield f"{result.child}: the robot was taken to be exact (--robot)"
         return
     yield (
-        f"the robot's joints between {path.world} and {path.parent}, as {result.child} saw them "
-        f"(apply --kinematics writes what is {SIGNIFICANT_SIGMAS:g} sigma off in the joints):"
+        f"the robot's joints between {path.world} and {path.parent}, by the motion of "
+        f"{result.child} (apply --kinematics writes what is {SIGNIFICANT_SIGMAS:g} sigma off in "
+        "the joints):"
     )
     parameters = result.diagnostics.parameters
     found: dict[tuple[str, str], list[ParameterEntry]] = {}
@@ -67,7 +68,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
             what = "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
             rows.append(_row(entry, name, what))
         if len(entries) < (1 if kind == ZERO else len("xyz")):
-            some = "zero" if kind == ZERO else "origin" if not entries else "origin, the rest"
+            some = "zero" if kind == ZERO else "origin" if not entries else "origin, other axes"
             rows.append((name, some, "", "", why))
     yield Table(_HEADS, tuple(rows), frozenset(_HEADS[2:4]))
     for early, late in parallel_joints(path, moving):
@@ -106,5 +107,5 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
     if off >= SIGNIFICANT_SIGMAS:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
-        remark = "the log says nothing about it"
+        remark = "not determined by this log"
     return joint, f"{what}, {unit}", with_std(value, std), f"± {sigma(before)}{learnt}", remark

@@ -73,7 +73,8 @@ def parameter_table(parameters: Sequence[ParameterEntry]) -> str:
     ]
     return (
         '<div class="wide"><table class="parameters"><thead><tr><th>unknown</th><th></th>'
-        "<th>found, ± 1 σ</th><th>1 σ beforehand</th><th>before and after</th><th>taught</th></tr>"
+        "<th>found, ± 1 σ</th><th>1 σ beforehand</th><th>before and after</th>"
+        "<th>variance removed</th></tr>"
         f"</thead><tbody>{''.join(rows)}</tbody></table></div>"
     )
 

@@ -51,18 +51,18 @@ WORDS: dict[str, Words] = {
     "spectra": Words(
         title="Residuals against the sensor's noise",
         shows=(
-            "Density of what the fit leaves, told as noise of the IMU's samples. The line is the "
-            "sensor's own noise, by how far each sample stands off its neighbours. σ is made from "
-            "this spectrum."
+            "Spectrum of the residuals, as noise density of the IMU's samples. The line is the "
+            "sensor's own noise, from the difference of each sample from its neighbours. σ is made "
+            "from this spectrum."
         ),
         good="Flat, at the line or a little above it.",
         faults=(
             (
                 "Flat but far above the line: the robot's encoders or its tracking are noisier "
-                "than the IMU; σ knows it."
+                "than the IMU; σ includes it."
             ),
-            "Rising to the left: a bias that walks, or errors of the robot's geometry.",
-            "A peak: vibration, or a mount that rings.",
+            "Rising to the left: a random walk of a bias, or errors of the robot's geometry.",
+            "A peak: vibration, or a resonance of the mount.",
         ),
     ),
     "window": Words(
@@ -101,16 +101,16 @@ WORDS: dict[str, Words] = {
                 "A component that stays far above the others: the motion does not turn about the "
                 "axes that would show it."
             ),
-            "A late fall: the telling motion came late; begin with it next time.",
+            "A late fall: the motion that informs it came late; begin with it next time.",
             "A flat end: more of the same motion does not help; move differently.",
         ),
     ),
     "taught": Words(
-        title="Which stretch of motion taught what",
+        title="Information of each stretch of the log",
         shows=(
-            "Share of what the log tells about each component of the pose, by stretches of equal "
-            "length, along the parent link's axes and about them. The strongest colour of a row is "
-            "its greatest share."
+            "Share of the log's information about each component of the pose, by stretches of "
+            "equal length, along the parent link's axes and about them. The strongest colour of a "
+            "row is its greatest share."
         ),
         good="Strong cells in every row, spread over the log.",
         faults=(
@@ -144,15 +144,18 @@ WORDS: dict[str, Words] = {
         ),
     ),
     "parameters": Words(
-        title="What the log taught about robot and sensor",
+        title="Errors of robot and sensor, before and after",
         shows=(
             "Every unknown of the model beside the pose: 1 σ beforehand (the wide grey bar), and "
             "value and 1 σ afterwards (the coloured bar), on the scale of what was expected. "
-            "'Taught' is how much of the variance beforehand the log took away. 'Learnt' is a size "
-            "that this log taught and no data sheet tells: a mean, so that σ afterwards may be "
-            "larger."
+            "'Variance removed' is the share of the prior variance that the log removed. 'Learnt' "
+            "is a size that this log showed and no data sheet tells: a mean, so that σ afterwards "
+            "may be larger."
         ),
-        good="Coloured bars within the grey ones. One as wide as its grey bar was taught nothing.",
+        good=(
+            "Coloured bars within the grey ones. The log shows nothing about one that is as wide "
+            "as its grey bar."
+        ),
         faults=(
             (
                 "A value far outside its grey bar: that part is worse than such parts are, or it "

@@ -88,7 +88,7 @@ def judgement(result: Result) -> tuple[Status, str]:
     """
     if result.status != "ok":
         reason = "".join(f": {each}" for each in reasons(result)[:1])
-        return result.status, f"do not use as it stands{reason}"
+        return result.status, f"do not use this result{reason}"
     place = f"{result.child} in {result.parent} is"
     if result.std is None:
         return result.status, f"{place} found; --method {result.diagnostics.method} states no sigma"
@@ -172,7 +172,7 @@ def sections(result: Result) -> tuple[Section, ...]:
 def summarise(result: Result, *, colour: bool = False) -> str:
     """About thirty lines about one IMU; ``colour`` colours the verdict with ANSI codes."""
     trusted = result.status == "ok"
-    verdict = "ok" if trusted else "UNTRUSTED, do not use as it stands"
+    verdict = "ok" if trusted else "UNTRUSTED, do not use this result"
     if colour:
         verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
     head = f"{printable(f'{result.child} in {result.parent}')}: {verdict}"
@@ -215,7 +215,7 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
         text = f"{place}, sigma {_direction_std(direction)}; {direction.motion}"
         yield Field("not determined", text, "untrusted")
     if known := result.diagnostics.observable:
-        yield Field("known all the same", "; ".join(map(_known, known)), "note")
+        yield Field("still determined", "; ".join(map(_known, known)), "note")
 
 
 def _known(direction: Observable) -> str:
@@ -302,7 +302,7 @@ def _least_known(result: Result) -> Iterator[Field]:
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
     std = sigma(float(np.sqrt(variances[-1])) * 1e3)
     where = f"along ({_numbers(axis, 2)}) of {result.parent}, ± {std} mm"
-    yield Field("least known", f"{where}: faster turns about axes across it tell more")
+    yield Field("least known", f"{where}: rotate faster about perpendicular axes to improve it")
 
 
 def _rotation(stds: Sequence[float | None], parent: str) -> str:
@@ -344,7 +344,7 @@ def _gravity(result: Result) -> str:
     x, y, z = result.gravity_world
     norm = float(np.linalg.norm(result.gravity_world))
     if norm == 0.0 and _findings(result, "base.imu"):
-        return "cancels: this accelerometer and that of the base IMU feel the same"
+        return "cancels: this accelerometer and that of the base IMU measure the same gravity"
     if norm == 0.0:
         return "none"
     parameters = result.diagnostics.parameters
@@ -404,7 +404,7 @@ def _nominal(result: Result) -> Iterator[Field]:
     entry, pose = result.diagnostics.nominal, result.nominal
     if entry is None or pose is None:
         return
-    where = f"joint {entry.joint}" if entry.joint else "what URDF or tf say"
+    where = f"joint {entry.joint}" if entry.joint else "the pose in the URDF or on /tf"
     shift = (result.pose.t - pose.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(result.pose.R @ pose.R_parent_imu.T))
     apart = f"{figures(entry.distance_mm, 3)} mm and {figures(entry.distance_deg, 3)} deg away"

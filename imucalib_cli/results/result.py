@@ -145,7 +145,7 @@ class FindingEntry(Tree, frozen=True):
 
 
 class ParameterEntry(Tree, frozen=True):
-    """An unknown beside the pose: what was known of it, and what the log taught."""
+    """An unknown beside the pose: what was known of it, and what the log showed."""
 
     name: str
     """Entry of the table of unknowns (docs/method.md)."""
@@ -157,7 +157,7 @@ class ParameterEntry(Tree, frozen=True):
     """1 sigma."""
     prior_std: float | None
     """1 sigma beforehand, about zero or the nominal value. Where prior_learnt is true it comes from
-    no data sheet: it is the mean of the standard deviation that this log taught, of all components
+    no data sheet: it is the mean of the standard deviation that this log showed, of all components
     that share it."""
     prior_learnt: bool
     """Whether the size of the prior is learnt from the log."""

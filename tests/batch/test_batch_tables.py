@@ -26,7 +26,7 @@ from imucalib_cli.batch.tables import (
     words,
 )
 from imucalib_cli.cli.commands.batch import batch_command
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.layout import csv_text, plain
 from imucalib_cli.results.codec import to_document
 from imucalib_cli.shown import printable
@@ -58,7 +58,7 @@ def bad(log: str = "b.mcap", why: str = "too short") -> Record:
 
 
 def doubtful(log: str = "c.mcap", why: str = "segments disagree", child: str = "imu") -> Record:
-    result = make_result(child=child, findings=findings_without_code(Severity.UNTRUSTED, [why]))
+    result = make_result(child=child, findings=(untrusted(TEXT, text=why),))
     return record(log, status="untrusted", exit_code=3, results=[result])
 
 

@@ -12,7 +12,7 @@ import yaml
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, warning
 from tests.results.test_results_documents import make_estimate
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ ESTIMATE = make_estimate(
     t_parent_imu=np.array([0.06, 0.0, 0.0]),
     covariance=np.diag([1e-8] * 3 + [1e-10] * 3),
     time_offset=0.012,
-    findings=findings_without_code(Severity.WARNING, ["the moon is full"]),
+    findings=(warning(TEXT, text="the moon is full"),),
 )
 SIDEWAYS = UnobservableDirection(
     kind="translation", direction_parent=np.array([0.0, 1.0, 0.0]), std=None, motion="roll"

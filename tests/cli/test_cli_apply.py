@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.result import ParameterEntry, SourceFile
 from imucalib_cli.robot.urdf import load_robot
@@ -68,7 +68,7 @@ def test_every_imu_is_applied_and_told(apply: Any) -> None:
 def test_one_that_is_untrusted_does_not_keep_the_other_back(apply: Any) -> None:
     pair = [
         imu("left"),
-        imu("right", findings=findings_without_code(Severity.UNTRUSTED, ["it wobbles"])),
+        imu("right", findings=(untrusted(TEXT, text="it wobbles"),)),
     ]
     out, err = apply(pair, code=3)
     assert out == URDF.replace('<origin xyz="0.1 0.2 0.303" rpy="0 0 0"/>', MOVED)

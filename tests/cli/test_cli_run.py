@@ -15,7 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from tests.cli.stand_in import ESTIMATE, SIDEWAYS, Estimator
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def test_an_untrusted_pose_is_refused_unless_forced(
     fmt: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
     estimator.estimate = replace(
-        ESTIMATE, findings=findings_without_code(Severity.UNTRUSTED, ["it contradicts itself"])
+        ESTIMATE, findings=(untrusted(TEXT, text="it contradicts itself"),)
     )
     out, err = run_arm("--format", fmt, code=3)
     assert out == ""
@@ -352,7 +352,10 @@ def test_axes_that_are_held_are_told_once(
 @pytest.mark.parametrize(
     ("std", "told"),
     [
-        ((1e-3, 20e-3, 1e-3), ["along (0.00 1.00 0.00) of hand, ± 20 mm: faster turns about axes"]),
+        (
+            (1e-3, 20e-3, 1e-3),
+            ["along (0.00 1.00 0.00) of hand, ± 20 mm: rotate faster about perpendicular axes"],
+        ),
         ((0.0, 0.0, 0.0), []),
         ((1e-3, 10.0, 1e-3), []),
     ],

@@ -25,7 +25,7 @@ from imucalib_cli.cli.output import say, wants_colour
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.formats import FORMATS
@@ -176,9 +176,7 @@ def test_run_into_a_folder_names_each_file(
 def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(
     shown: Shown, arm: tuple[object, ...], estimator: Estimator
 ) -> None:
-    estimator.estimate = replace(
-        ESTIMATE, findings=findings_without_code(Severity.UNTRUSTED, ["it wobbles"])
-    )
+    estimator.estimate = replace(ESTIMATE, findings=(untrusted(TEXT, text="it wobbles"),))
     code, out, err = shown("run", *arm, streams=("stdout",))
     assert code == 3
     assert "UNTRUSTED" in out

@@ -44,7 +44,8 @@ def test_the_exit_code_is_the_alarm(moved: Path, still: Path, imucalib: Imucalib
     assert out.startswith("moved: imu_link in wrist_3_link has moved: by 1.96 ")
     assert err == ""
     rows = [line.split() for line in out.splitlines()[2:]]
-    assert rows[0] == ["recorded", "result", "mount", "shift", "mm", "turn", "deg"]
+    heads = "recorded result mount shift mm ± 1 sigma turn deg ± 1 sigma"
+    assert rows[0] == heads.split()
     assert [row[4] for row in rows[1:]] == ["1"] * 8 + ["2"] * 4
     assert imucalib("trend", still).out.startswith("not moved: imu_link")
     said = imucalib("trend", next(still.iterdir()), code=3)

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from tests.cli.stand_in import ANSWERS, ESTIMATE, SIDEWAYS, Estimator, answers
 
 if TYPE_CHECKING:
@@ -103,9 +103,7 @@ def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
     assert "not determined: translation along (0.00 1.00 0.00) of hand" in document["reason"]
     assert document["found"]["status"] == "untrusted"
     verify_arm(code=4)
-    estimator.estimate = replace(
-        ESTIMATE, findings=findings_without_code(Severity.UNTRUSTED, ["it wobbles"])
-    )
+    estimator.estimate = replace(ESTIMATE, findings=(untrusted(TEXT, text="it wobbles"),))
     said = verify_arm(code=3)
     assert "contradicts itself or its model: it wobbles" in said.err
 

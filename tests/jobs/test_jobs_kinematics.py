@@ -119,8 +119,8 @@ def test_the_report_lists_what_no_log_can_tell(folder: Path, imucalib: Imucalib)
         found = re.search(r"(\S+) ± (\S+) .* sigma: clear$", row(joint, what))
         assert found is not None
         assert abs(float(found[1]) - true) < 3.0 * float(found[2])
-    assert "gauge: where the robot's base stands" in row("shoulder_pan_joint", "zero")
-    assert "gauge: part of the IMU's mount" in row("wrist_3_joint", "zero")
+    assert "looks like another place of the robot's base" in row("shoulder_pan_joint", "zero")
+    assert "looks like another mount of the IMU" in row("wrist_3_joint", "zero")
     assert "clear" not in row("elbow_joint", "zero")
     alike = [re.search(r"the axes of (\S+) and (\S+) are parallel", each) for each in rows]
     assert [each.groups() for each in alike if each is not None] == [

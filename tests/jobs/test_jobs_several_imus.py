@@ -115,7 +115,7 @@ def test_what_is_drawn_is_the_solution_whose_numbers_are_stated(
     np.testing.assert_allclose(drawn - alone, by_bias, rtol=0, atol=1e-5)
     page = report(solved_together)
     assert f"This IMU was solved together with {OTHER}" in page
-    assert "this accelerometer and that of the base IMU feel the same" in page
+    assert "this accelerometer and that of the base IMU measure the same gravity" in page
 
 
 def test_the_kinematics_report_tells_where_the_base_imu_is(

@@ -193,7 +193,7 @@ def test_a_result_alone_has_a_page_that_says_what_it_lacks(calibrated: Calibrate
     outline(text)
     assert "--report report.html" in text
     assert data_of(text)["plots"] == {}
-    assert "What the log taught about robot and sensor" in text
+    assert "Errors of robot and sensor, before and after" in text
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e300, 1.79e308])

@@ -32,7 +32,7 @@ from imucalib_cli.estimate.estimate import (
     UnobservableDirection,
     Window,
 )
-from imucalib_cli.findings import Severity, findings_without_code, note, untrusted, warning
+from imucalib_cli.findings import TEXT, note, untrusted, warning
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
 from imucalib_cli.results.comparison.answers import schema_of
 from imucalib_cli.results.comparison.requirement import Tolerance, require
@@ -60,7 +60,7 @@ ROLL = UnobservableDirection(
     kind="rotation", direction_parent=np.array([1.0, 0.0, 0.0]), std=0.3, motion="roll it"
 )
 
-DOUBTS = findings_without_code(Severity.UNTRUSTED, ["it wobbles"])
+DOUBTS = (untrusted(TEXT, text="it wobbles"),)
 
 
 def make_estimate(**changes: Any) -> Estimate:
@@ -157,7 +157,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "translation unknown": {"unobservable": (UP,)},
     "rotation unknown": {"unobservable": (ROLL,)},
     "infinite sigma": {"covariance": np.diag([1.0, 1.0, math.inf, 1.0, 1.0, 1.0])},
-    "distrusted": {"findings": findings_without_code(Severity.UNTRUSTED, ["segments disagree"])},
+    "distrusted": {"findings": (untrusted(TEXT, text="segments disagree"),)},
 }
 
 
@@ -481,7 +481,7 @@ def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tole
             (
                 "^--require asks for 1 mm, the largest sigma is 2 mm along y of wrist_3_link: "
                 r"record about 4 times as long \(sigma falls with the root of the duration\), or "
-                "livelier motion$"
+                "faster motion$"
             ),
         ),
         (
@@ -489,8 +489,8 @@ def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tole
             Tolerance(translation=1e-5, rotation=math.radians(1e-6)),
             (
                 r"0\.01 mm, the largest sigma is 2 mm along y.*for 1e-06 deg, the largest sigma is "
-                r"0\.00573 deg about x of wrist_3_link.*record livelier motion \(faster turns "
-                r"about several axes\) and more of it$"
+                r"0\.00573 deg about x of wrist_3_link.*record faster turns "
+                r"about several axes, and more of them$"
             ),
         ),
         ({"unobservable": (UP,)}, TINY, ": record the motion that determines it$"),
@@ -506,7 +506,7 @@ def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tole
             r"1 mm, the largest sigma is 1\.000000001 mm",
         ),
     ],
-    ids=["longer", "livelier", "unobservable", "no sigma", "nan", "by a hair"],
+    ids=["longer", "faster", "unobservable", "no sigma", "nan", "by a hair"],
 )
 def test_require_distrusts_a_sigma_that_is_too_large_and_advises(
     changes: Any, asked: Tolerance, said: str
@@ -618,9 +618,7 @@ def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
 
 
 def test_every_field_of_the_list_is_in_the_summary() -> None:
-    result = make_result(
-        unobservable=(UP,), findings=findings_without_code(Severity.WARNING, ["it creaks"])
-    )
+    result = make_result(unobservable=(UP,), findings=(warning(TEXT, text="it creaks"),))
     listed = sections(result)
     assert len({section.title for section in listed}) == len(listed)
     assert [section.title for section in listed if section.formula] == [
@@ -646,11 +644,11 @@ def test_every_field_of_the_list_is_in_the_summary() -> None:
         ),
         (
             {"unobservable": (UP,), "findings": DOUBTS},
-            "untrusted, do not use as it stands: it wobbles",
+            "untrusted, do not use this result: it wobbles",
         ),
         (
             {"unobservable": (UP,)},
-            "untrusted, do not use as it stands: not determined: translation along (0.00 0.00 1.00",
+            "untrusted, do not use this result: not determined: translation along (0.00 0.00 1.00",
         ),
     ],
 )

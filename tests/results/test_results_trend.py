@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.trend.search import Series, find_line, find_mounts
 from imucalib_cli.results.trend.trend import trend
@@ -192,9 +192,7 @@ def test_results_that_tell_nothing_are_left_out_and_named() -> None:
     wrong = [
         (
             "a.yaml",
-            result(
-                20, values[0], C[0], findings=findings_without_code(Severity.UNTRUSTED, ["loose"])
-            ),
+            result(20, values[0], C[0], findings=(untrusted(TEXT, text="loose"),)),
         ),
         ("b.yaml", result(21, values[0], np.zeros((6, 6)))),
         ("c.yaml", result(22, values[0], fixed)),
@@ -206,7 +204,7 @@ def test_results_that_tell_nothing_are_left_out_and_named() -> None:
         assert answer.verdict == "not moved"
         assert [each.file for each in answer.recordings] == [name for name, _ in given]
     reasons = {each.file: each.reason for each in answer.left_out}
-    assert reasons["a.yaml"] == "untrusted: do not use as it stands: loose"
+    assert reasons["a.yaml"] == "untrusted: do not use this result: loose"
     assert reasons["b.yaml"] == "all of its pose is held by --fix, not found"
     assert reasons["c.yaml"] == "--fix holds tx, unlike most of the others"
     assert reasons["e.yaml"] == "its covariance is singular"

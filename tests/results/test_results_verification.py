@@ -12,7 +12,7 @@ from msgspec import UNSET, structs
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
-from imucalib_cli.findings import Severity, findings_without_code
+from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.comparison.verdicts import diff, verify
 from imucalib_cli.robot.mount import NominalPose
@@ -159,7 +159,7 @@ def test_no_significant_difference_says_what_it_would_not_have_seen() -> None:
 @pytest.mark.parametrize("distrust", ["segments disagree", "the time offset may lie beyond"])
 def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None:
     for shift in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0]):
-        doubtful = found_at(shift, findings=findings_without_code(Severity.UNTRUSTED, [distrust]))
+        doubtful = found_at(shift, findings=(untrusted(TEXT, text=distrust),))
         for found, place in ((answer(doubtful), ""), (moved(found_at(), doubtful), "b.yaml: ")):
             assert found.verdict == "unknown"
             why = f"{place}the result contradicts itself or its model: {distrust}"

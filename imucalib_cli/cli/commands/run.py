@@ -214,11 +214,16 @@ def report_findings(
     if is_terminal(sys.stderr) and not (in_words or (target is None and is_terminal(sys.stdout))):
         sys.stderr.write(_in_words(results, sys.stderr))
     elif not (is_terminal(sys.stderr) and in_words):
-        for result in results:
-            # a cause that was found comes first, its effects follow
-            for reason in (*result.diagnostics.distrust, *unobservable_fields(result)):
-                say("untrusted", f"{result.child}: {reason}")
-        for finding in findings_of(results):
-            say(finding.label, finding.text)
+        # a cause that was found comes first, its effects follow
+        lines = [
+            ("untrusted", f"{result.child}: {reason}")
+            for result in results
+            for reason in (*result.diagnostics.distrust, *unobservable_fields(result))
+        ]
+        lines += [(finding.label, finding.text) for finding in findings_of(results)]
+        if any("±" in text for _, text in lines):
+            lines.append(("note", "± is 1 sigma"))
+        for label, text in lines:
+            say(label, text)
     if results and in_words and hint:
         say("note", "for the result as YAML add -o FILE or --format yaml, or pipe it")

@@ -387,7 +387,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         least=1e-5,  # less than good quartz: jitter of stamps looks like it
         effect=Clock(np.positive, np.positive),
         of_log=True,
-        words="gain of the IMU's clock on the robot's",
+        words="drift of the IMU's clock relative to the robot's",
     ),
     Unknown(
         name="gyro_delay",
@@ -400,7 +400,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     ),
     *_of_each_sensor(
         "filter",
-        "low-pass filter of the {} beside its delay",
+        "low-pass filter of the {}, in addition to its delay",
         lambda values, samples: _second_derivative(values, samples.dt),
         units=("s²", "s²"),
         scale="driver_filter",
@@ -423,11 +423,11 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="sensor_axes",
         healthy=0.05,
         effect=Reading("gyro", lambda s: -cross(np.eye(3)[:, None], s.gyro[None]), turns=True),
-        words="turn of the gyroscope's axes against the accelerometer's",
+        words="rotation of the gyroscope's axes relative to the accelerometer's",
     ),
     *_of_each_sensor(
         "skew",
-        "half of what axes of the {} are off square",
+        "half of the non-orthogonality of the {}'s axes",
         lambda values, _: _skewed(values),
         labels=("yz", "xz", "xy"),
         units=("rad", "rad"),
@@ -452,7 +452,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         effect=Reading("accel", _swayed),
         least=1e-4,
         positive=True,
-        words="give of the mount or the arm",
+        words="compliance of the mount or the arm",
     ),
     Unknown(
         name="joint_zero",
@@ -496,7 +496,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="length",
         healthy=0.02,
         effect=Origin(),
-        words="origin between two joints: true less URDF",
+        words="origin between two joints: true minus URDF",
     ),
     Unknown(
         name="pose_scale",
@@ -514,7 +514,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="base_place",
         healthy=0.02,
         effect=OfBase(Mount("translation")),
-        words="place of the base IMU in its link: true less URDF",
+        words="place of the base IMU in its link: true minus URDF",
     ),
     Unknown(
         name="base_rotation",
@@ -524,7 +524,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="base_turn",
         healthy=0.1,
         effect=OfBase(Mount("rotation")),
-        words="rotation of the base IMU in its link: true less URDF",
+        words="rotation of the base IMU in its link: true minus URDF",
     ),
     Unknown(
         name="base_time_offset",

@@ -10,6 +10,7 @@ import numpy as np
 
 from imucalib_cli.estimate.checks.judge import DISTRUST_SIGMAS
 from imucalib_cli.estimate.estimate import ImuCheck, SensorCheck
+from imucalib_cli.estimate.model.unknowns import SENSORS
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 FIRST_ORDER = math.pi / 2.0
 """Noise bandwidth over -3 dB bandwidth of a first-order filter, which has the largest ratio."""
-_SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
 def with_priors(options: MatchedOptions, expected: ExpectedImu | None) -> MatchedOptions:
@@ -112,14 +112,14 @@ def _check(
             in_windows=level,
             bias_prior=None if sensor in dropped else priors.get(sensor),
         )
-        for sensor, level in zip(_SENSORS, in_windows, strict=True)
+        for sensor, level in zip(SENSORS, in_windows, strict=True)
     )
     return ImuCheck(name=expected.model.name, rate=rate, accel=accel, gyro=gyro)
 
 
 def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
     factor = imu_assumptions().noise_factor
-    for sensor, found in zip(_SENSORS, (check.accel, check.gyro), strict=True):
+    for sensor, found in zip(SENSORS, (check.accel, check.gyro), strict=True):
         values = {
             "sensor": sensor,
             "measured": found.measured,

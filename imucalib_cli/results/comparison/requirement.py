@@ -72,7 +72,7 @@ def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
     if not missed:
         return estimate
     longer = max(excess**2, 1.1)
-    remedy: dict[str, str | float | None] = {"remedy": "livelier", "longer": None}
+    remedy: dict[str, str | float | None] = {"remedy": "faster", "longer": None}
     if estimate.unobservable:
         remedy["remedy"] = "motion"
     elif longer <= _WORTH_RECORDING:

@@ -128,7 +128,7 @@ def diff(
             why = doubts or [f"{n}: {gap}" for n, r in sides for gap in _gaps(r)]
             asked = "" if within is None else f", and {within} is allowed"
             too_wide = f"within two sigma it is up to {apart.farthest_words}{asked}"
-            why = why or [f"{too_wide}: record longer or livelier motion"]
+            why = why or [f"{too_wide}: record longer or faster motion"]
             said = f"cannot tell whether {place} has moved: {figures_said}; {'; '.join(why)}"
     return answers.DiffAnswer(
         schema=SCHEMA,
@@ -184,7 +184,7 @@ def _open_questions(result: Result, apart: PoseComparison, within: Tolerance) ->
         return
     if not all(part.determined for part in apart.parts):
         yield from map(str, unobservable_fields(result))
-    remedy = "record longer or livelier motion"
+    remedy = "record longer or faster motion"
     if result.diagnostics.sigma_source == "segments":
         remedy = (
             "the robot model, not noise, sets sigma, so correct the URDF's lengths and joint zeros"

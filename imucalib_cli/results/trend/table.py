@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from imucalib_cli.layout import Block
     from imucalib_cli.results.comparison.answers import TrendAnswer, TrendRecording
 
-_HEADS = ("recorded", "result", "mount", "shift mm", "turn deg")
+_HEADS = ("recorded", "result", "mount", "shift mm ± 1 sigma", "turn deg ± 1 sigma")
 
 
 def blocks(answers: Sequence[TrendAnswer]) -> Iterator[Block]:
