@@ -210,7 +210,7 @@ def calibrate(
         base_imu: Topic of the IMU that tells how the base moves; found where nothing else does.
         world: Frame that stands still; the root of the frames.
         clock: Stamps of the headers, or times of receipt.
-        units: What the IMU's numbers mean; told from the log.
+        units: What the IMU's numbers mean; detected from the log.
         csv_columns: Columns of tables without a header.
         joints: Which numbers of messages without names are joints, such as
             ``"/arm:data[0:2]=pan,lift"``.
@@ -290,7 +290,7 @@ def calibrate_arrays(
 ) -> Calibration:
     """Find where an IMU sits on the robot from samples in memory.
 
-    The motion is told by poses of the parent link; or by joint positions with a URDF; or by both,
+    The motion is given by poses of the parent link; or by joint positions with a URDF; or by both,
     where the poses are those of the URDF's root, an arm on a moving base. The streams may have any
     rates and stamps, which need not be regular.
 

@@ -383,15 +383,15 @@ def _percent(share: float) -> str:
 def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind: str) -> str:
     """Two publishers of one position."""
     topic, size = names[0], sizes[0]
-    told = f"the pose from {what}" if kind != "joint" else f"the position of {what} in {topic}"
+    subject = f"the pose from {what}" if kind != "joint" else f"the position of {what} in {topic}"
     by = {
         "joint": f"{size:.2g} rad (or m)",
         "position": f"{size * 1e3:.3g} mm",
         "rotation": f"about {math.degrees(2.0 * size):.2g} deg",
     }[kind]
     return (
-        f"{told} jumps back and forth by {by} from message to message: two publishers send it and "
-        "contradict each other; stop one of them, and record again"
+        f"{subject} jumps back and forth by {by} from message to message: two publishers send it "
+        "and contradict each other; stop one of them, and record again"
     )
 
 

@@ -59,15 +59,15 @@ _pose_std = partial(_known, metavar="2mm,0.5deg|tx=1mm,rz=0.2deg", parser=parser
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
 
 
-def _topics(kind: Kind, flag: str, **told: Any) -> Any:
-    return _log([], flag, metavar="TOPIC", autocompletion=complete.topics(kind), **told)
+def _topics(kind: Kind, flag: str, **settings: Any) -> Any:
+    return _log([], flag, metavar="TOPIC", autocompletion=complete.topics(kind), **settings)
 
 
-def file_option(forms: str, *other: str, **told: Any) -> Any:
+def file_option(forms: str, *other: str, **settings: Any) -> Any:
     """A file whose suffix chooses its form: ``FILE.csv|.parquet``, and others not in the help."""
     suffixes = forms.removeprefix("FILE").split("|")
     parser = parsers.file_ending(*suffixes, *other)
-    return output_option(None, metavar=forms, parser=parser, show_default="none", **told)
+    return output_option(None, metavar=forms, parser=parser, show_default="none", **settings)
 
 
 CsvColumns = Annotated[

@@ -151,7 +151,7 @@ def parallel_joints(path: KinematicPath, moving: Container[int]) -> tuple[tuple[
     """Pairs of turning joints, one after the other, whose axes are parallel.
 
     A wrong zero of the one looks like the opposite zero of the other and a displaced origin
-    between them. Steps are told by their indices; those that do not move are parts of what
+    between them. Steps are given by their indices; those that do not move are parts of what
     carries them.
     """
     nowhere = np.eye(1, 7, 6)

@@ -62,10 +62,10 @@ def check_urdf(data: bytes, path: Path | str) -> bytes:
         _check_tree(links, joints, faults)
         _check_mimics(joints, faults)
     if faults:
-        told = [f"line {element.line}: {_in_one_line(text)}" for element, text in faults[:_SHOWN]]
+        lines = [f"line {element.line}: {_in_one_line(text)}" for element, text in faults[:_SHOWN]]
         if len(faults) > _SHOWN:
-            told.append(f"and {len(faults) - _SHOWN} more faults")
-        raise InputError(f"{path}: {'; '.join(told)}")
+            lines.append(f"and {len(faults) - _SHOWN} more faults")
+        raise InputError(f"{path}: {'; '.join(lines)}")
     return _kinematics_only(root, links, joints)
 
 

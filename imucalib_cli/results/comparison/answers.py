@@ -115,11 +115,11 @@ class ToldPose(Tree, frozen=True):
     rotation_rpy: Vector3
     """rad."""
     urdf: SourceFile | None
-    """null where the log's own frames told the pose."""
+    """null where the pose is that of the log's own frames."""
 
 
 class VerifyAnswer(Tree, frozen=True):
-    """Whether a told pose is where a log, or a result, shows the IMU."""
+    """Whether a given pose is where a log, or a result, shows the IMU."""
 
     schema: Literal[1]
     comparison: Literal["verify"]

@@ -36,7 +36,7 @@ WITHIN = Tolerance(translation=5e-3, rotation=math.radians(0.5))
 
 def verify(
     result: Result,
-    told: NominalPose,
+    given: NominalPose,
     within: Tolerance = WITHIN,
     urdf: SourceFile | None = None,
     file: str = "",
@@ -52,7 +52,7 @@ def verify(
     from the log's own frames, ``file`` empty where a log was calibrated.
     """
     found = result.uncertain_pose
-    apart = compare_poses(found.exactly(told.R_parent_imu, told.t_parent_imu), found)
+    apart = compare_poses(found.exactly(given.R_parent_imu, given.t_parent_imu), found)
     apart = apart.without(ignored)
     left_out = tuple(POSE_NAMES[place] for place in sorted(ignored))
     verdicts = [apart.judge(part, within) for part in apart.parts]
@@ -60,7 +60,7 @@ def verify(
     verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
-    by = f"{source} (joint '{told.joint}')" if told.joint else source
+    by = f"{source} (joint '{given.joint}')" if given.joint else source
     match verdict:
         case "yes":
             said = f"{place} is where {by}, within {within}: {apart} away"
@@ -87,8 +87,8 @@ def verify(
         significance=apart.significance(),
         told=tree_from(
             answers.ToldPose,
-            pose_entry(told.R_parent_imu, told.t_parent_imu),
-            joint=told.joint,
+            pose_entry(given.R_parent_imu, given.t_parent_imu),
+            joint=given.joint,
             urdf=urdf,
         ),
         found=result,

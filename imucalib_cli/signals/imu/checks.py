@@ -47,8 +47,8 @@ def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
         limit, unit = _IMPOSSIBLE[sensor]
         beyond = int(np.count_nonzero(np.abs(imu.of(sensor)).max(axis=1) > limit))
         if 2 * beyond > len(imu):
-            told = {"topic": imu.topic, "sensor": sensor, "limit": limit, "unit": unit}
-            raise InputError(untrusted("imu.impossible", **told, count=beyond, total=len(imu)))
+            values = {"topic": imu.topic, "sensor": sensor, "limit": limit, "unit": unit}
+            raise InputError(untrusted("imu.impossible", **values, count=beyond, total=len(imu)))
 
 
 def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
@@ -66,8 +66,8 @@ def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
         if sensor in zero:
             reads = dict.fromkeys("NaN" if each in imu.absent else "zero" for each in zero)
             which = "both" if len(zero) == 2 else sensor
-            told = {"topic": imu.topic, "sensor": which, "count": len(imu), "option": option}
-            raise InputError(untrusted("imu.zero", reads=" or ".join(reads), **told))
+            values = {"topic": imu.topic, "sensor": which, "count": len(imu), "option": option}
+            raise InputError(untrusted("imu.zero", reads=" or ".join(reads), **values))
         _refuse_axes(imu, sensor, dead_axes(imu.of(sensor)))
 
 
@@ -123,5 +123,5 @@ def beyond_ranges(
         largest = np.abs(imu.of(sensor)).max(axis=1)
         beyond = np.count_nonzero(largest > _BEYOND * full_scale)
         if beyond:
-            told = {"sensor": sensor, "samples": beyond, "full_scale": full_scale, "model": model}
-            yield warning("imu.beyond_range", **told)
+            values = {"sensor": sensor, "samples": beyond, "full_scale": full_scale, "model": model}
+            yield warning("imu.beyond_range", **values)

@@ -252,13 +252,13 @@ def _even(
     if timed is None:
         return t, []
     even = t.copy()
-    told = {"stream": name, "share": bunched_share(t[rows])}
+    facts = {"stream": name, "share": bunched_share(t[rows])}
     if name in as_recorded:
         even[rows] = gathered(t[rows])
-        return even, [warning("stamps.surplus", **told)]
+        return even, [warning("stamps.surplus", **facts)]
     even[rows] = timed.t
-    told |= {"period": timed.period, "batch": timed.batch, "lost": timed.lost}
-    return even, [warning("stamps.bunched", **told)]
+    facts |= {"period": timed.period, "batch": timed.batch, "lost": timed.lost}
+    return even, [warning("stamps.bunched", **facts)]
 
 
 def mended_imu(

@@ -111,8 +111,8 @@ def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
         if total > _MISSED * (last - first):
             longest = int(missing[np.argmax(steps[missing])])
             start = float(t[longest - 1]) - first if longest else 0.0
-            told = {"stream": name, "missing": total, "whole": last - first, "start": start}
-            yield warning("stream.missing", **told, end=start + steps[longest])
+            values = {"stream": name, "missing": total, "whole": last - first, "start": start}
+            yield warning("stream.missing", **values, end=start + steps[longest])
 
 
 def _ends(t: Floats) -> tuple[float, float]:

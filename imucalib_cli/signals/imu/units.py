@@ -127,26 +127,26 @@ def gyro_factor(
     unit = None if reads is None else _unit_of(reads, turning.correlation)
     if unit == _TWICE and most_angle > _MOST_ANGLE:
         unit = "rad/s"
-    found, told = None, dict[str, Any]()
+    found, values = None, dict[str, Any]()
     if wanted != "auto":
         expected = KNOWN_RATIOS[wanted].ratio
         if unit not in (None, wanted):
-            told = {"stated": wanted, "ratio": reads, "expected": expected, "unit": unit}
-            found = untrusted("imu.gyro_unit_contradicted", topic=imu.topic, **told)
+            values = {"stated": wanted, "ratio": reads, "expected": expected, "unit": unit}
+            found = untrusted("imu.gyro_unit_contradicted", topic=imu.topic, **values)
         return Factor(unit=wanted, value=1.0 / expected, finding=found)
     if unit not in (None, "rad/s"):
         known = KNOWN_RATIOS[unit]
-        told = {"ratio": reads, "unit": unit, "factor": known.factor, "keep": "rad/s"}
-        found = warning("imu.gyro_unit_converted", topic=imu.topic, **told)
+        values = {"ratio": reads, "unit": unit, "factor": known.factor, "keep": "rad/s"}
+        found = warning("imu.gyro_unit_converted", topic=imu.topic, **values)
         return Factor(unit=unit, value=1.0 / known.ratio, finding=found)
     if unit is None and ratio is not None and _is_constant(ratio, turning):
         listed = [f"{each.ratio:.3g} for {name}" for name, each in KNOWN_RATIOS.items()]
-        told = {"factor": reads, "std": ratio.std, "known": listed}
-        raise InputError(untrusted("imu.gyro_factor_unknown", topic=imu.topic, **told))
+        values = {"factor": reads, "std": ratio.std, "known": listed}
+        raise InputError(untrusted("imu.gyro_factor_unknown", topic=imu.topic, **values))
     largest = largest_rate(imu)
     if largest > _MOST_RATE:
-        told = {"topic": imu.topic, "largest": largest, "ratio": reads}
-        raise InputError(untrusted("imu.gyro_too_fast", **told))
+        values = {"topic": imu.topic, "largest": largest, "ratio": reads}
+        raise InputError(untrusted("imu.gyro_too_fast", **values))
     return Factor(unit="rad/s", value=1.0)
 
 
@@ -181,8 +181,8 @@ def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Facto
     if wanted != "auto":
         factor = ACCEL_FACTORS[wanted]
         if gravity > 0.0 and found in ACCEL_FACTORS and found != wanted:
-            told = {"stated": wanted, "times": guess.accel_at_rest * factor / gravity}
-            finding = untrusted("imu.accel_unit_contradicted", **at_rest, **told, unit=found)
+            values = {"stated": wanted, "times": guess.accel_at_rest * factor / gravity}
+            finding = untrusted("imu.accel_unit_contradicted", **at_rest, **values, unit=found)
         return Factor(unit=wanted, value=factor, finding=finding)
     if gravity == 0.0:
         if found in ACCEL_FACTORS:
@@ -250,17 +250,17 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     )
     largest = largest_rate(imu)
     unit = _accel_unit(at_rest, gravity, still=bool(shaken < _NEAR * at_rest))
-    findings, told = [], {"topic": imu.topic, "norm": at_rest}
+    findings, values = [], {"topic": imu.topic, "norm": at_rest}
     if unit in {"g", "mg"}:
-        findings.append(warning("imu.accel_looks_like", **told, unit=unit))
+        findings.append(warning("imu.accel_looks_like", **values, unit=unit))
     elif unit == "m/s², no gravity":
-        findings.append(warning("imu.accel_without_gravity", **told))
+        findings.append(warning("imu.accel_without_gravity", **values))
     elif unit == "unknown":
-        findings.append(warning("imu.accel_of_no_unit", **told))
+        findings.append(warning("imu.accel_of_no_unit", **values))
     in_degrees = largest > _MOST_RATE
     if in_degrees:
-        told = {"topic": imu.topic, "largest": largest, "unit": "deg/s"}
-        findings.append(warning("imu.gyro_looks_like", **told))
+        values = {"topic": imu.topic, "largest": largest, "unit": "deg/s"}
+        findings.append(warning("imu.gyro_looks_like", **values))
     return UnitGuess(
         accel_at_rest=at_rest,
         accel_unit=unit,
