@@ -41,6 +41,7 @@ _FOLLOWING: Final = GENERIC | {
     "gravity.tilted",
     "prior.contradicted",
     "imu.accel_reversed",
+    "imu.accel_sign_in_doubt",
 }
 """Findings that a wrong model causes too."""
 _AFTER: Final = "mend the cause of the poor fit first"

@@ -239,7 +239,7 @@ def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
     assert case.found == ()
     assert case.explained.distrust == case.plain.distrust
     for direction in case.explained.unobservable:
-        assert "before the cause of the misfit is mended" in direction.motion
+        assert "mend the cause of the poor fit first" in direction.motion
 
 
 def test_a_position_may_be_exchanged_with_one_of_another_limb() -> None:

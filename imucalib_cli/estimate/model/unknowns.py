@@ -239,11 +239,21 @@ def _derivative(values: Floats, dt: float) -> Floats:
     return with_ends((values[2:] - values[:-2]) / (2.0 * dt))
 
 
+_COMPLIANCES: Final = np.zeros((6, 3, 3))
+"""Symmetric: along each axis, and across: a force along one axis moves along the other."""
+for _place, (_row, _column) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):
+    _COMPLIANCES[_place, _row, _column] = _COMPLIANCES[_place, _column, _row] = 1.0
+
+
 def _swayed(samples: Samples) -> Floats:
-    """Acceleration of a sway that follows the force; gravity, at rest in the world, adds none."""
-    f, w, dt = samples.accel, samples.gyro, samples.dt
-    by_turning = cross(w, 2.0 * _derivative(f, dt) + cross(w, f)) + cross(_derivative(w, dt), f)
-    return -(_second_derivative(f, dt) + by_turning)
+    """(6, M, 3), acceleration of a sway that follows the force, for each compliance of a mount."""
+    w, dt = samples.gyro, samples.dt
+    found = []
+    for compliance in _COMPLIANCES:
+        f = samples.accel @ compliance
+        by_turning = cross(w, 2.0 * _derivative(f, dt) + cross(w, f)) + cross(_derivative(w, dt), f)
+        found.append(-(_second_derivative(f, dt) + by_turning))
+    return np.concatenate(found)
 
 
 _XYZ: Final = ("x", "y", "z")
@@ -445,6 +455,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="mount_give",
+        labels=(*_XYZ, "yz", "xz", "xy"),
         among="robot",
         unit="m/(m/s²)",
         scale="mount_give",
