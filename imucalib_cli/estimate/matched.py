@@ -19,7 +19,7 @@ from imucalib_cli.estimate.estimate import (
     Parameter,
     Residuals,
 )
-from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin
+from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin, measured_over_true
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
@@ -301,8 +301,7 @@ def _corrections(answer: Answer, *, clock_stepped: bool) -> tuple[Correction, ..
         if not (np.abs(value) > judge.DISTRUST_SIGMAS * std).any():
             continue
         if name.endswith("scale"):
-            # Measured over true: readings are ideal plus value times what is read.
-            value, std = 1.0 / (1.0 - value), std / (1.0 - value) ** 2
+            value, std = measured_over_true(value, std)
         elif name == "gravity_norm":
             value = value + answer.options.gravity_norm
         found.append(Correction(name=name, value=value, std=std))  # type: ignore[arg-type]

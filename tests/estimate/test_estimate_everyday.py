@@ -14,7 +14,7 @@ import pytest
 
 import imucalib_cli as ic
 from benchmarks import robots
-from benchmarks.robots import ANY, ROBOTS, Row, make_case
+from benchmarks.robots import ROBOTS, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
 from tests.estimate.estimate_arm import Log, Mount, solve, solve_exact
 from tests.slow import slow_after
@@ -74,7 +74,7 @@ def test_an_everyday_robot_is_covered_and_better_than_believed_exact(
 
 def test_an_error_that_only_one_window_sees_is_reported_and_in_sigma() -> None:
     """Play of 0.03 deg steps faster than the model's: in short windows it looks like a spring."""
-    found = solve(everyday(ANY, ANY, 233)[0])
+    found = solve(everyday("ur10e", Row(noise=robots.INDUSTRIAL, play=5e-4), 4)[0])
     give = found.finding("unknown.implausible")
     assert give["name"] == "mount_give"
     assert give["other"] == pytest.approx(0.4)

@@ -465,11 +465,11 @@ def stating(option: str, step: float, *, slow: bool = True, **stated: Any) -> Ro
     return Row(lambda *_: sound(OTHER), stated, has, lacks=("unknown.",), trusted=False, slow=slow)
 
 
-def implausible(name: str, flaws: Flaws, *, slow: bool = False) -> Row:
+def implausible(name: str, flaws: Flaws, *, slow: bool = False, **values: Any) -> Row:
     """A sensor that errs more than any sound one is blamed alone, and the pose is still right."""
     return Row(
         lambda *_: log_of(flaws).noisy(1),
-        has={"unknown.implausible": {"name": name}},
+        has={"unknown.implausible": {"name": name, **values}},
         lacks=("unknown.", "prior.", "change."),
         trusted=False,
         within=HERE,
@@ -511,7 +511,9 @@ ROWS: dict[str, Row] = {
         {"gravity_norm": 9.78, "gravity_std": 0.0},
         corrected=set(),
     ),
-    "huge scale": implausible("gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0))),
+    "huge scale": implausible(
+        "gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0)), label="y", value=0.1
+    ),
     "huge turn": implausible("gyro_misalignment", Flaws(gyro_turn=(0.0, 0.0, 0.1)), slow=True),
     "mount that moves by a hair": Row(
         lambda _, g: log_of(Flaws(mount_after=(16.0, moved_by(0.01))), LONG).noisy(1, g),

@@ -19,6 +19,7 @@ from imucalib_cli.estimate.model.unknowns import (
     OfBase,
     Origin,
     PoseScale,
+    measured_over_true,
 )
 from imucalib_cli.estimate.solution.robust import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
@@ -393,12 +394,14 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
         elif part.start in too_large:
             worst, other = too_large[part.start]
             make = untrusted if other is None and "bias" not in unknown.name else warning
+            own = np.sqrt(np.diag(answer.covariance)[part])
+            values, stds = _as_stated(unknown.name, value, own)
             yield make(
                 "unknown.implausible",
                 **what,
                 label=each.labels[worst],
-                value=value[worst],
-                std=np.sqrt(answer.covariance[part, part][worst, worst]),
+                value=values[worst],
+                std=stds[worst],
                 limit=limit,
                 other=None if other is None else other.seconds,
             )
@@ -406,16 +409,25 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
             shown = isinstance(effect, (JointCurve, Origin, PoseScale, Clock))
             make = note if shown and unknown.of_robot else warning
+            values, stds = _as_stated(unknown.name, value, std)
             yield make(
                 "unknown.found",
                 **what,
                 labels=tuple(each.labels),
-                values=tuple(value.tolist()),
-                stds=tuple(std.tolist()),
+                values=tuple(values.tolist()),
+                stds=tuple(stds.tolist()),
                 seconds=0.0 if log is None else log.seconds,
                 **_lengths(moves),
                 like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
             )
+
+
+def _as_stated(name: str, value: Floats, std: Floats) -> tuple[Floats, Floats]:
+    """Values and sigmas of an error as findings have it: of a scale, measured over true less 1."""
+    if not name.endswith(("accel_scale", "gyro_scale")):
+        return value, std
+    scale, std = measured_over_true(value, std)
+    return scale - 1.0, std
 
 
 def _too_large(

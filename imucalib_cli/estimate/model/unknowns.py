@@ -288,6 +288,11 @@ turn is a part of it. The same teeth make that error and the play: catalogues of
 give one arc minute for either."""
 
 
+def measured_over_true(error: Floats, std: Floats) -> tuple[Floats, Floats]:
+    """Scale of a sensor, and its sigma, from its error: readings are ideal + error * readings."""
+    return 1.0 / (1.0 - error), std / (1.0 - error) ** 2
+
+
 def _each_axis(values: Floats) -> Floats:
     """(3, M, 3) of (M, 3) or (M, 1): each axis reads its own share of the values."""
     return np.asarray(np.eye(3)[:, None] * values)
