@@ -373,6 +373,19 @@ def sprung(rate: float, damping: float = 0.05) -> Log:
     return swung.noisy(1, "industrial")
 
 
+def bending(rate: float, axis: tuple[float, float, float]) -> Log:
+    """An IMU on a bracket that is a spring along one axis, much faster than the motion."""
+    amplitude = (0.25, 0.2, 0.25, 0.45, 0.45, 0.6)
+    log = make_log(Moves(seed=1, seconds=40.0, move=0.8, pause=0.5, amplitude=amplitude))
+    force, turning = log.imu.accel, log.imu.gyro
+    away = -force * axis / (2.0 * np.pi * rate) ** 2
+    speed, swing = (np.gradient(each, log.imu.t, axis=0) for each in (away, turning))
+    # Of a point that moves in a frame that turns.
+    moved = np.gradient(speed, log.imu.t, axis=0) + 2.0 * np.cross(turning, speed)
+    moved += np.cross(swing, away) + np.cross(turning, np.cross(turning, away))
+    return log.with_imu(accel=force + moved).noisy(1, "industrial")
+
+
 def struck(apart: float, size: float) -> Log:
     """Bursts of force, s apart and of this size, m/s²."""
     log = make_log().noisy(1)
@@ -553,6 +566,12 @@ ROWS: dict[str, Row] = {
     ),
     "mount that rings fast": Row(
         lambda *_: sprung(8.0), lacks=("residual.beyond_noise",), within=HERE, slow=True
+    ),
+    "mount that gives along one axis": Row(
+        lambda *_: bending(20.0, (0.0, 0.0, 1.0)),
+        lacks=("unknown.", "change.", "window."),
+        trusted=True,
+        within=HERE,
     ),
     "sound log": Row(
         lambda s, _: sound(replace(LONGEST, seed=s), s), lacks=("window.dependent",), seeds=3

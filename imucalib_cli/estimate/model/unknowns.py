@@ -247,13 +247,11 @@ for _place, (_row, _column) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2)
 
 def _swayed(samples: Samples) -> Floats:
     """(6, M, 3), acceleration of a sway that follows the force, for each compliance of a mount."""
-    w, dt = samples.gyro, samples.dt
-    found = []
-    for compliance in _COMPLIANCES:
-        f = samples.accel @ compliance
-        by_turning = cross(w, 2.0 * _derivative(f, dt) + cross(w, f)) + cross(_derivative(w, dt), f)
-        found.append(-(_second_derivative(f, dt) + by_turning))
-    return np.concatenate(found)
+    f, w, dt = samples.accel, samples.gyro, samples.dt
+    forces = np.stack([f, _derivative(f, dt), _second_derivative(f, dt)[0]])
+    away, speed, change = np.moveaxis(forces @ _COMPLIANCES[:, None], 1, 0)
+    by_turning = cross(w, 2.0 * speed + cross(w, away)) + cross(_derivative(w, dt), away)
+    return -(change + by_turning)
 
 
 _XYZ: Final = ("x", "y", "z")
