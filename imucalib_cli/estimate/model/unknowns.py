@@ -251,7 +251,7 @@ def _swayed(samples: Samples) -> Floats:
     forces = np.stack([f, _derivative(f, dt), _second_derivative(f, dt)[0]])
     away, speed, change = np.moveaxis(forces @ _COMPLIANCES[:, None], 1, 0)
     by_turning = cross(w, 2.0 * speed + cross(w, away)) + cross(_derivative(w, dt), away)
-    return -(change + by_turning)
+    return np.asarray(-(change + by_turning))
 
 
 _XYZ: Final = ("x", "y", "z")
