@@ -95,7 +95,7 @@ def test_a_gross_fault_is_named_first_and_alone(
         assert value(cause, "sizes")[0] == pytest.approx(np.radians(size), abs=2e-3)
     # Consequences of the cause are not reported again, and advice on motion steps back.
     assert not any(each.code in GENERIC for each in explained.findings)
-    assert all("cause of the misfit" in direction.motion for direction in explained.unobservable)
+    assert all("cause of the poor fit" in direction.motion for direction in explained.unobservable)
     assert len(explained.unobservable) == len(case.plain.unobservable)
 
 
