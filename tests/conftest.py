@@ -82,7 +82,7 @@ class LogWriter:
         seconds: float = 4.0,
         rate: float = 100.0,
     ) -> LogWriter:
-        """An IMU that is level and turns to and fro; no physics, unless a fake needs none."""
+        """An IMU that is level and oscillates in rotation; no physics, unless a fake needs none."""
         unknown = np.zeros(9)
 
         def message(ns: int, t: float) -> Any:
@@ -127,7 +127,7 @@ class LogWriter:
         return self._add(topic, "geometry_msgs/msg/PoseStamped", message)
 
     def odometry(self, topic: str = "/odom", *, reach: float = 0.5) -> LogWriter:
-        """The pose of the arm's base in odom, to and fro by ``reach``, m."""
+        """The pose of the arm's base in odom, oscillating by ``reach``, m."""
         unknown = np.zeros(36)
         still = T["TwistWithCovariance"](T["Twist"](vector((0, 0, 0)), vector((0, 0, 0))), unknown)
 

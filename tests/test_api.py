@@ -53,12 +53,12 @@ def streams() -> dict[str, Any]:
     }
 
 
-def test_a_call_gives_what_the_command_writes(arm: ic.Calibration, imucalib: Imucalib) -> None:
+def test_api_call_equals_command_output(arm: ic.Calibration, imucalib: Imucalib) -> None:
     for form in ("json", "urdf"):
         assert arm.render(form) == imucalib("run", LOG, "--urdf", URDF, "-q", "--format", form).out
 
 
-def test_a_calibration_has_arrays_residuals_and_words(arm: ic.Calibration) -> None:
+def test_calibration_has_arrays_residuals_and_text(arm: ic.Calibration) -> None:
     assert arm.ok
     assert arm.T[:3, :3] == pytest.approx(arm.R)
     assert arm.T[:3, 3] == pytest.approx(arm.result.pose.t)
@@ -76,7 +76,7 @@ def test_a_calibration_has_arrays_residuals_and_words(arm: ic.Calibration) -> No
     assert re.search(r"-22\.5\d+ ± 0\.0\d+ mm", html)
 
 
-def test_a_name_cannot_become_html(arm: ic.Calibration) -> None:
+def test_names_are_escaped_in_html(arm: ic.Calibration) -> None:
     transform = msgspec.structs.replace(arm.result.transform, child="<script>alert(1)</script>")
     result = msgspec.structs.replace(arm.result, transform=transform)
     html = replace(arm, result=result)._repr_html_()
@@ -84,7 +84,7 @@ def test_a_name_cannot_become_html(arm: ic.Calibration) -> None:
     assert "&lt;script&gt;" in html
 
 
-def test_joint_positions_give_what_their_log_gives(
+def test_joint_positions_give_the_result_of_their_log(
     arm: ic.Calibration, streams: dict[str, Any]
 ) -> None:
     found = ic.calibrate_arrays(**streams)
@@ -110,7 +110,7 @@ def test_stamps_may_have_any_epoch(
     assert recorded is None or recorded.timestamp() == pytest.approx(epoch, abs=0.1)
 
 
-def test_poses_give_what_their_log_gives() -> None:
+def test_poses_give_the_result_of_their_log() -> None:
     log = ic.calibrate(SAMPLES / "barbot.bag", parent="bar_link", estimator=QUICK)
     bar = read_recording(CalibrationRequest(logs=(SAMPLES / "barbot.bag",)))
     (imu,) = bar.imus
@@ -131,7 +131,7 @@ def test_poses_give_what_their_log_gives() -> None:
         ic.calibrate_arrays(**arrays, urdf=SAMPLES / "barbot.urdf")
 
 
-def test_an_untrusted_pose_is_not_given_bare(arm: ic.Calibration) -> None:
+def test_untrusted_pose_needs_force_to_render(arm: ic.Calibration) -> None:
     bad = replace(arm, result=msgspec.structs.replace(arm.result, status="untrusted"))
     assert not bad.ok
     with pytest.raises(ic.UntrustedError, match="so no urdf"):
@@ -176,7 +176,7 @@ def test_an_untrusted_pose_is_not_given_bare(arm: ic.Calibration) -> None:
     ],
     ids=lambda each: str(each)[:60],
 )
-def test_what_is_wrong_with_arrays_is_said_in_one_line(
+def test_invalid_arrays_give_one_line_errors(
     streams: dict[str, Any], change: dict[str, Any], words: str | None
 ) -> None:
     with pytest.raises(ic.ImucalibError, match=words) as caught:
@@ -185,7 +185,7 @@ def test_what_is_wrong_with_arrays_is_said_in_one_line(
 
 
 @pytest.mark.parametrize("logs", [None, 3, b"log.mcap", "", [], [3], "a\0.mcap"])
-def test_a_log_is_a_path_or_several(logs: Any) -> None:
+def test_log_is_one_path_or_several(logs: Any) -> None:
     with pytest.raises(ic.ImucalibError):
         ic.calibrate(logs)
 
@@ -196,7 +196,7 @@ def test_one_of_several_imus_must_be_named(log_writer: LogWriter, arm_urdf: Path
         ic.calibrate([log], urdf=arm_urdf)
 
 
-def test_importing_it_takes_no_numpy() -> None:
+def test_import_does_not_load_numpy() -> None:
     code = (
         f"import sys; sys.path.insert(0, {str(ROOT)!r}); import imucalib_cli; "
         "assert not {'numpy', 'typing'} & set(sys.modules)"
@@ -216,7 +216,7 @@ def test_the_examples_of_the_page_run() -> None:
     assert "give --urdf" in done.stdout.splitlines()[-1]
 
 
-def test_the_notebook_is_kept_without_outputs() -> None:
+def test_notebook_is_stored_without_outputs() -> None:
     notebook = json.loads((ROOT / "docs" / "example.ipynb").read_text("utf-8"))
     code = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert len(code) > 3

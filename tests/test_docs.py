@@ -1,4 +1,4 @@
-"""What the documents say is so: commands run, outputs match, links lead somewhere."""
+"""The documents are correct: commands run, outputs match, link targets exist."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_readme_output_is_what_the_tool_prints() -> None:
+def test_readme_output_matches_the_tool() -> None:
     assert README.count("python3 -m venv") == 2  # the commands that CI runs
     found = re.search(r"<!-- output of: (.*?) -->\n```text\n(.*?)\n```", README, flags=re.DOTALL)
     assert found is not None
@@ -73,7 +73,7 @@ def _mentions(page: Path) -> list[tuple[str, list[str]]]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
+def test_pages_show_only_existing_options(page: Path) -> None:
     commands = typer.main.get_command(app_of()).commands  # type: ignore[attr-defined]
     for name, options in _mentions(page):
         if name in commands:
@@ -87,12 +87,12 @@ def test_pages_show_no_option_that_is_not_there(page: Path) -> None:
             assert not options, f"{page.name}: imucalib {name}"
 
 
-def test_pages_of_samples_and_simulation_are_looked_at() -> None:
+def test_option_check_covers_the_main_commands() -> None:
     shown = {name for page in PAGES for name, options in _mentions(page) if options}
     assert shown >= {"run", "inspect", "simulate", "apply"}
 
 
-def test_no_text_points_into_someones_machine() -> None:
+def test_no_text_contains_local_paths() -> None:
     places = re.compile(r"(?<![\w./:-])/(?:home|root|work|Users)/\w")
     folders = ("imucalib_cli", "configs", "docs", "benchmarks", "tests", "tools", "sample_data")
     for file in [*ROOT.glob("*"), *(file for each in folders for file in (ROOT / each).rglob("*"))]:
@@ -102,7 +102,7 @@ def test_no_text_points_into_someones_machine() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_lead_somewhere(page: Path) -> None:
+def test_link_targets_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
         if not target.startswith(("http", "mailto:")):
@@ -116,7 +116,7 @@ def test_index_lists_every_page() -> None:
             assert f"({page.name})" in index, page.name
 
 
-def test_one_version_everywhere() -> None:
+def test_version_is_the_same_everywhere() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert citation["version"] == __version__
     assert f'version = "{__version__}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
@@ -132,7 +132,7 @@ def test_every_dependency_is_justified() -> None:
         assert name in page, name
 
 
-def test_tables_of_the_pages_are_those_of_the_code(
+def test_tables_of_the_pages_match_the_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """To write them again: cog -r -I . docs/*.md README.md."""
@@ -143,7 +143,7 @@ def test_tables_of_the_pages_are_those_of_the_code(
 
 
 def test_the_diagram_shows_every_import_between_rooms() -> None:
-    """Directly or by way of others; and none the other way round."""
+    """Directly or indirectly; and no other imports."""
     imports = imported_rooms()
     shown = re.findall(r"    (\w+) --> (\w+)", (ROOT / "docs/architecture.md").read_text("utf-8"))
     assert {room for pair in shown for room in pair} == set(imports)

@@ -68,7 +68,7 @@ def test_the_commands_of_a_job_run(commands: list[str], tmp_path: Path) -> None:
         pytest.param(gitlab_lines(), id="gitlab", marks=pytest.mark.slow),
     ],
 )
-def test_a_mount_that_has_moved_fails_the_job(commands: list[str], tmp_path: Path) -> None:
+def test_moved_mount_fails_the_job(commands: list[str], tmp_path: Path) -> None:
     (last,) = (line for line in commands if line.startswith("imucalib trend"))
     still = drawn(1, 12)
     written(tmp_path / "results", named(*still))
@@ -81,7 +81,7 @@ def test_a_mount_that_has_moved_fails_the_job(commands: list[str], tmp_path: Pat
     assert (tmp_path / "trend.svg").exists()
 
 
-def test_every_file_that_a_job_keeps_is_written_by_it() -> None:
+def test_every_artifact_is_written_by_its_job() -> None:
     (github,), (gitlab,) = GITHUB["jobs"].values(), GITLAB.values()
     kept = github["steps"][-1]["with"]["path"].split()
     commands = "\n".join(github_steps())
@@ -99,7 +99,7 @@ def instructions() -> list[tuple[str, str]]:
     return [(word, rest) for word, rest in found]
 
 
-def test_the_container_runs_the_command_as_nobody_s_root() -> None:
+def test_container_runs_the_command_without_root() -> None:
     told = dict(instructions())  # of each the last one
     bases = [rest for word, rest in instructions() if word == "FROM"]
     assert all(re.match(r"docker\.io/library/python:3\.1[0-3]-slim\b", base) for base in bases)
@@ -111,7 +111,7 @@ def test_the_container_runs_the_command_as_nobody_s_root() -> None:
 
 
 @pytest.mark.slow
-def test_what_the_container_file_runs_installs_the_command(tmp_path: Path) -> None:
+def test_container_build_steps_install_the_command(tmp_path: Path) -> None:
     """Each RUN in a fresh environment, with the image's folders in one of the test's."""
     ignored = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
     for name in (line[1:] for line in ignored if line.startswith("!")):

@@ -1,6 +1,6 @@
 """Every command that a page shows in a ```sh block runs, in the order of the page.
 
-A comment on the line before a block says what is not as usual: ``<!-- not run: why -->``;
+A comment on the line before a block states what differs: ``<!-- not run: why -->``;
 ``<!-- exit 3 -->`` for commands that shall end so; ``<!-- run with --duration 15 -->`` for what
 each ``imucalib simulate`` of the block is given besides, to take less time.
 """
@@ -69,7 +69,7 @@ def test_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_commands_stand_in_blocks_that_are_run(page: Path) -> None:
+def test_all_commands_are_in_tested_blocks(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
     assert not re.findall(
@@ -77,5 +77,5 @@ def test_commands_stand_in_blocks_that_are_run(page: Path) -> None:
     )
 
 
-def test_quick_pages_are_there() -> None:
+def test_quick_pages_exist() -> None:
     assert {str(page.relative_to(ROOT)) for page in PAGES if blocks(page)} >= QUICK

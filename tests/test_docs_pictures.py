@@ -12,7 +12,7 @@ from tests.test_docs import ROOT
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("motions")]  # logs are simulated once
 
 
-def test_pictures_of_motions_are_those_of_their_script() -> None:
+def test_motion_pictures_match_their_script() -> None:
     """Another version of MuJoCo may differ in the last digits."""
     made = pictures()
     assert {path.stem for path in PICTURES.glob("*.svg")} == set(made)
@@ -24,7 +24,7 @@ def test_pictures_of_motions_are_those_of_their_script() -> None:
             assert here == pytest.approx(there, rel=0.1)
 
 
-def test_motions_teach_what_the_page_says() -> None:
+def test_motions_show_the_stated_observability() -> None:
     known = {name: lesson(name).known for name in MOTIONS}
     for one_axis in ("base-joint", "last-joint"):
         assert known.pop(one_axis) == [False, False, False, True, True, False]
@@ -35,7 +35,7 @@ def test_motions_teach_what_the_page_says() -> None:
     assert worst["each-joint"] == pytest.approx(worst["two-joints"], rel=0.2)
 
 
-def test_the_picture_of_the_report_is_small() -> None:
+def test_report_picture_is_small() -> None:
     assert (ROOT / "docs" / "report.png").stat().st_size < 150_000
 
 

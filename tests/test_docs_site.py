@@ -1,4 +1,4 @@
-"""The site of docs/: every link leads somewhere, and nothing comes from the network."""
+"""The site of docs/: every link has a target, and nothing is loaded from the network."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_pages_load_nothing_from_the_network(site: Path) -> None:
         assert loads.findall(page.read_text(encoding="utf-8")) == [], page.name
 
 
-def test_pictures_are_told_in_words(site: Path) -> None:
+def test_pictures_have_alternative_text(site: Path) -> None:
     for page in site.rglob("*.html"):
         for picture in re.findall(r"<img [^>]*>", page.read_text(encoding="utf-8")):
             assert re.search(r'alt="[^"]{20,}"', picture), picture

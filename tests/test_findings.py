@@ -45,9 +45,9 @@ def _codes_made() -> dict[str, str]:
     return found
 
 
-def test_every_code_has_words_and_all_words_are_used() -> None:
+def test_every_code_has_a_text_and_every_text_is_used() -> None:
     made = _codes_made()
-    # The beginning of an f-string stands for all codes that begin so.
+    # The beginning of an f-string represents all codes that begin so.
     families = tuple(code for code in made if code.endswith("."))
     assert set(made) - set(families) - set(MESSAGES) == set()
     unused = {code for code in MESSAGES if code not in made and not code.startswith(families)}
@@ -109,7 +109,7 @@ def test_findings_are_compared_hashed_and_sent_by_content() -> None:
         one.values["count"] = 3  # type: ignore[index]
 
 
-def test_only_grave_findings_change_the_status() -> None:
+def test_only_severe_findings_change_the_status() -> None:
     told = (
         note("log.unindexed", file="a.bag"),
         *(warning(TEXT, text="it rains"),),
@@ -142,7 +142,7 @@ def test_only_grave_findings_change_the_status() -> None:
         ("{many:spans}", "0.0 to 1.0 s, 2.0 to 3.0 s, 4.0 to 5.0 s and 1 more"),
     ],
 )
-def test_the_language_of_messages(template: str, said: str) -> None:
+def test_message_templates_are_formatted(template: str, said: str) -> None:
     values = {
         "count": 3,
         "one": 1,
@@ -166,6 +166,6 @@ def test_the_language_of_messages(template: str, said: str) -> None:
     assert sentence(template, values) == said
 
 
-def test_a_value_that_is_missing_is_no_sentence() -> None:
+def test_missing_value_raises_key_error() -> None:
     with pytest.raises(KeyError):
         sentence("{count} messages", {})

@@ -43,13 +43,13 @@ DEEP = "x: " + "[" * 100_000
         ("a: !!python/object:os.system x", "could not determine a constructor"),
     ],
 )
-def test_what_is_not_read(text: str, words: str) -> None:
+def test_unsafe_yaml_is_refused(text: str, words: str) -> None:
     with pytest.raises(YamlError, match=re.escape(words)) as caught:
         load_yaml(text)
     assert "\n" not in str(caught.value)
 
 
-def test_numbers_are_those_of_json() -> None:
+def test_numbers_follow_json_syntax() -> None:
     text = "[1e-05, -2, 010, 1:30, 0x10, .5, 1., 1e3, .inf, 1_000]"
     expected = [1e-5, -2, 10, "1:30", "0x10", 0.5, 1.0, 1e3, float("inf"), "1_000"]
     assert load_one(text) == expected
@@ -61,7 +61,7 @@ def test_a_frame_that_looks_like_a_number_is_read_back(name: str) -> None:
     assert read.child == name
 
 
-def test_nothing_that_is_written_needs_an_alias() -> None:
+def test_written_yaml_contains_no_alias() -> None:
     shared = [1, "1e3"]
     twice = {"a": shared, "b": shared}
     assert load_one(yaml.dump(twice, Dumper=PlainDumper)) == twice
@@ -83,7 +83,7 @@ def test_nothing_that_is_written_needs_an_alias() -> None:
     ],
     ids=lambda command: f"{command[0]} {command[-2]}",
 )
-def test_every_command_answers_a_bomb_in_one_line(
+def test_yaml_bomb_is_one_line_error_in_every_command(
     content: str,
     command: list[str],
     tmp_path: Path,
@@ -99,7 +99,7 @@ def test_every_command_answers_a_bomb_in_one_line(
 
 
 @pytest.mark.parametrize("content", [MERGES, DEEP], ids=["merges", "deep"])
-def test_a_folder_is_read_past_a_bomb_in_its_metadata(content: str, log_writer: LogWriter) -> None:
+def test_folder_with_yaml_bomb_metadata_is_read(content: str, log_writer: LogWriter) -> None:
     """In a process of its own: this once ended in a segmentation fault."""
     folder = log_writer.imu().joints().write().parent
     with (folder / "metadata.yaml").open("a") as file:

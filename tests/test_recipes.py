@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING, each run as it stands there, and imucalib with it."""
+"""The recipes of CONTRIBUTING, each run as printed there, and imucalib with it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _with_recipe(recipe: str, *commands: tuple[str, ...]) -> str:
     return done.stdout
 
 
-def test_a_log_format(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_log_format_recipe_works(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """A recording written in the format gives the pose that it gives as it is."""
     from imucalib_cli.cli.main import main
 
@@ -62,7 +62,7 @@ def test_a_log_format(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None
         assert found["transform"][key] == pytest.approx(expected["transform"][key], abs=1e-6)
 
 
-def test_an_unknown() -> None:
+def test_unknown_recipe_works() -> None:
     """It is estimated with the others, and is nothing in a log that has none of it."""
     found = json.loads(_with_recipe("An unknown", (*ARM, "--format", "json")))
     assert found["status"] == "ok"
@@ -74,7 +74,7 @@ def test_an_unknown() -> None:
         assert abs(each["value"]) < 4.0 * each["std"]
 
 
-def test_an_output(tmp_path: Path) -> None:
+def test_output_recipe_works(tmp_path: Path) -> None:
     table = (*ARM, "--format", "table")
     into = (*table, "-o", f"{tmp_path}/new/")
     *words, last = _with_recipe("An output", ("run", "--help"), into, table).splitlines()

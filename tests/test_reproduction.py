@@ -1,4 +1,4 @@
-"""docs/reproduction.md says what the commands it names printed, and leaves no claim out."""
+"""docs/reproduction.md quotes the output of the commands it names, and omits no claim."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
 
 
-def told() -> set[tuple[str, str, str, str]]:
+def claims_on_page() -> set[tuple[str, str, str, str]]:
     """Study, claim with its method, figures and verdict of every cell of the page's table."""
     found = set()
     for line in PAGE.splitlines():
@@ -48,7 +48,7 @@ def judged(study: str) -> set[tuple[str, str, str, str]]:
     return {(study, r[0], r[1], r[2]) for r in rows if len(r) == 3 and r[2] in verdicts}
 
 
-def test_every_claim_is_as_printed_and_none_is_left_out() -> None:
+def test_every_claim_matches_printed_output() -> None:
     everything = {
         claim
         for study in STUDIES
@@ -56,10 +56,10 @@ def test_every_claim_is_as_printed_and_none_is_left_out() -> None:
         for claim in judged(study)
     }
     assert len(everything) > 50
-    assert told() == everything
+    assert claims_on_page() == everything
 
 
-def test_every_figure_quoted_is_as_printed() -> None:
+def test_every_quoted_figure_matches_printed_output() -> None:
     quotes = QUOTED.findall(PAGE)
     assert quotes
     for study, text in quotes:
@@ -68,6 +68,6 @@ def test_every_figure_quoted_is_as_printed() -> None:
 
 
 @pytest.mark.parametrize("study", STUDIES)
-def test_what_every_study_printed_is_there(study: str) -> None:
+def test_printed_output_of_every_study_exists(study: str) -> None:
     assert printed(study).startswith("### ")
     assert f"imucalib study {study}" in PAGE

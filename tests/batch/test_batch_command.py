@@ -84,7 +84,7 @@ def lines_of(capsys: Said) -> list[Any]:
     return [json.loads(line) for line in capsys.readouterr().out.splitlines()]
 
 
-def test_damaged_logs_do_not_stop_the_others(logs: Logs, tmp_path: Path, capsys: Said) -> None:
+def test_damaged_log_does_not_stop_batch(logs: Logs, tmp_path: Path, capsys: Said) -> None:
     given = logs("a.mcap", "b.mcap", "locked.mcap")
     whole = Path("a.mcap").read_bytes()
     Path("empty.mcap").touch()
@@ -113,7 +113,7 @@ def test_damaged_logs_do_not_stop_the_others(logs: Logs, tmp_path: Path, capsys:
     assert "pipe.mcap is a pipe or a device" in err
 
 
-def test_a_result_is_the_one_of_run(logs: Logs, capsys: Said) -> None:
+def test_batch_result_equals_run_result(logs: Logs, capsys: Said) -> None:
     given = logs("a.mcap")
     assert batch(*given, "-o", "results") == main(["run", *given, "-o", "alone/"]) == 0
     assert (
@@ -122,9 +122,7 @@ def test_a_result_is_the_one_of_run(logs: Logs, capsys: Said) -> None:
     assert "batch: 1 log: 1 ok; results/summary.csv" in capsys.readouterr().err
 
 
-def test_as_a_filter_it_writes_lines_and_nothing_else(
-    logs: Logs, monkeypatch: Patch, capsys: Said
-) -> None:
+def test_filter_mode_writes_only_json_lines(logs: Logs, monkeypatch: Patch, capsys: Said) -> None:
     logs("a.mcap", "b\nc.mcap")
     before = sorted(Path().rglob("*"))
     names = io.TextIOWrapper(io.BytesIO(b"./a.mcap\0./b\nc.mcap\0missing.mcap\0"))
@@ -141,7 +139,7 @@ def test_as_a_filter_it_writes_lines_and_nothing_else(
     assert sorted(Path().rglob("*")) == before
 
 
-def test_lines_of_finished_logs_come_again(logs: Logs, capsys: Said) -> None:
+def test_finished_logs_are_printed_again(logs: Logs, capsys: Said) -> None:
     given = [*logs("a.mcap", "b.mcap"), "-o", "results", "--format", "jsonl"]
     batch(*given)
     first = capsys.readouterr().out
@@ -150,7 +148,7 @@ def test_lines_of_finished_logs_come_again(logs: Logs, capsys: Said) -> None:
     assert len(first.splitlines()) == 2
 
 
-def test_the_exit_code_is_the_worst(logs: Logs, capsys: Said) -> None:
+def test_exit_code_is_the_worst_of_all_logs(logs: Logs, capsys: Said) -> None:
     given = logs("a.mcap", "b.mcap")
     assert batch(*given) == 0
     assert batch(*given, "--require", "1nm") == 2  # no such unit
@@ -161,7 +159,7 @@ def test_the_exit_code_is_the_worst(logs: Logs, capsys: Said) -> None:
     assert "untrusted: a.mcap: imu_link: " in err
 
 
-def test_options_make_another_result(logs: Logs) -> None:
+def test_changed_options_change_the_record_key(logs: Logs) -> None:
     def key(*options: str) -> str:
         batch(*given, *options)
         return str(json.loads(Path("results/records/a.json").read_text())["key"])
@@ -174,7 +172,7 @@ def test_options_make_another_result(logs: Logs) -> None:
     assert len({*keys, key("--fix", "tx")}) == 6
 
 
-def test_the_same_log_twice_is_told_and_done_once(logs: Logs, capsys: Said) -> None:
+def test_duplicate_log_is_reported_and_processed_once(logs: Logs, capsys: Said) -> None:
     given = logs("a.mcap")
     Path("link.mcap").symlink_to("a.mcap")
     batch("link.mcap", *given, "--format", "jsonl")
@@ -183,7 +181,7 @@ def test_the_same_log_twice_is_told_and_done_once(logs: Logs, capsys: Said) -> N
     assert "note: a.mcap is the same log as link.mcap and is calibrated once\n" in err
 
 
-def test_github_gets_its_lines_and_files_for_ci_are_written(
+def test_github_annotations_and_ci_files_are_written(
     logs: Logs, monkeypatch: Patch, capsys: Said
 ) -> None:
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
@@ -197,7 +195,7 @@ def test_github_gets_its_lines_and_files_for_ci_are_written(
     assert ET.parse("junit.xml").getroot().get("errors") == "1"
 
 
-def test_a_report_for_each_log(logs: Logs, monkeypatch: Patch) -> None:
+def test_each_log_gets_a_report(logs: Logs, monkeypatch: Patch) -> None:
     monkeypatch.setitem(EXTRAS, "report", lambda path, _: [(path, "a page")])
     given = logs("a.mcap", "b.mcap")
     assert batch(*given, "-o", "results") == 0
@@ -222,7 +220,7 @@ def test_a_report_for_each_log(logs: Logs, monkeypatch: Patch) -> None:
         (["a.mcap", "--timeout", "0"], "--timeout 0: must be positive"),
     ],
 )
-def test_what_is_wrong_for_all_is_one_line(
+def test_error_common_to_all_logs_is_one_line(
     arguments: list[str], words: str, logs: Logs, capsys: Said
 ) -> None:
     logs("a.mcap")
@@ -234,7 +232,7 @@ def test_what_is_wrong_for_all_is_one_line(
     assert len(err.splitlines()) == 1
 
 
-def test_logs_behind_urls_are_finished_as_those_on_disk_are(
+def test_finished_remote_logs_are_skipped_like_local_ones(
     tmp_path: Path, monkeypatch: Patch, capsys: Said
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
@@ -262,13 +260,13 @@ def test_logs_behind_urls_are_finished_as_those_on_disk_are(
     assert not any(b"hidden" in path.read_bytes() for path in written)
 
 
-def test_an_empty_list_is_told(monkeypatch: Patch, capsys: Said) -> None:
+def test_empty_list_is_reported(monkeypatch: Patch, capsys: Said) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\n")))
     assert batch("-") == 1
     assert "the list of logs on stdin is empty" in capsys.readouterr().err
 
 
-def test_lines_of_progress_are_few(logs: Logs, monkeypatch: Patch, capsys: Said) -> None:
+def test_progress_prints_few_lines(logs: Logs, monkeypatch: Patch, capsys: Said) -> None:
     monkeypatch.setattr(progress, "LINE_PATIENCE", 0.0)
     names = [f"{number}.mcap" for number in range(30)]
     given = [*logs(*names), "-o", "results"]
@@ -288,8 +286,8 @@ def test_help_imports_no_numpy() -> None:
 
 
 @pytest.mark.parametrize("reader", ["whole", pytest.param("head", marks=pytest.mark.slow)])
-def test_processes_calibrate(reader: str, tmp_path: Path) -> None:
-    """The real thing, as a process; who reads the first line alone ends it."""
+def test_worker_processes_calibrate_logs(reader: str, tmp_path: Path) -> None:
+    """The real command, as a process; a reader that closes after the first line ends it."""
     whole = (SAMPLES / "rihibot.mcap").read_bytes()
     for name, share in (("a", 4), ("b", 5)):
         (tmp_path / f"{name}.mcap").write_bytes(whole[: len(whole) * share // 10])
@@ -312,7 +310,7 @@ def test_processes_calibrate(reader: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_logs_with_every_damage_are_what_run_makes_of_them(tmp_path: Path) -> None:
+def test_damaged_logs_give_the_same_results_as_run(tmp_path: Path) -> None:
     """Of the fuzzer: bytes, records, messages and pages at fault, checksums made to fit again."""
     folder = tmp_path / "logs"
     (folder / "sound").mkdir(parents=True)
@@ -341,7 +339,7 @@ def test_logs_with_every_damage_are_what_run_makes_of_them(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_an_interruption_says_how_to_go_on(tmp_path: Path) -> None:
+def test_interrupt_prints_how_to_resume(tmp_path: Path) -> None:
     for name in "abcd":
         shutil.copy(SAMPLES / "rihibot.mcap", tmp_path / f"{name}.mcap")
     command = [*BATCH, ".", *ROBOT, "-o", "results"]

@@ -64,7 +64,7 @@ def runs(pid: int) -> bool:
     return state != "Z"
 
 
-def test_killed_processes_cost_their_own_log_one_more_try(tmp_path: Path) -> None:
+def test_log_of_killed_worker_is_retried_once(tmp_path: Path) -> None:
     logs = texts(tmp_path / "logs", a="1", b="die once", c="die", d="2", e="eat")
     task = copying(tmp_path / "traces")
     engine = LocalProcesses(workers=2, memory=GIB)
@@ -102,8 +102,8 @@ print(*sorted(set(sys.modules) - before))
 
 
 @pytest.mark.parametrize("engine", slow_after(1, [LocalProcesses, DaskWorkers]))
-def test_a_log_that_takes_too_long_fails_alone(engine: Any, tmp_path: Path) -> None:
-    """The others are done, and it is done again the next time."""
+def test_timeout_fails_only_the_slow_log(engine: Any, tmp_path: Path) -> None:
+    """The others finish, and it is tried again in the next run."""
     logs = texts(tmp_path / "logs", slow="sleep", good="1", fine="2")
     where = ("local",) if engine is DaskWorkers else ()
     limit = 3.0  # of a worker that has yet to import what a task needs
@@ -118,14 +118,14 @@ def test_a_log_that_takes_too_long_fails_alone(engine: Any, tmp_path: Path) -> N
     assert again["slow"].status == "ok"
 
 
-def test_a_worker_has_imported_what_a_log_needs() -> None:
+def test_workers_import_modules_before_first_log() -> None:
     files = [str(SAMPLES / f"rihibot.{suffix}") for suffix in ("mcap", "urdf")]
     script = [sys.executable, "-c", IMPORTED, *files]
     done = subprocess.run(script, cwd=ROOT, check=True, capture_output=True, text=True)
     assert done.stdout.split() == []
 
 
-def test_no_more_processes_than_workers(tmp_path: Path) -> None:
+def test_process_count_does_not_exceed_workers(tmp_path: Path) -> None:
     logs = texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
     task = copying(tmp_path / "traces")
     run = batch(None, logs, task=task, engine=LocalProcesses(workers=2, memory=GIB)).run()
@@ -161,7 +161,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
-def test_workers_end_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
+def test_workers_exit_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
     texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
     script = tmp_path / "stopped.py"
     script.write_text(STOPPED.format(folder=str(tmp_path)))
@@ -182,7 +182,7 @@ def test_workers_end_with_the_command(how: signal.Signals, tmp_path: Path) -> No
     wait_for(lambda: not any(map(runs, workers)))
 
 
-def test_a_scheduler_that_is_not_there_is_one_line(
+def test_unreachable_scheduler_is_one_line_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("imucalib_cli.batch.on_dask._CONNECTING", "0.2s")
@@ -236,7 +236,7 @@ def cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[subprocess.P
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_bytes_although_a_worker_is_killed(
+def test_cluster_result_is_identical_after_worker_is_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     logs = tmp_path / "logs"
@@ -281,7 +281,7 @@ def _none(*_: object) -> Any:
 
 
 @pytest.mark.slow
-def test_a_log_that_kills_its_workers_is_given_up(tmp_path: Path) -> None:
+def test_log_that_repeatedly_kills_workers_fails(tmp_path: Path) -> None:
     logs = texts(tmp_path / "logs", a="1", b="die", c="2")
     task = copying(tmp_path / "traces")
     engine = DaskWorkers("local", workers=1, memory=GIB)
@@ -292,7 +292,9 @@ def test_a_log_that_kills_its_workers_is_given_up(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_workers_do_not_see_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_path_missing_on_worker_is_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     task = task_for(CalibrationRequest(logs=()))
     (tmp_path / "a.mcap").touch()
     away = batch(None, tmp_path / "a.mcap", task=replace(task, folder=tmp_path / "gone"))
@@ -305,7 +307,7 @@ def test_what_workers_do_not_see_is_told(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_goes_away_is_one_line_and_what_is_finished_is_kept(
+def test_lost_scheduler_is_one_line_error_and_keeps_finished_results(
     tmp_path: Path,
 ) -> None:
     logs = texts(tmp_path / "logs", a="1", b="sleep", c="sleep")

@@ -31,7 +31,7 @@ def found(root: Path, *names: object, left_out: Path | None = None) -> list[list
     return [[os.path.relpath(str(path), root) for path in log.paths] for log in logs]
 
 
-def test_a_folder_is_searched_and_recordings_in_it_are_one_each(tmp_path: Path) -> None:
+def test_each_recording_in_a_folder_is_one_log(tmp_path: Path) -> None:
     made(
         tmp_path,
         "day/b.mcap",
@@ -52,7 +52,7 @@ def test_a_folder_is_searched_and_recordings_in_it_are_one_each(tmp_path: Path) 
     assert found(tmp_path, tmp_path / "day" / "drive") == [["day/drive"]]
 
 
-def test_files_are_known_by_what_they_hold(tmp_path: Path) -> None:
+def test_log_files_are_detected_by_content(tmp_path: Path) -> None:
     (tmp_path / "log.recorded").write_bytes(b"#ROSBAG V2.0\n")
     (tmp_path / "readme").write_text("no log")
     assert found(tmp_path, tmp_path) == [["log.recorded"]]
@@ -68,7 +68,7 @@ def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:
     assert found(tmp_path / "many", tmp_path / "many") == [[f"r_{k}.mcap" for k in range(11)]]
 
 
-def test_what_is_joined_by_name_is_told(tmp_path: Path) -> None:
+def test_joining_parts_by_name_is_reported(tmp_path: Path) -> None:
     made(tmp_path, *(f"run_{number}.mcap" for number in range(20)), "other.mcap")
     (finding,) = find_logs([str(tmp_path)]).findings
     assert finding.values["others"] == 19
@@ -77,7 +77,7 @@ def test_what_is_joined_by_name_is_told(tmp_path: Path) -> None:
     assert len(find_logs([pattern]).logs) == 20
 
 
-def test_files_beside_results_are_no_logs(tmp_path: Path) -> None:
+def test_files_beside_results_are_not_logs(tmp_path: Path) -> None:
     for name in ("log.mcap", "log.debug-mcap.mcap"):
         library = "imucalib run --debug-mcap" if "debug" in name else "a recorder"
         with (tmp_path / name).open("wb") as file:
@@ -88,10 +88,12 @@ def test_files_beside_results_are_no_logs(tmp_path: Path) -> None:
     (log,) = open_files(tmp_path)
     assert str(log.path) == str(tmp_path / "log.mcap")
     named = tmp_path / "log.debug-mcap.mcap"
-    assert found(tmp_path, named) == [["log.debug-mcap.mcap"]]  # who names it means it
+    assert found(tmp_path, named) == [
+        ["log.debug-mcap.mcap"]
+    ]  # a file that is named explicitly counts as a log
 
 
-def test_urls_are_logs_of_their_own() -> None:
+def test_each_url_is_a_separate_log() -> None:
     one, other = "https://host/get.mcap?id=1", "https://host/get.mcap?id=2"
     logs = find_logs([one, other, one]).logs
     assert len({log.place for log in logs}) == 2
@@ -99,7 +101,7 @@ def test_urls_are_logs_of_their_own() -> None:
     assert not any("id=" in log.place for log in logs)
 
 
-def test_patterns_are_expanded_and_what_is_not_there_stays(tmp_path: Path) -> None:
+def test_patterns_are_expanded_and_missing_paths_kept(tmp_path: Path) -> None:
     made(tmp_path, "x/a.mcap", "y/b.mcap", "[c].mcap")
     assert found(tmp_path, tmp_path / "**" / "?.mcap") == [["x/a.mcap"], ["y/b.mcap"]]
     assert found(tmp_path, tmp_path / "[c].mcap") == [["[c].mcap"]]  # a name, though it looks so
@@ -108,7 +110,7 @@ def test_patterns_are_expanded_and_what_is_not_there_stays(tmp_path: Path) -> No
     assert found(tmp_path, *(tmp_path / name for name in names)) == [[name] for name in names]
 
 
-def test_one_log_by_many_names_is_one(tmp_path: Path) -> None:
+def test_log_with_several_paths_is_found_once(tmp_path: Path) -> None:
     made(tmp_path, "a.mcap", "drive/metadata.yaml", "drive/a_0.mcap")
     (tmp_path / "link.mcap").symlink_to("a.mcap")
     os.link(tmp_path / "a.mcap", tmp_path / "hard.mcap")
@@ -118,7 +120,7 @@ def test_one_log_by_many_names_is_one(tmp_path: Path) -> None:
     assert [each.code for each in search.findings] == ["batch.log_twice"] * 4
 
 
-def test_links_that_lead_nowhere_or_round_stay_and_pipes_are_not_opened(tmp_path: Path) -> None:
+def test_broken_and_cyclic_links_are_kept_and_pipes_not_opened(tmp_path: Path) -> None:
     (tmp_path / "gone.mcap").symlink_to("nowhere")
     (tmp_path / "round.mcap").symlink_to("round.mcap")
     (tmp_path / "inner").symlink_to(tmp_path)
@@ -138,11 +140,11 @@ def test_links_that_lead_nowhere_or_round_stay_and_pipes_are_not_opened(tmp_path
         (b"\xff.mcap\n", ["\udcff.mcap"]),
     ],
 )
-def test_lists(data: bytes, names: Iterable[str]) -> None:
+def test_list_file_is_split_into_names(data: bytes, names: Iterable[str]) -> None:
     assert names_in(data) == names
 
 
-def test_names_that_are_no_utf8_can_be_told() -> None:
+def test_non_utf8_names_have_printable_labels() -> None:
     log, other = find_logs(["/nowhere/\udcff.mcap", "/nowhere/\udcfe.mcap"]).logs
     assert log.label == other.label == "/nowhere/\ufffd.mcap"
     assert log.place != other.place

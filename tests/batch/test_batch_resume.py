@@ -69,7 +69,7 @@ def scene(tmp_path: Path) -> Scene:
     return Scene(tmp_path)
 
 
-def test_what_is_finished_is_not_done_again(scene: Scene) -> None:
+def test_finished_logs_are_not_processed_again(scene: Scene) -> None:
     scene.log("a", "1")
     scene.log("b", "2")
     assert scene.run() == ["a", "b"]
@@ -81,7 +81,7 @@ def test_what_is_finished_is_not_done_again(scene: Scene) -> None:
     assert scene.run(fresh=True) == ["a", "b", "c"]
 
 
-def test_another_log_or_other_options_are_done(scene: Scene) -> None:
+def test_changed_log_or_options_are_processed(scene: Scene) -> None:
     scene.log("a", "1")
     scene.log("b", "2")
     scene.run()
@@ -94,7 +94,7 @@ def test_another_log_or_other_options_are_done(scene: Scene) -> None:
     assert scene.run() == ["a", "b"]
 
 
-def test_contents_count_and_not_times(scene: Scene) -> None:
+def test_log_is_identified_by_content_not_mtime(scene: Scene) -> None:
     log = scene.log("a", "1")
     scene.run()
     log.write_text("2")
@@ -105,7 +105,7 @@ def test_contents_count_and_not_times(scene: Scene) -> None:
     assert scene.run() == []
 
 
-def test_a_change_right_after_the_hash_is_seen(scene: Scene) -> None:
+def test_change_right_after_hashing_is_detected(scene: Scene) -> None:
     log = scene.log("a", "1")
     log.touch()
     scene.run()
@@ -115,7 +115,7 @@ def test_a_change_right_after_the_hash_is_seen(scene: Scene) -> None:
     assert scene.run() == ["a"]
 
 
-def test_a_moved_log_is_finished(scene: Scene) -> None:
+def test_moved_log_counts_as_finished(scene: Scene) -> None:
     log = scene.log("a", "1")
     scene.run()
     log.rename(scene.logs / "b.mcap")
@@ -125,7 +125,7 @@ def test_a_moved_log_is_finished(scene: Scene) -> None:
     assert sorted(scene.results_of()) == ["a.a.yaml", "a.b.yaml"]
 
 
-def test_a_copy_is_a_log_of_its_own(scene: Scene) -> None:
+def test_copied_log_is_a_separate_log(scene: Scene) -> None:
     scene.log("a", "1")
     scene.log("b", "1")
     assert scene.run() == ["a", "b"]
@@ -135,7 +135,7 @@ def test_a_copy_is_a_log_of_its_own(scene: Scene) -> None:
     assert scene.run() == ["c"]
 
 
-def test_logs_of_one_name_do_not_collide(scene: Scene) -> None:
+def test_logs_with_the_same_name_do_not_collide(scene: Scene) -> None:
     for robot in ("red", "green", "blue"):
         scene.log(f"{robot}/monday", robot)
     scene.log("blue/MONDAY", "large")
@@ -148,7 +148,7 @@ def test_logs_of_one_name_do_not_collide(scene: Scene) -> None:
     assert sorted(scene.results_of().values()) == sorted(["changed", "green", "blue", "large"] * 2)
 
 
-def test_files_of_others_are_not_written_over(scene: Scene) -> None:
+def test_foreign_files_are_not_overwritten(scene: Scene) -> None:
     scene.log("a", "1")
     scene.results.mkdir()
     (scene.results / "a.mine.yaml").write_text("precious")
@@ -159,9 +159,7 @@ def test_files_of_others_are_not_written_over(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("content", [None, "", "2", "1 and more"])
-def test_a_result_that_is_not_as_it_was_written_is_made_again(
-    scene: Scene, content: str | None
-) -> None:
+def test_modified_result_is_computed_again(scene: Scene, content: str | None) -> None:
     """None was removed."""
     scene.log("a", "1")
     scene.run()
@@ -172,7 +170,7 @@ def test_a_result_that_is_not_as_it_was_written_is_made_again(
     assert scene.run() == []
 
 
-def test_a_log_that_takes_the_place_of_another_is_told(scene: Scene) -> None:
+def test_replaced_log_is_reported(scene: Scene) -> None:
     told: list[Finding] = []
     scene.log("a", "1")
     scene.log("b", "2")
@@ -187,8 +185,8 @@ def test_a_log_that_takes_the_place_of_another_is_told(scene: Scene) -> None:
     assert len(told) == 1
 
 
-def test_many_logs_of_one_name_are_named_in_no_time(scene: Scene, tmp_path: Path) -> None:
-    """Each name is looked at once: two thousand times the steps of all of them would take hours."""
+def test_many_logs_with_the_same_name_are_named_quickly(scene: Scene, tmp_path: Path) -> None:
+    """Each name is checked once: checking all of them for each of 2000 logs would take hours."""
     logs = [BatchLog((tmp_path / str(number) / "log.mcap",)) for number in range(20_000)]
     folder = ResultFolder(scene.results)
     with folder.opened():
@@ -197,7 +195,7 @@ def test_many_logs_of_one_name_are_named_in_no_time(scene: Scene, tmp_path: Path
     assert len(set(names)) == len(names)
 
 
-def test_damaged_records_are_done_again(scene: Scene) -> None:
+def test_damaged_records_are_computed_again(scene: Scene) -> None:
     for name in "abcd":
         scene.log(name, name)
     scene.run()
@@ -210,7 +208,7 @@ def test_damaged_records_are_done_again(scene: Scene) -> None:
     assert sorted(scene.results_of()) == sorted(f"{x}.{y}.yaml" for x in "abcd" for y in "ab")
 
 
-def test_a_log_that_cannot_be_read_is_done_each_time(scene: Scene, tmp_path: Path) -> None:
+def test_unreadable_log_is_tried_in_every_run(scene: Scene, tmp_path: Path) -> None:
     log = scene.log("a", "1")
     scene.run()
     log.unlink()
@@ -218,14 +216,14 @@ def test_a_log_that_cannot_be_read_is_done_each_time(scene: Scene, tmp_path: Pat
         scene.run(tmp_path / "logs" / "a.mcap")
 
 
-def test_two_batches_do_not_share_a_folder(scene: Scene) -> None:
+def test_second_batch_in_same_folder_is_refused(scene: Scene) -> None:
     scene.log("a", "1")
     with ResultFolder(scene.results).opened(), pytest.raises(ChoiceError, match="another batch"):
         scene.run()
     assert scene.run() == ["a"]
 
 
-def test_a_file_is_no_folder(scene: Scene) -> None:
+def test_output_path_that_is_a_file_is_refused(scene: Scene) -> None:
     scene.results.write_text("")
     scene.log("a", "1")
     with pytest.raises(InputError, match="cannot be made"):
@@ -236,7 +234,7 @@ class Killed(BaseException):
     """Stands for kill -9: nothing of the program may catch it."""
 
 
-def test_killed_before_or_after_any_write_nothing_is_lost_or_doubled(
+def test_kill_around_any_write_loses_and_repeats_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every moment between two changes of the disk, of a first run and of one with changes."""
@@ -278,8 +276,8 @@ def _killed_at(moment: int, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> bo
 
 
 @pytest.mark.slow
-def test_killed_at_many_moments(tmp_path: Path) -> None:
-    """A process that is killed again and again comes to the same end as one that is not."""
+def test_kill_at_random_time_loses_nothing(tmp_path: Path) -> None:
+    """A process that is killed repeatedly gives the same final results as one that is not."""
     scene = Scene(tmp_path)
     texts = {f"log{number}": str(number) for number in range(60)}
     for name, text in texts.items():

@@ -93,8 +93,8 @@ def test_csv_has_a_row_for_each_imu_and_each_failure() -> None:
     assert rows[2]["exit_code"] == "1"
 
 
-def test_csv_holds_no_formulas() -> None:
-    """A spreadsheet takes what begins so for one; a number stays a number."""
+def test_csv_cells_are_not_formulas() -> None:
+    """A spreadsheet would read such a beginning as a formula; a number stays a number."""
     for name in ("=1+1", "+1+1", "-1+1", "@SUM(1)"):
         (row,) = rows_of(csv_table([bad(name)]))
         assert row["log"] == f"'{name}"
@@ -102,7 +102,7 @@ def test_csv_holds_no_formulas() -> None:
     assert float(row["value"]) == -1.5e-3
 
 
-def test_csv_says_why_not_and_leaves_out_what_is_not_known() -> None:
+def test_csv_states_failure_reason_and_leaves_unknowns_empty() -> None:
     result = make_result(unobservable=(UP,))
     (row,) = rows_of(csv_table([record(status="untrusted", exit_code=3, results=[result])]))
     known = result.transform.translation
@@ -113,7 +113,7 @@ def test_csv_says_why_not_and_leaves_out_what_is_not_known() -> None:
     assert row["reasons"]
 
 
-def test_a_json_line_is_the_record() -> None:
+def test_json_line_equals_the_record() -> None:
     line = json_line(doubtful())
     assert line.count("\n") == 1
     document = json.loads(line)
@@ -128,7 +128,7 @@ def test_a_json_line_is_the_record() -> None:
 
 
 @pytest.mark.parametrize("form", [*TABLES])
-def test_hostile_names_stay_names(form: str) -> None:
+def test_hostile_names_are_escaped(form: str) -> None:
     records = [bad(HOSTILE, HOSTILE), doubtful(HOSTILE, HOSTILE, HOSTILE), record(HOSTILE)]
     text = TABLES[form](records)
     match form:
@@ -150,20 +150,20 @@ def test_hostile_names_stay_names(form: str) -> None:
             assert text.replace("\n", "").isprintable()
 
 
-def test_words_and_lines_for_people_cannot_command_a_terminal() -> None:
+def test_text_output_contains_no_terminal_escapes() -> None:
     text = plain(words([bad(HOSTILE, HOSTILE), doubtful(HOSTILE, HOSTILE, HOSTILE)]))
     assert text.replace("\n", "").isprintable()
     assert text.splitlines()[0] == "2 logs: 1 untrusted, 1 failed"
 
 
-def test_complaints_name_the_log_once() -> None:
+def test_log_is_named_once_per_complaint() -> None:
     assert list(complaints(bad(why="b.mcap is empty"))) == [("error", "b.mcap is empty")]
     assert list(complaints(bad())) == [("error", "b.mcap: too short")]
     assert list(complaints(doubtful())) == [("untrusted", "c.mcap: imu: segments disagree")]
     assert list(complaints(record())) == []
 
 
-def test_lines_for_github_are_what_its_runner_reads_back() -> None:
+def test_github_annotations_parse_back_to_original_text() -> None:
     """By its own rules: a command ends with its line, properties are decoded before they are used.
 
     github.com/actions/runner, src/Runner.Common/ActionCommand.cs.
@@ -184,7 +184,7 @@ def test_lines_for_github_are_what_its_runner_reads_back() -> None:
     assert github_lines(record()) == []
 
 
-def test_junit_counts_what_failed() -> None:
+def test_junit_counts_failures() -> None:
     suite = ET.fromstring(junit([record(), bad(), doubtful()]))
     counts = {name: suite.get(name) for name in ("tests", "failures", "errors", "time")}
     assert counts == {"tests": "3", "failures": "1", "errors": "1", "time": "4.500"}
@@ -193,7 +193,7 @@ def test_junit_counts_what_failed() -> None:
     assert suite[2][0].get("message") == "segments disagree"
 
 
-def test_markdown_begins_with_the_worst_and_has_an_end() -> None:
+def test_markdown_lists_worst_first_and_is_limited() -> None:
     text = markdown([record(), doubtful(), bad()])
     assert text.startswith("**3 logs: 1 ok, 1 untrusted, 1 failed**\n\n| log |")
     assert [line.split(" | ")[2] for line in text.splitlines()[4:]] == ["failed", "untrusted", "ok"]
@@ -202,7 +202,7 @@ def test_markdown_begins_with_the_worst_and_has_an_end() -> None:
     assert re.search(r"\nand \d+ more\n$", many)
 
 
-def test_the_command_offers_every_form() -> None:
+def test_command_offers_every_table_format() -> None:
     annotation = inspect.signature(batch_command).parameters["fmt"].annotation
     (literal, _) = get_args(annotation)
     assert {*get_args(literal)} == {*TABLES, "summary"}

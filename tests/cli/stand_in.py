@@ -54,7 +54,7 @@ class Estimator:
 
 
 def answers(printed: Printed) -> tuple[list[dict[str, Any]], str]:
-    """Documents of an answer that keep to the schema, and what else was said."""
+    """Documents of an answer that keep to the schema, and the other messages."""
     documents = list(yaml.safe_load_all(printed.out))
     for document in documents:
         ANSWERS.validate(document)

@@ -1,4 +1,4 @@
-"""`imucalib apply`: results of one IMU and of several, and what it says."""
+"""`imucalib apply`: results of one IMU and of several, and its messages."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def apply(urdf: Path, tmp_path: Path, imucalib: Imucalib) -> Any:
 MOVED = '<origin xyz="0.1 0.2 0.3" rpy="0 0 0"/>'
 
 
-def test_every_imu_is_applied_and_told(apply: Any) -> None:
+def test_every_imu_is_applied_and_reported(apply: Any) -> None:
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     out, err = apply([imu("left"), imu("right")])
     assert out.count(MOVED) == 2
@@ -65,7 +65,7 @@ def test_every_imu_is_applied_and_told(apply: Any) -> None:
     assert "moved by 3 mm and 90 deg" in apply([imu("left", R_parent_imu=R)]).err
 
 
-def test_one_that_is_untrusted_does_not_keep_the_other_back(apply: Any) -> None:
+def test_untrusted_imu_does_not_block_the_other(apply: Any) -> None:
     pair = [
         imu("left"),
         imu("right", findings=(untrusted(TEXT, text="it wobbles"),)),
@@ -78,7 +78,7 @@ def test_one_that_is_untrusted_does_not_keep_the_other_back(apply: Any) -> None:
     assert apply(pair, "--force").out.count(MOVED) == 2
 
 
-def test_choices_that_are_the_users(apply: Any) -> None:
+def test_ambiguous_imus_require_imu_option(apply: Any) -> None:
     said = apply([imu("left"), imu("right")], "--imu", "front", code=2)
     assert "there are: left (/left), right (/right)" in said.err
     twice = make(child="left", topic="/other")
@@ -106,7 +106,7 @@ def test_a_folder_of_results_is_applied_at_once(
     said = apply(folder, code=2).err
     assert f"{files[0]}, {other}: two results are for joint 'left_joint'" in said
     assert "give one of them" in said
-    # what cannot be read does not keep the others back
+    # an unreadable result does not block the others
     other.write_text("schema: 1\nstatus: ok\n")
     out, err = apply(folder, code=1)
     assert out.count(MOVED) == 2
@@ -123,12 +123,12 @@ TWO_ARMS = """<robot name="r"><link name="base"/><link name="body"/>
 </robot>"""
 
 
-def test_what_several_imus_tell_of_the_robot(tmp_path: Path, imucalib: Imucalib) -> None:
-    """Each its own arm; of a joint that carries both only what both take to be so."""
+def test_robot_corrections_of_several_imus_must_agree(tmp_path: Path, imucalib: Imucalib) -> None:
+    """Each corrects its own arm; a joint that carries both is corrected only if both agree."""
     urdf, file = tmp_path / "robot.urdf", tmp_path / "result.yaml"
     urdf.write_text(TWO_ARMS)
 
-    def told(side: str, **zeros: float) -> Result:
+    def result_of(side: str, **zeros: float) -> Result:
         result = imu(side, parent=f"{side}_hand")
         known: Any = {"unit": "rad", "std": 1e-3, "prior_std": 0.1, "prior_learnt": False}
         entries = [
@@ -142,17 +142,17 @@ def test_what_several_imus_tell_of_the_robot(tmp_path: Path, imucalib: Imucalib)
             provenance=replace(result.provenance, urdf=source),
         )
 
-    def said(*results: Result, code: int = 0) -> str:
+    def stderr_of(*results: Result, code: int = 0) -> str:
         file.write_text(to_yaml(results))
         return imucalib("apply", file, "--urdf", urdf, "--kinematics", "--force", code=code).err
 
     def turned(*results: Result) -> list[str]:
-        return re.findall(r"joint '(\w+)' \(.*0\.573 deg", said(*results))
+        return re.findall(r"joint '(\w+)' \(.*0\.573 deg", stderr_of(*results))
 
-    arms = told("left", left_arm=0.01), told("right", right_arm=0.01)
+    arms = result_of("left", left_arm=0.01), result_of("right", right_arm=0.01)
     assert turned(*arms) == ["left_arm", "right_arm"]
-    assert turned(told("left", yaw=0.01), told("right", yaw=0.01 + 1e-12)) == ["yaw"]
-    refused = said(told("left", yaw=0.01), told("right"), code=2)
+    assert turned(result_of("left", yaw=0.01), result_of("right", yaw=0.01 + 1e-12)) == ["yaw"]
+    refused = stderr_of(result_of("left", yaw=0.01), result_of("right"), code=2)
     assert "--kinematics: joint 'yaw' carries several IMUs" in refused
 
 
@@ -169,7 +169,7 @@ def test_a_missing_joint_is_added(apply: Any, urdf: Path) -> None:
     assert urdf.with_name("new.urdf").read_text().startswith(before.removesuffix("</robot>"))
 
 
-def test_in_place_writes_the_urdf_itself(apply: Any, urdf: Path) -> None:
+def test_in_place_overwrites_the_urdf(apply: Any, urdf: Path) -> None:
     apply([imu("left")], "-o", urdf, code=2)
     assert urdf.read_text() == URDF
     assert "leave -o out" in apply([imu("left")], "--in-place", "-o", "x.urdf", code=2).err
@@ -177,9 +177,7 @@ def test_in_place_writes_the_urdf_itself(apply: Any, urdf: Path) -> None:
     assert urdf.read_text() == URDF.replace("0.303", "0.3")
 
 
-def test_the_origin_of_a_xacro_is_changed_where_it_is_a_number(
-    tmp_path: Path, imucalib: Imucalib
-) -> None:
+def test_numeric_xacro_origin_is_edited(tmp_path: Path, imucalib: Imucalib) -> None:
     pytest.importorskip("xacro")
     xacro, result = tmp_path / "robot.urdf.xacro", tmp_path / "result.yaml"
     head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'

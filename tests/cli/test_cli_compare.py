@@ -74,7 +74,7 @@ def ours(**changes: Any) -> Result:
 
 
 def chain(pose: RigidTransform = THEIRS, **more: Any) -> dict[str, Any]:
-    """As Kalibr writes it, with the inputs it carries along."""
+    """As Kalibr writes it, including the inputs that it copies."""
     return {
         "T_cam_imu": (HAND_CAMERA.inv() * pose).as_matrix().tolist(),
         "cam_overlaps": [],
@@ -140,7 +140,7 @@ def assert_same(entry: dict[str, Any], expected: RigidTransform) -> None:
     np.testing.assert_allclose(found.as_matrix(), expected.as_matrix(), atol=1e-12)
 
 
-def test_both_stand_in_both_frames(compare: Any) -> None:
+def test_both_poses_are_given_in_both_frames(compare: Any) -> None:
     found = answer(compare())
     assert found["camera_link"] == "camera_optical_frame"
     for name, pose in (("imucalib", OURS), ("kalibr", THEIRS)):
@@ -152,7 +152,7 @@ def test_both_stand_in_both_frames(compare: Any) -> None:
     assert found["truth"] is found["kalibr"]["error"] is None
 
 
-def test_the_difference_has_our_sigma(compare: Any) -> None:
+def test_difference_has_sigma_of_imucalib(compare: Any) -> None:
     found = answer(compare())
     moved, turned, off = found["translation"], found["rotation"], found["kalibr"]["from_nominal"]
     distance = pytest.approx(np.linalg.norm(APART) * 1e3)
@@ -166,7 +166,7 @@ def test_the_difference_has_our_sigma(compare: Any) -> None:
     assert off["angle_deg"] == pytest.approx(np.degrees(THEIRS.rotation.magnitude()))
 
 
-def test_errors_are_of_both_and_in_both_metrics(compare: Any) -> None:
+def test_errors_of_both_are_given_in_both_metrics(compare: Any) -> None:
     found = answer(compare(truth=True))
     for name, estimate in (("imucalib", OURS), ("kalibr", THEIRS)):
         delta, error = TRUE.inv() * estimate, found[name]["error"]
@@ -182,7 +182,7 @@ def test_errors_are_of_both_and_in_both_metrics(compare: Any) -> None:
     assert error["distance_mm"] > 0.1
 
 
-def test_a_camera_drawn_wrong_does_not_count_against_kalibr(files: Path, compare: Any) -> None:
+def test_wrong_nominal_camera_pose_is_not_an_error_of_kalibr(files: Path, compare: Any) -> None:
     elsewhere = fixed([0.03, 0.1, 0.0], [0.5, 0.3, -1.0])
     camera = {"T_cam_imu": (elsewhere.inv() * TRUE).as_matrix().tolist()}
     document(files / "truth.yaml", truth(camera={**camera, "timeshift_cam_imu": 0.0124}))
@@ -193,7 +193,7 @@ def test_a_camera_drawn_wrong_does_not_count_against_kalibr(files: Path, compare
     assert found["translation"]["difference_mm"] > 5.0  # through the URDF
 
 
-def test_time_shifts_tell_the_cameras_clock(files: Path, compare: Any) -> None:
+def test_time_shifts_give_the_camera_clock_offset(files: Path, compare: Any) -> None:
     """As docs/simulation.md defines them: shift = IMU - camera, offset = IMU - robot.
 
     An IMU that is 20 ms late and a camera that is 15 ms early are 35 ms apart.
@@ -212,7 +212,7 @@ def test_time_shifts_tell_the_cameras_clock(files: Path, compare: Any) -> None:
     document(files / "truth.yaml", truth(time_offset=0.0203))
     times = answer(compare(truth=True))["time"]
     assert times["imucalib_error_ms"] == pytest.approx(-0.3)
-    assert times["kalibr_error_ms"] is None  # that truth knows no camera
+    assert times["kalibr_error_ms"] is None  # that truth file contains no camera
     camera = {"T_cam_imu": chain()["T_cam_imu"], "timeshift_cam_imu": 0.0348}
     document(files / "truth.yaml", truth(time_offset=0.0203, camera=camera))
     times = answer(compare(truth=True))["time"]
@@ -222,7 +222,7 @@ def test_time_shifts_tell_the_cameras_clock(files: Path, compare: Any) -> None:
     assert answer(compare())["time"] is None
 
 
-def test_a_frame_that_is_not_optical_is_asked_about(files: Path, compare: Any) -> None:
+def test_non_optical_camera_frame_gives_a_warning(files: Path, compare: Any) -> None:
     out, err = compare("--camera-link", "camera_link")
     (warning,) = yaml.safe_load(out)["warnings"]
     assert warning.endswith(
@@ -241,7 +241,7 @@ def test_a_frame_that_is_not_optical_is_asked_about(files: Path, compare: Any) -
         assert bool(answer(printed)["warnings"]) == ("warning" in printed.err) == odd
 
 
-def test_the_summary_says_what_the_document_does(compare: Any) -> None:
+def test_summary_agrees_with_document(compare: Any) -> None:
     out, err = compare("--format", "summary", truth=True)
     assert err == ""
     lines = {line[2:17].strip(): line[19:] for line in out.splitlines() if line.startswith("  ")}
@@ -256,7 +256,7 @@ def test_the_summary_says_what_the_document_does(compare: Any) -> None:
     compare("--format", "words", code=2)
 
 
-def test_a_log_is_no_file_of_kalibrs(files: Path, compare: Any) -> None:
+def test_log_given_as_kalibr_file_is_refused(files: Path, compare: Any) -> None:
     for content in (b"#ROSBAG V2.0\n\xff", bytes((1 << 24) + 1)):
         (files / "truth.yaml").write_bytes(content)
         said = compare(kalibr=files / "truth.yaml", code=1)
@@ -265,7 +265,7 @@ def test_a_log_is_no_file_of_kalibrs(files: Path, compare: Any) -> None:
     assert "it should be the truth.yaml that imucalib simulate" in said.err
 
 
-def test_another_camera_of_the_chain(files: Path, compare: Any) -> None:
+def test_another_camera_of_the_chain_can_be_chosen(files: Path, compare: Any) -> None:
     cameras = {"cam0": chain(OURS), "cam1": chain(T_cn_cnm1=np.eye(4).tolist())}
     document(files / "kalibr.yaml", cameras)
     arguments = ["--camera", "cam1", "--camera-link", "camera_optical_frame", "--format", "json"]
@@ -275,7 +275,7 @@ def test_another_camera_of_the_chain(files: Path, compare: Any) -> None:
     assert "has cam0, cam1" in compare("--camera", "cam2", code=2).err
 
 
-def test_stdin_output_and_quiet(files: Path, compare: Any) -> None:
+def test_stdin_output_and_quiet_options_work(files: Path, compare: Any) -> None:
     content = (files / "kalibr.yaml").read_bytes()
     assert compare("-q", "-o", files / "answer.yaml", kalibr="-", stdin=content) == ("", "")
     found = yaml.safe_load((files / "answer.yaml").read_text())
@@ -290,7 +290,7 @@ def test_an_untrusted_result_is_compared_with_a_warning(files: Path, compare: An
     assert "should not be trusted" in err
 
 
-def test_one_of_several_imus(files: Path, compare: Any) -> None:
+def test_one_of_several_imus_can_be_chosen(files: Path, compare: Any) -> None:
     other = ours(child="other_link", topic="/other")
     (files / "result.yaml").write_text(to_yaml([other, ours()]))
     assert "choose one with --imu" in compare(code=2).err
@@ -313,9 +313,7 @@ def test_one_of_several_imus(files: Path, compare: Any) -> None:
         ({"cam0": chain(timeshift_cam_imu=float("nan"))}, "timeshift_cam_imu"),
     ],
 )
-def test_a_bad_file_of_kalibrs_is_named(
-    files: Path, compare: Any, content: Any, words: str
-) -> None:
+def test_bad_kalibr_file_is_named(files: Path, compare: Any, content: Any, words: str) -> None:
     text = content if isinstance(content, str) else yaml.safe_dump(content)
     (files / "kalibr.yaml").write_text(text)
     err = compare(code=1).err
@@ -333,12 +331,12 @@ def test_a_bad_file_of_kalibrs_is_named(
         (": [", "not YAML"),
     ],
 )
-def test_a_bad_truth_is_named(files: Path, compare: Any, content: str, words: str) -> None:
+def test_bad_truth_file_is_named(files: Path, compare: Any, content: str, words: str) -> None:
     (files / "truth.yaml").write_text(content)
     assert words in compare(truth=True, code=1).err
 
 
-def test_frames_that_do_not_fit_are_named(files: Path, compare: Any) -> None:
+def test_mismatched_frames_are_named(files: Path, compare: Any) -> None:
     said = compare("--camera-link", "base", code=2)
     assert "the revolute joint 'pan' is between them" in said.err
     assert "did you mean 'camera_link'" in compare("--camera-link", "camera", code=2).err

@@ -47,7 +47,7 @@ def _asked(*words: str) -> dict[str, str]:
     ],
     ids=lambda each: " ".join(Path(word).name for word in each),
 )
-def test_completion(
+def test_completion_offers_matching_words(
     words: list[str],
     offered: list[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -60,7 +60,7 @@ def test_completion(
     assert capsys.readouterr().out.split() == offered
 
 
-def test_a_completion_is_soon_there() -> None:
+def test_completion_is_fast() -> None:
     """Of a whole process, as a shell starts one for each Tab."""
     done = python("-c", PROGRAM, env={**os.environ, **_asked("run", LOG, "--imu-topic", "")})
     assert done.stdout.split() == ["/imu/data"]

@@ -54,7 +54,7 @@ def diff(write: Any, imucalib: Imucalib) -> Imucalib:
     return imucalib.with_("diff", write("a.yaml", make()))
 
 
-def test_moved_and_not(write: Any, diff: Imucalib) -> None:
+def test_verdict_is_moved_not_moved_or_unknown(write: Any, diff: Imucalib) -> None:
     moved = write("b.json", make([0.0, 0.001, 0.0], log="b"))
     (document,), err = answers(diff(moved, code=4))
     assert document["verdict"] == "moved"
@@ -71,7 +71,7 @@ def test_moved_and_not(write: Any, diff: Imucalib) -> None:
     assert "unknown: cannot tell whether" in err
 
 
-def test_within_asks_for_a_size_instead(write: Any, diff: Imucalib) -> None:
+def test_within_option_tests_size_of_the_difference(write: Any, diff: Imucalib) -> None:
     second = write("b.yaml", make([0.001, 0.0, 0.0], log="b"))
     (document,), err = answers(diff(second, "--within", "2mm", "-q"))
     assert err == ""
@@ -80,7 +80,7 @@ def test_within_asks_for_a_size_instead(write: Any, diff: Imucalib) -> None:
     diff(second, "--within", "1mm", code=3)
 
 
-def test_one_of_them_from_stdin(write: Any, imucalib: Imucalib) -> None:
+def test_one_result_can_come_from_stdin(write: Any, imucalib: Imucalib) -> None:
     first, second = write("a.yaml", make()), write("b.yaml", make())
     (document,), err = answers(imucalib("diff", "-", second, stdin=first.read_bytes()))
     assert document["first"]["file"] == "standard input"
@@ -90,7 +90,7 @@ def test_one_of_them_from_stdin(write: Any, imucalib: Imucalib) -> None:
 
 
 def test_imus_are_paired_by_frame_and_topic(write: Any, imucalib: Imucalib) -> None:
-    # c kept its frame, d its topic; a and b share a frame and are told apart by topic
+    # c kept its frame, d its topic; a and b share a frame and differ by topic
     def results(log: str, topic_of_c: str) -> list[Result]:
         names = [("x", "/a"), ("x", "/b"), ("c", topic_of_c), ("d", "/d")]
         return [
@@ -118,7 +118,7 @@ URDF = """<robot name="r"><link name="hand"/><link name="plate"/><link name="imu
 </robot>"""
 
 
-def test_other_frames_need_the_urdf(write: Any, tmp_path: Path, imucalib: Imucalib) -> None:
+def test_different_frames_need_the_urdf(write: Any, tmp_path: Path, imucalib: Imucalib) -> None:
     urdf = tmp_path / "r.urdf"
     urdf.write_text(URDF)
     first = write("a.yaml", make())
@@ -147,7 +147,7 @@ def test_a_negative_variance_is_refused(write: Any, diff: Imucalib) -> None:
     assert err.count("\n") == 1
 
 
-def test_later_results_are_each_compared_with_the_first(
+def test_each_later_result_is_compared_with_the_first(
     write: Any, tmp_path: Path, diff: Imucalib
 ) -> None:
     first, broken = tmp_path / "a.yaml", tmp_path / "d.yaml"

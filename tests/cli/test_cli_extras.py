@@ -99,7 +99,7 @@ def of_two(two: Outcome, tmp_path_factory: pytest.TempPathFactory) -> Messages:
     return written(two, tmp_path_factory.mktemp("two"))
 
 
-def test_a_csv_has_every_instant_with_its_stamp_and_units(arm: Outcome, tmp_path: Path) -> None:
+def test_csv_has_stamp_and_units_for_every_instant(arm: Outcome, tmp_path: Path) -> None:
     write(arm, residuals=tmp_path / "out.csv")
     with (tmp_path / "out.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -156,7 +156,7 @@ def transform(stamped: Any) -> Any:
     return matrix
 
 
-def test_an_mcap_holds_what_was_measured_and_predicted(arm: Outcome, of_arm: Messages) -> None:
+def test_mcap_contains_measured_and_predicted_values(arm: Outcome, of_arm: Messages) -> None:
     found, windows = of_arm.found, windows_of(arm)
     stamps = np.round(windows.t * 1e9).astype(np.int64) + arm.recording.clock.origin_ns
     for what in ("measured", "predicted", "residual"):
@@ -176,7 +176,7 @@ def test_an_mcap_holds_what_was_measured_and_predicted(arm: Outcome, of_arm: Mes
     assert read_results(attachment.data.decode(), "result.yaml") == [arm.results[0]]
 
 
-def test_the_robot_moves_as_the_estimate_has_it(arm: Outcome, of_arm: Messages) -> None:
+def test_mcap_transforms_follow_the_estimate(arm: Outcome, of_arm: Messages) -> None:
     found, windows = of_arm.found, windows_of(arm)
     result = arm.results[0]
     chain = [each.child_frame_id for each in found["/tf"][0][1].transforms]
@@ -209,7 +209,7 @@ def moved(outcome: Outcome, origin_ns: int) -> Outcome:
     return replace(outcome, recording=replace(outcome.recording, sources=sources))
 
 
-def test_a_log_may_begin_at_zero_and_must_end_before_2038(arm: Outcome, tmp_path: Path) -> None:
+def test_mcap_may_begin_at_zero_and_must_end_before_2038(arm: Outcome, tmp_path: Path) -> None:
     windows = windows_of(arm)
     found = written(moved(arm, -round(1e9 * windows.t[0])), tmp_path).found
     assert found["/imucalib/imu_link/measured"][0][0] == 0
@@ -224,7 +224,7 @@ def test_a_log_may_begin_at_zero_and_must_end_before_2038(arm: Outcome, tmp_path
     assert not (tmp_path / "late.mcap").exists()
 
 
-def test_a_moving_base_carries_the_joints(arm: Outcome) -> None:
+def test_joints_move_with_the_base(arm: Outcome) -> None:
     (one,) = arm.calibrated
     robot, joints = arm.recording.robot, arm.recording.sources.joints
     assert robot is not None
@@ -243,12 +243,12 @@ def test_a_moving_base_carries_the_joints(arm: Outcome) -> None:
     assert np.abs(base.R - turn).max() < 1e-3
     assert np.abs(base.p - place).max() < 1e-3
     assert {link.child for link in links} == set(robot.links) - {robot.root}
-    # without joint states the log's frames have moved it, which the URDF's joints cannot tell
+    # without joint states the log's frames have moved it, which the URDF's joints do not determine
     (alone,) = frames_of(result, driven, robot, (), t)
     assert (alone.parent, alone.child) == ("map", result.parent)
 
 
-def test_a_body_without_a_urdf_moves_as_its_poses_do(tmp_path: Path) -> None:
+def test_body_without_urdf_follows_its_poses(tmp_path: Path) -> None:
     request = CalibrationRequest(
         logs=(SAMPLES / "barbot.bag",),
         parent="bar_link",
@@ -267,7 +267,7 @@ def test_a_body_without_a_urdf_moves_as_its_poses_do(tmp_path: Path) -> None:
     assert "urdf" not in layout["configById"]["3D!robot"]["layers"]
 
 
-def test_rosbags_and_inspect_read_the_same(of_arm: Messages, imucalib: Imucalib) -> None:
+def test_rosbags_and_inspect_read_the_same_content(of_arm: Messages, imucalib: Imucalib) -> None:
     ours, seen = of_arm.found, 0
     with AnyReader([of_arm.path]) as reader:
         assert {connection.topic for connection in reader.connections} == set(ours)
@@ -289,7 +289,7 @@ def test_rosbags_and_inspect_read_the_same(of_arm: Messages, imucalib: Imucalib)
     ("child", "topic"),
     [("imu_link", "imu_link"), ("/front/imu__0", "front_imu_0"), ("3dm", "imu_3dm"), ("!", "_")],
 )
-def test_topics_are_what_ros_allows(arm: Outcome, child: str, topic: str) -> None:
+def test_topics_are_valid_ros_names(arm: Outcome, child: str, topic: str) -> None:
     assert topics_of([renamed(arm.results[0], child)]) == [f"/imucalib/{topic}"]
 
 
@@ -311,7 +311,7 @@ def value_at(message: Any, path: str) -> Any:
     return message
 
 
-def test_the_layout_shows_topics_and_fields_that_are_there(of_two: Messages) -> None:
+def test_layout_refers_to_existing_topics_and_fields(of_two: Messages) -> None:
     found = of_two.found
     layout = json.loads(of_two.path.with_name("out.foxglove.json").read_text())
     panels = layout["configById"]
@@ -327,7 +327,7 @@ def test_the_layout_shows_topics_and_fields_that_are_there(of_two: Messages) -> 
     assert [tab["title"] for tab in panels["Tab!imus"]["tabs"]] == ["imu_link", "imu-link"]
 
 
-def test_each_of_several_imus_has_its_files_and_topics(
+def test_each_imu_has_its_own_files_and_topics(
     two: Outcome, of_two: Messages, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     write(two, residuals=tmp_path / "out.csv", debug_mcap=tmp_path / "out.mcap")
@@ -343,7 +343,7 @@ def test_each_of_several_imus_has_its_files_and_topics(
 
 
 @pytest.mark.parametrize("suffix", slow_after(1, ["svg", "pdf", "png"]))
-def test_a_figure_is_the_same_bytes_each_time(arm: Outcome, suffix: str, tmp_path: Path) -> None:
+def test_figure_is_reproducible(arm: Outcome, suffix: str, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     from imucalib_cli.report.paper_plot import draw_residuals
 
@@ -369,7 +369,7 @@ def test_a_figure_is_the_same_bytes_each_time(arm: Outcome, suffix: str, tmp_pat
         ("--plot=", "--plot is empty"),
     ],
 )
-def test_wrong_files_are_one_line(options: str, words: str, imucalib: Imucalib) -> None:
+def test_wrong_file_names_are_one_line_errors(options: str, words: str, imucalib: Imucalib) -> None:
     assert imucalib("run", *ARM, *options.split(), code=2).err.startswith(f"error: {words}")
 
 
@@ -377,7 +377,7 @@ def test_wrong_files_are_one_line(options: str, words: str, imucalib: Imucalib) 
     ("told", "module", "extra"),
     [("--residuals a.parquet", "pyarrow", "parquet"), ("--plot a.svg", "matplotlib", "plot")],
 )
-def test_what_is_not_installed_is_said_at_once(
+def test_missing_package_is_reported_before_the_run(
     told: str, module: str, extra: str, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
@@ -398,7 +398,7 @@ def test_what_is_not_installed_is_said_at_once(
         ("--plot nowhere/a.svg", 1, "there is no folder"),
     ],
 )
-def test_no_input_and_no_other_output_is_written_over(
+def test_inputs_and_other_outputs_are_not_overwritten(
     *, files: str, code: int, words: str, run_arm: Imucalib, arm_log: Path
 ) -> None:
     before = arm_log.read_bytes()
@@ -406,7 +406,7 @@ def test_no_input_and_no_other_output_is_written_over(
     assert arm_log.read_bytes() == before
 
 
-def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path) -> None:
+def test_unwritable_extra_does_not_stop_the_others(arm: Outcome, tmp_path: Path) -> None:
     files = {"debug_mcap": tmp_path / "out.mcap", "residuals": tmp_path / "out.csv"}
     # a result that was written before
     (failure,) = write_all(arm, [tmp_path / "out.foxglove.json"], **files)
@@ -415,7 +415,7 @@ def test_one_that_cannot_be_written_stops_no_other(arm: Outcome, tmp_path: Path)
     assert [each.name for each in tmp_path.iterdir()] == ["out.csv"]
 
 
-def test_a_run_writes_all_of_them(arm: Outcome, tmp_path: Path, imucalib: Imucalib) -> None:
+def test_run_writes_all_extra_files(arm: Outcome, tmp_path: Path, imucalib: Imucalib) -> None:
     suffixes = {"report": "html", "residuals": "csv", "debug_mcap": "mcap", "plot": "svg"}
     files = {name: tmp_path / f"out.{suffix}" for name, suffix in suffixes.items()}
     result = tmp_path / "result.yaml"

@@ -29,7 +29,7 @@ SAMPLE, BAR = ROOT / "sample_data" / "rihibot", ROOT / "sample_data" / "barbot.b
 HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_no_heavy_module() -> None:
     """One process shows them all in turn: what one of them imports stays imported."""
     commands = ("run", "inspect", "apply", "verify", "diff", "compare", "simulate", "study")
     program = (
@@ -41,14 +41,14 @@ def test_help_imports_nothing_heavy() -> None:
     assert python("-c", program).stdout.splitlines()[-1] == "HEAVY [] {0}"
 
 
-def test_the_package_runs_as_the_command_does() -> None:
+def test_python_dash_m_runs_the_command() -> None:
     """Where pip's scripts are not on the PATH."""
     done = python("-m", "imucalib_cli", "schema", "moon")
     assert done.returncode == 2
     assert "'moon' is not one of 'result', 'comparison'" in done.stderr
 
 
-def test_the_version_the_help_and_a_wrong_command(imucalib: Imucalib) -> None:
+def test_version_help_and_unknown_command(imucalib: Imucalib) -> None:
     assert imucalib("--version").out == f"imucalib {__version__}\n"
     captured = imucalib(code=2)
     assert "inspect" in captured.out + captured.err
@@ -56,7 +56,7 @@ def test_the_version_the_help_and_a_wrong_command(imucalib: Imucalib) -> None:
     assert imucalib("calibrate", code=2).err.count("\n") == 1
 
 
-def test_schema_is_a_valid_schema(imucalib: Imucalib) -> None:
+def test_schema_command_prints_a_valid_schema(imucalib: Imucalib) -> None:
     schema = json.loads(imucalib("schema").out)
     jsonschema.Draft202012Validator.check_schema(schema)
     assert schema["$defs"]["Result"]["properties"]["schema"] == {"enum": [1]}
@@ -77,9 +77,7 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> mock.Mock:
 
 
 @pytest.mark.usefixtures("failing")
-def test_unexpected_errors_are_one_line(
-    monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
-) -> None:
+def test_unexpected_error_is_one_line(monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib) -> None:
     err = imucalib("inspect", "x.mcap", code=1).err
     assert err.startswith("internal error: ZeroDivisionError: an accident with two lines")
     assert err.count("\n") == 1
@@ -88,7 +86,7 @@ def test_unexpected_errors_are_one_line(
         main(["inspect", "x.mcap"])
 
 
-def test_an_interruption_exits_130(
+def test_interrupt_exits_130(
     failing: mock.Mock, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
     """Also where it was lost in an import, which then looks like a missing package."""
@@ -100,7 +98,7 @@ def test_an_interruption_exits_130(
     assert imucalib("inspect", "x.mcap", code=130).err == ""
 
 
-def test_last_words_are_said_where_the_process_ends_at_once() -> None:
+def test_last_words_are_printed_on_immediate_exit() -> None:
     program = (
         "import sys; from imucalib_cli.cli import entry\n"
         "for kept in ('first', 'second'):\n"
@@ -111,7 +109,7 @@ def test_last_words_are_said_where_the_process_ends_at_once() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "second")
 
 
-def test_a_closed_pipe_is_quiet() -> None:
+def test_closed_pipe_is_silent() -> None:
     for arguments in (["schema"], ["run", "--help"]):  # typer prints the help in its own way
         read, write = os.pipe()
         os.close(read)
@@ -136,15 +134,13 @@ def _in_shell(redirection: str, *arguments: object) -> subprocess.CompletedProce
     [(">/dev/full", "No space left on device"), (">&-", "Bad file descriptor")],
 )
 @pytest.mark.parametrize("arguments", ["schema", "run --help", "--version", f"inspect {BAR}"])
-def test_stdout_that_takes_nothing_is_one_line(
-    redirection: str, reason: str, arguments: str
-) -> None:
+def test_unwritable_stdout_is_one_line_error(redirection: str, reason: str, arguments: str) -> None:
     done = _in_shell(redirection, *arguments.split())
     assert done.returncode == 1
     assert done.stderr == f"error: stdout cannot be written: {reason}\n"
 
 
-def test_closed_streams_that_are_not_needed_do_no_harm(tmp_path: Path) -> None:
+def test_unused_closed_streams_are_ignored(tmp_path: Path) -> None:
     report = tmp_path / "report.txt"
     assert _in_shell(">&- 2>&- <&-", "inspect", BAR, "-o", report).returncode == 0
     assert "/imu/data" in report.read_text()
@@ -164,7 +160,7 @@ def test_closed_streams_that_are_not_needed_do_no_harm(tmp_path: Path) -> None:
         (f"inspect {BAR}", 0),
     ],
 )
-def test_words_that_nobody_takes_change_no_exit_code(
+def test_closed_stderr_keeps_exit_code(
     redirection: str, arguments: str, code: int, tmp_path: Path
 ) -> None:
     result = tmp_path / "result.yaml"
@@ -175,7 +171,7 @@ def test_words_that_nobody_takes_change_no_exit_code(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interruption_at_any_moment_is_quiet(number: int) -> None:
+def test_interrupt_at_any_moment_prints_no_traceback(number: int) -> None:
     """From the first line of ours to the end: importing, reading, estimating, writing."""
     program = (
         "import sys; from imucalib_cli.cli.entry import main; print('on', flush=True);"
@@ -203,7 +199,7 @@ def test_an_interruption_at_any_moment_is_quiet(number: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_simulation_leaves_nothing(number: int, tmp_path: Path) -> None:
+def test_interrupted_simulation_leaves_no_files(number: int, tmp_path: Path) -> None:
     command = ["simulate", "barbot", "--duration", "60", "-o", "log.bag", "--compression", "bz2"]
     with subprocess.Popen(
         [sys.executable, "-m", "imucalib_cli", *command], cwd=tmp_path, stderr=subprocess.PIPE
@@ -227,7 +223,7 @@ def test_an_interrupted_simulation_leaves_nothing(number: int, tmp_path: Path) -
     ],
     ids=["run", "mcap", "bag", "db3", "folder"],
 )
-def test_a_full_disk_is_one_line_and_leaves_no_half_file(arguments: str, tmp_path: Path) -> None:
+def test_full_disk_is_one_line_error_without_partial_file(arguments: str, tmp_path: Path) -> None:
     # files of 1000 bytes at most, as on a disk that is full
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000));"
     done = python("-B", "-c", limit + PROGRAM, *arguments.split(), cwd=tmp_path)
@@ -250,7 +246,7 @@ def test_a_full_disk_is_one_line_and_leaves_no_half_file(arguments: str, tmp_pat
         ("arm.urdf", 2, "is an input and would be overwritten"),
     ],
 )
-def test_an_output_that_cannot_be_written_is_told_before_computing(
+def test_unwritable_output_is_reported_before_computing(
     output: str, code: int, words: str, run_arm: Imucalib, arm_urdf: Path
 ) -> None:
     err = run_arm("-o", f"{arm_urdf.parent}/{output}", code=code).err
@@ -258,7 +254,7 @@ def test_an_output_that_cannot_be_written_is_told_before_computing(
     assert err.count("\n") == 1
 
 
-def test_no_result_is_worse_than_an_untrusted_one() -> None:
+def test_failure_outranks_untrusted_result() -> None:
     assert worst([]) == 0
     assert worst([0, 3]) == 3
     assert worst([3, 2]) == 2
@@ -266,20 +262,20 @@ def test_no_result_is_worse_than_an_untrusted_one() -> None:
     assert worst([3, 1, 4, 2]) == 4
 
 
-def test_groups_of_the_help_come_as_a_user_needs_them(imucalib: Imucalib) -> None:
+def test_help_groups_are_in_order_of_use(imucalib: Imucalib) -> None:
     order = ["Arguments", "Options", "Log and topics", "Robot", "Known beforehand", "Estimator"]
     order += ["Only with --method paper", "Output"]
     assert re.findall(r"╭─ (.+?) ─", imucalib("run", "--help").out) == order
 
 
-def test_imu_means_one_thing(imucalib: Imucalib) -> None:
-    """One of several, by frame or topic; where it meant the kind of IMU, what took its place."""
+def test_imu_option_selects_imu_not_model(imucalib: Imucalib) -> None:
+    """It selects an IMU by frame or topic; a model name gets a hint to --imu-model."""
     for arguments in (["run", "x.mcap"], ["simulate", "barbot", "-o", "x.mcap"]):
         said = imucalib(*arguments, "--imu", "bmi088", code=2)
         assert "--imu-model says which kind of IMU it is" in said.err
 
 
-def test_inspect_names_the_command_that_then_runs(
+def test_command_proposed_by_inspect_runs(
     log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(accel=0.01).joints().text().write()
@@ -289,7 +285,7 @@ def test_inspect_names_the_command_that_then_runs(
     assert out.endswith(f"    imucalib run {log} --urdf {arm_urdf} --gravity none\n")
 
 
-def test_inspect_says_what_is_missing(tmp_path: Path, imucalib: Imucalib) -> None:
+def test_inspect_names_missing_inputs(tmp_path: Path, imucalib: Imucalib) -> None:
     log = LogWriter(tmp_path / "recording").imu().joints().write()
     out = imucalib("inspect", log).out
     assert "give --urdf" in out
@@ -302,10 +298,10 @@ def test_inspect_says_what_is_missing(tmp_path: Path, imucalib: Imucalib) -> Non
     assert "There is nothing to run on this log" in out
 
 
-def test_a_file_that_may_not_be_read_is_no_wrong_usage(
+def test_unreadable_file_is_not_a_usage_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Typer would look at it first; root may read everything, so that the look is faked."""
+    """Typer would check access first; root can read everything, so the check is faked."""
     (tmp_path / "empty.mcap").write_bytes(b"")
     allowed = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: mode != os.R_OK and allowed(path, mode))
@@ -322,7 +318,7 @@ def test_a_file_that_may_not_be_read_is_no_wrong_usage(
         assert "is not readable" not in capsys.readouterr().err
 
 
-def test_a_working_folder_that_is_gone(tmp_path: Path) -> None:
+def test_deleted_working_folder_is_one_line_error(tmp_path: Path) -> None:
     script = (
         f"cd {tmp_path} && rmdir {tmp_path} && exec {sys.executable} -m imucalib_cli run x.mcap"
     )

@@ -52,7 +52,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("option", WRONG)
-def test_what_makes_no_sense_is_refused_by_name(option: str, imucalib: Imucalib) -> None:
+def test_invalid_option_value_is_refused_by_option_name(option: str, imucalib: Imucalib) -> None:
     for text in WRONG[option]:
         err = imucalib("run", "nowhere.mcap", option, text, code=2).err
         assert err.startswith("error: ")
@@ -64,38 +64,38 @@ def test_what_makes_no_sense_is_refused_by_name(option: str, imucalib: Imucalib)
     ("text", "seconds"),
     [("0.5", 0.5), ("-0.042", -0.042), ("-42ms", -0.042), ("3 s", 3.0), ("1e-3", 1e-3)],
 )
-def test_seconds(text: str, seconds: float) -> None:
+def test_seconds_are_parsed(text: str, seconds: float) -> None:
     assert parsers.seconds(text) == pytest.approx(seconds, rel=1e-15)
 
 
-def test_windows() -> None:
+def test_windows_are_parsed() -> None:
     assert (parsers.window("auto").samples, parsers.window("auto").seconds) == (None, None)
     assert parsers.window("51").samples == 51
     assert parsers.window("200ms").seconds == pytest.approx(0.2)
     assert parsers.window("0.2s").seconds == pytest.approx(0.2)
 
 
-def test_priors() -> None:
+def test_priors_are_parsed() -> None:
     assert parsers.bias_std("free") == math.inf
     assert parsers.bias_std("none") == 0.0
     assert parsers.bias_std("0.05") == 0.05
 
 
 @pytest.mark.parametrize("text", ["1mm,0.1deg", "0.1deg, 1mm", "0.001m,1.7453292519943295mrad"])
-def test_tolerances(text: str) -> None:
+def test_tolerances_are_parsed(text: str) -> None:
     tolerance = parsers.tolerance(text)
     assert tolerance.translation == pytest.approx(1e-3)
     assert tolerance.rotation == pytest.approx(math.radians(0.1))
 
 
-def test_half_a_tolerance_leaves_the_other_half_to_the_default() -> None:
+def test_partial_tolerance_keeps_the_other_default() -> None:
     assert parsers.tolerance("2mm") == Tolerance(translation=2e-3)
     assert parsers.tolerance("1rad").translation == math.inf
     usual = Tolerance(translation=5e-3, rotation=1.0)
     assert parsers.tolerance("2mm", left_out=usual) == Tolerance(translation=2e-3, rotation=1.0)
 
 
-def test_poses() -> None:
+def test_poses_are_parsed() -> None:
     found = parsers.pose("-0.02 0.1 0  3.14,0,1.57")
     assert found.t.tolist() == [-0.02, 0.1, 0.0]
     np.testing.assert_array_equal(found.R, matrix_from_rpy((3.14, 0.0, 1.57)))
@@ -105,7 +105,7 @@ def test_poses() -> None:
     ("text", "places"),
     [("tx", [0]), ("tx,rz", [0, 5]), ("rz, tx", [5, 0]), ("tx,ty,tz,rx,ry,rz", [0, 1, 2, 3, 4, 5])],
 )
-def test_components(text: str, places: list[int]) -> None:
+def test_components_are_parsed(text: str, places: list[int]) -> None:
     assert parsers.components(text) == places
 
 
@@ -124,13 +124,13 @@ INF, DEG = math.inf, math.radians(1.0)
         ("2mm,tz=5mm,ry=3mrad", [2e-3, 2e-3, 5e-3, INF, 3e-3, INF]),
     ],
 )
-def test_standard_deviations_of_a_pose(text: str, std: list[float]) -> None:
+def test_pose_standard_deviations_are_parsed(text: str, std: list[float]) -> None:
     assert parsers.pose_std(text) == pytest.approx(std, rel=1e-12)
 
 
 @settings(max_examples=40)  # many times that have shown nothing more
 @given(text=st.text(max_size=12))
-def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
+def test_any_text_is_parsed_or_a_bad_parameter(text: str) -> None:
     for parse in (
         parsers.window,
         parsers.seconds,
@@ -154,13 +154,13 @@ def test_no_text_is_worse_than_a_choice_error(text: str) -> None:
         ("My_Imu.yaml", "My_Imu.yaml"),
     ],
 )
-def test_imus_are_found_however_they_are_written(text: str, name: str) -> None:
+def test_imu_names_match_in_any_spelling(text: str, name: str) -> None:
     assert parsers.imu_name(text) == name
 
 
 @pytest.mark.slow
-def test_a_result_says_what_was_held(run_arm: Imucalib) -> None:
-    """With the estimator itself, on a log that fits no pose: the answer is still what was held."""
+def test_result_records_fixed_components(run_arm: Imucalib) -> None:
+    """With the estimator itself, on a log that fits no pose: fixed values stay in the result."""
     options = ("--format", "json", "--fix", "tx,ty,tz,rx,ry,rz", "--sensor-model", "ideal")
     document = json.loads(run_arm(*options, code=3).out)
     assert document["transform"]["translation"] == [0.05, 0.0, 0.0]

@@ -60,14 +60,14 @@ def at_home(house: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib) ->
 
 @pytest.fixture
 def refused(estimator: Estimator, at_home: Imucalib) -> Callable[[str], str]:
-    """What a command in the house says that is wrong usage."""
+    """The error message of a usage error of a command in the house."""
     del estimator
 
-    def said(arguments: str) -> str:
+    def usage_error(arguments: str) -> str:
         short = SHORT if arguments.startswith("simulate") else ()
         return at_home(*arguments.split(), *short, code=2).err
 
-    return said
+    return usage_error
 
 
 def _contents(folder: Path) -> dict[Path, bytes]:
@@ -97,7 +97,7 @@ def _contents(folder: Path) -> dict[Path, bytes]:
         "study bias --quick --config bias-quick.jsonl -o .",
     ],
 )
-def test_what_is_read_is_never_written(arguments: str, refused: Callable[[str], str]) -> None:
+def test_inputs_are_never_overwritten(arguments: str, refused: Callable[[str], str]) -> None:
     err = refused(arguments)
     assert "is an input and would be overwritten: name another file" in err
     assert err.count("\n") == 1
@@ -115,7 +115,7 @@ def test_what_is_read_is_never_written(arguments: str, refused: Callable[[str], 
         "simulate barbot -o new.mcap --urdf real.urdf",
     ],
 )
-def test_logs_and_urdfs_of_others_are_not_written_over(
+def test_foreign_logs_and_urdfs_are_not_overwritten(
     arguments: str, refused: Callable[[str], str]
 ) -> None:
     err = refused(arguments)
@@ -125,7 +125,7 @@ def test_logs_and_urdfs_of_others_are_not_written_over(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_force_writes_over_them(at_home: Imucalib) -> None:
+def test_force_overwrites_foreign_files(at_home: Imucalib) -> None:
     for name in ("a.mcap", "b.mcap"):
         shutil.copy("log.mcap", name)
     shutil.copy("real.urdf", "c.urdf")
@@ -142,7 +142,7 @@ def simulate(imucalib: Imucalib) -> Imucalib:
     return imucalib.with_("simulate", "barbot", *SHORT)
 
 
-def test_a_simulation_sees_all_its_places_before_it_begins(
+def test_simulate_checks_all_output_paths_before_it_starts(
     tmp_path: Path, simulate: Imucalib
 ) -> None:
     places = ("-o", tmp_path / "sim.mcap", "--urdf")
@@ -160,9 +160,7 @@ def test_a_simulation_sees_all_its_places_before_it_begins(
     assert "is a pipe or a device; name a file" in said.err
 
 
-def test_a_simulation_is_repeated_and_keeps_link_and_permissions(
-    tmp_path: Path, simulate: Imucalib
-) -> None:
+def test_repeated_simulation_keeps_link_and_permissions(tmp_path: Path, simulate: Imucalib) -> None:
     real, link = tmp_path / "real.mcap", tmp_path / "link.mcap"
     real.write_bytes(b"old")
     real.chmod(0o600)
@@ -174,7 +172,7 @@ def test_a_simulation_is_repeated_and_keeps_link_and_permissions(
         assert real.read_bytes().startswith(b"\x89MCAP")
 
 
-def test_a_simulation_overwrites_only_what_it_wrote(tmp_path: Path, simulate: Imucalib) -> None:
+def test_simulation_overwrites_only_its_own_files(tmp_path: Path, simulate: Imucalib) -> None:
     log, urdf = tmp_path / "mine.mcap", tmp_path / "mine.urdf"
     again = simulate.with_("-o", log, "--urdf", urdf)
     again()
@@ -189,7 +187,7 @@ def test_a_simulation_overwrites_only_what_it_wrote(tmp_path: Path, simulate: Im
     assert (log.read_bytes(), urdf.read_bytes()) == (recorded, described)
 
 
-def test_inputs_are_known_by_any_name(tmp_path: Path) -> None:
+def test_inputs_are_recognised_under_any_path(tmp_path: Path) -> None:
     source, log = tmp_path / "source.yaml", tmp_path / "a.db3-wal"
     source.write_text("precious")
     log.write_text("x")
@@ -203,7 +201,7 @@ def test_inputs_are_known_by_any_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", [["verify"], ["apply", "--force"]])
-def test_the_file_behind_stdin_is_an_input(
+def test_file_redirected_to_stdin_is_an_input(
     command: list[str], tmp_path: Path, arm_urdf: Path
 ) -> None:
     result = tmp_path / "result.yaml"
@@ -229,7 +227,7 @@ def test_the_file_behind_stdin_is_an_input(
     ],
     ids=str,
 )
-def test_no_two_results_share_a_file(
+def test_results_with_the_same_name_get_separate_files(
     imus: dict[str, str], tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     writer = LogWriter(tmp_path / "rec").joints()
@@ -246,7 +244,7 @@ def test_no_two_results_share_a_file(
 
 @pytest.mark.usefixtures("estimator")
 @pytest.mark.parametrize("fmt", ["yaml", "json", "summary"])
-def test_results_of_two_logs_of_one_name_are_both_kept(
+def test_results_of_logs_with_the_same_name_are_both_kept(
     fmt: str, tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     for place, topic in (("d1", "/one"), ("d2", "/two")):
@@ -260,7 +258,9 @@ def test_results_of_two_logs_of_one_name_are_both_kept(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_a_long_frame_has_a_file_too(tmp_path: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
+def test_long_frame_name_gets_a_result_file(
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
+) -> None:
     log = LogWriter(tmp_path / "rec").imu(frame="\u00e9" * 200).joints().write()
     run = imucalib.with_("run", log, "--urdf", arm_urdf, "--parent", "hand")
     run("-o", f"{tmp_path}/out/")
@@ -268,7 +268,7 @@ def test_a_long_frame_has_a_file_too(tmp_path: Path, arm_urdf: Path, imucalib: I
     run("-o", tmp_path / f"{'x' * 250}.yaml")
 
 
-def test_a_failed_run_tells_of_older_results_in_a_folder(
+def test_failed_run_warns_of_older_results_in_folder(
     estimator: Estimator, house: Path, imucalib: Imucalib
 ) -> None:
     run = imucalib.with_("run", house / "log.mcap", "--urdf", house / "arm.urdf")
@@ -283,7 +283,7 @@ def test_a_failed_run_tells_of_older_results_in_a_folder(
     assert words in run("-o", f"{house}/out/", "--tilt-std", "1", "--gravity", "none", code=2).err
 
 
-def test_apply_repeats_itself_and_spares_other_urdfs(
+def test_repeated_apply_keeps_hand_edited_urdfs(
     tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     result, target = tmp_path / "result.yaml", tmp_path / "calibrated.urdf"
@@ -300,7 +300,7 @@ def test_apply_repeats_itself_and_spares_other_urdfs(
     assert "keep me" in target.read_text()
 
 
-def test_files_beside_the_results_may_lie_in_the_folder_that_is_made(
+def test_extra_files_may_be_in_the_created_output_folder(
     tmp_path: Path, imucalib: Imucalib
 ) -> None:
     sample = Path(__file__).parents[2] / "sample_data" / "rihibot"
@@ -310,6 +310,6 @@ def test_files_beside_the_results_may_lie_in_the_folder_that_is_made(
     run("-o", f"{folder}/", *extras)
     names = {"rihibot.imu_link.yaml", "page.html", "table.csv"}
     assert {path.name for path in folder.iterdir()} == names
-    # another folder is nobody's to make
+    # no other folder is created
     run("-o", f"{tmp_path}/b/", "--report", tmp_path / "nowhere" / "page.html", code=1)
     assert not (tmp_path / "b").exists()

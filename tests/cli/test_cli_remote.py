@@ -40,7 +40,7 @@ def parts(text: str) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return result, result["provenance"].pop("files")
 
 
-def test_a_result_is_that_of_the_file_on_disk(
+def test_remote_result_equals_local_result(
     web: WebServer, imucalib: Imucalib, tmp_path: Path
 ) -> None:
     url = web.url("rihibot.mcap?signature=hidden", user="me:secret")
@@ -71,7 +71,7 @@ def test_a_result_is_that_of_the_file_on_disk(
     assert [each.name for each in tmp_path.iterdir()] == ["rihibot.imu_link.yaml"]
 
 
-def test_inspect_says_the_same_and_shows_no_secret(web: WebServer, imucalib: Imucalib) -> None:
+def test_inspect_output_equals_local_and_hides_secrets(web: WebServer, imucalib: Imucalib) -> None:
     url = web.url("rihibot.mcap?signature=hidden", user="me:secret")
     path = str(SAMPLES / "rihibot.mcap")
     found, expected = (
@@ -86,7 +86,7 @@ def test_inspect_says_the_same_and_shows_no_secret(web: WebServer, imucalib: Imu
     assert found == expected
 
 
-def test_verify_takes_urls_of_log_and_urdf(web: WebServer, imucalib: Imucalib) -> None:
+def test_verify_accepts_urls_of_log_and_urdf(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.ranges = True
     log, urdf = web.url("rihibot.mcap"), web.url("rihibot.urdf")
     seen = imucalib("verify", log, "--urdf", urdf, "--within", "5mm,1.5deg", "-v")
@@ -94,7 +94,7 @@ def test_verify_takes_urls_of_log_and_urdf(web: WebServer, imucalib: Imucalib) -
     assert f"read: {urdf}: 5.1 kB of 5.1 kB (5119 bytes) in 1 request\n" in seen.err
 
 
-def test_a_urdf_needs_no_server_with_ranges(web: WebServer, imucalib: Imucalib) -> None:
+def test_remote_urdf_needs_no_range_requests(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.ranges = False
     log = str(SAMPLES / "rihibot.mcap")
     said = imucalib("inspect", log, "--urdf", web.url("rihibot.urdf"))
@@ -103,7 +103,7 @@ def test_a_urdf_needs_no_server_with_ranges(web: WebServer, imucalib: Imucalib) 
     assert "robot.urdf does not exist (404 Not Found): check the URL" in said.err
 
 
-def test_what_would_be_read_whole_is_refused_and_then_downloaded(
+def test_full_download_needs_allow_remote_scan(
     web: WebServer, imucalib: Imucalib, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -116,7 +116,7 @@ def test_what_would_be_read_whole_is_refused_and_then_downloaded(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_was_read_is_told_of_a_failure_too(web: WebServer, imucalib: Imucalib) -> None:
+def test_bytes_read_are_reported_on_failure(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.changes_after = 4
     said = imucalib("run", web.url("rihibot.mcap"), "--urdf", URDF, "-v", code=1)
     *_, first, second = said.err.splitlines()
@@ -125,7 +125,7 @@ def test_what_was_read_is_told_of_a_failure_too(web: WebServer, imucalib: Imucal
 
 
 @pytest.mark.parametrize("command", ["diff", "apply", "verify", "trend"])
-def test_a_url_in_the_wrong_place_shows_no_secret(
+def test_url_in_wrong_argument_hides_secrets(
     command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     url = "https://me:secret@host.invalid/result.yaml?signature=hidden"
@@ -140,7 +140,7 @@ def test_a_url_in_the_wrong_place_shows_no_secret(
         assert not re.search("secret|hidden", seen.out + seen.err)
 
 
-def test_python_takes_urls(web: WebServer) -> None:
+def test_python_api_accepts_urls(web: WebServer) -> None:
     log, urdf = web.url("rihibot.mcap"), web.url("rihibot.urdf")
     assert ic.calibrate(log, urdf=urdf).result.provenance.files[0].path == log
     web.behaviour.ranges = False

@@ -32,7 +32,7 @@ def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_document_on_stdout_and_warnings_on_stderr(
+def test_document_goes_to_stdout_and_warnings_to_stderr(
     estimator: Estimator, run_arm: Imucalib, arm_log: Path, arm_urdf: Path
 ) -> None:
     out, err = run_arm()
@@ -71,7 +71,7 @@ def test_an_output_file_leaves_stdout_empty(tmp_path: Path, run_arm: Imucalib) -
     ],
     ids=["frames", "topics of one frame", "a joint alone, which is no URDF"],
 )
-def test_an_output_folder_gets_a_file_for_each_imu(
+def test_output_folder_gets_one_file_per_imu(
     *,
     imus: dict[str, str],
     fmt: str,
@@ -112,7 +112,7 @@ def test_an_untrusted_pose_is_refused_unless_forced(
     assert "imu_link" in run_arm("--format", fmt, "--force", code=3).out
 
 
-def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
+def test_sigma_above_requirement_exits_3(run_arm: Imucalib) -> None:
     run_arm("--require", "0.11mm,0.1deg")
     out, err = run_arm("--require", "0.09mm,0.1deg", code=3)
     document = yaml.safe_load(out)
@@ -153,7 +153,7 @@ def test_require_turns_a_large_sigma_into_exit_3(run_arm: Imucalib) -> None:
         ),
     ],
 )
-def test_options_are_recorded_in_the_words_of_the_documentation(
+def test_options_are_recorded_under_documented_names(
     options: str, recorded: dict[str, Any], run_arm: Imucalib
 ) -> None:
     document = json.loads(run_arm("--format", "json", *options.split()).out)
@@ -162,7 +162,7 @@ def test_options_are_recorded_in_the_words_of_the_documentation(
     assert None not in told.values()
 
 
-def test_one_imu_may_fail_and_the_others_still_come_out(
+def test_failed_imu_does_not_stop_the_others(
     estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/a").imu("/b").joints().write()
@@ -172,7 +172,7 @@ def test_one_imu_may_fail_and_the_others_still_come_out(
     assert "error: /a: too short" in err
 
 
-def test_the_joint_to_paste_has_the_name_it_has_in_the_urdf(run_arm: Imucalib) -> None:
+def test_proposed_joint_has_its_name_in_the_urdf(run_arm: Imucalib) -> None:
     out = run_arm("--format", "urdf").out
     assert out.startswith('<joint name="imu_joint" type="fixed">\n')
     assert '<parent link="hand"/>' in out
@@ -241,7 +241,7 @@ def test_options_reach_the_estimator(
             np.testing.assert_allclose(found, value, rtol=1e-12, atol=1e-15)
 
 
-def test_a_pose_is_needed_where_no_joint_of_the_urdf_has_it(
+def test_prior_without_urdf_joint_needs_initial_pose(
     estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(frame="elsewhere").joints().write()
@@ -278,7 +278,7 @@ def test_a_pose_is_needed_where_no_joint_of_the_urdf_has_it(
         ),
     ],
 )
-def test_wrong_usage_is_one_line_and_exit_2(
+def test_usage_error_is_one_line_and_exits_2(
     options: str, complaint: str, estimator: Estimator, run_arm: Imucalib
 ) -> None:
     out, err = run_arm(*shlex.split(options), code=2)
@@ -289,9 +289,7 @@ def test_wrong_usage_is_one_line_and_exit_2(
     assert not estimator.calls
 
 
-def test_a_log_that_ends_after_its_first_bytes_is_one_line(
-    tmp_path: Path, imucalib: Imucalib
-) -> None:
+def test_log_cut_after_first_bytes_is_one_line_error(tmp_path: Path, imucalib: Imucalib) -> None:
     (tmp_path / "log.mcap").write_bytes(b"\x89MCAP0\r\n")
     out, err = imucalib("run", tmp_path / "log.mcap", code=1)
     assert out == ""
@@ -302,14 +300,14 @@ def test_a_log_that_ends_after_its_first_bytes_is_one_line(
 @pytest.mark.parametrize(
     ("accel", "words"), [(0.01, ""), (9.8, "yet --gravity none was given")], ids=["floats", "rests"]
 )
-def test_a_body_without_gravity_may_be_told(
+def test_gravity_none_is_checked_against_accelerometer(
     accel: float, words: str, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(accel=accel).joints().write()
     assert words in imucalib("run", log, "--urdf", arm_urdf, "--gravity", "none").err
 
 
-def test_a_summary_holds_both_directions(run_arm: Imucalib) -> None:
+def test_summary_contains_both_directions(run_arm: Imucalib) -> None:
     out = run_arm("--format", "summary").out
     assert "pose of imu_link in hand: p_hand = R p_imu_link + t" in out
     assert "pose of hand in imu_link: p_imu_link = R p_hand + t" in out
@@ -318,11 +316,11 @@ def test_a_summary_holds_both_directions(run_arm: Imucalib) -> None:
     assert "\x1b" not in out
 
 
-def test_a_file_given_twice_is_a_mistake(run_arm: Imucalib, arm_log: Path) -> None:
+def test_duplicate_file_is_a_usage_error(run_arm: Imucalib, arm_log: Path) -> None:
     assert "is given twice" in run_arm(arm_log, code=2).err
 
 
-def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
+def test_frame_may_have_a_leading_slash(run_arm: Imucalib) -> None:
     frames = ("--parent", "/upper", "--imu-link", "/imu_link", "--world", "/base")
     document = yaml.safe_load(run_arm(*frames).out)
     transform = document["transform"]
@@ -338,7 +336,7 @@ def test_a_frame_may_be_typed_with_a_leading_slash(run_arm: Imucalib) -> None:
         ("", "± 0.0006 0.0006 0.0006 deg about x, y, z of hand"),
     ],
 )
-def test_axes_that_are_held_are_told_once(
+def test_fixed_axes_are_marked_once_in_summary(
     estimator: Estimator, held: str, words: str, run_arm: Imucalib
 ) -> None:
     stds = [0.0 if axis in held else 1e-5 for axis in "xyz"]
@@ -361,7 +359,7 @@ def test_axes_that_are_held_are_told_once(
     ],
     ids=["loose", "held", "not determined"],
 )
-def test_the_direction_of_the_largest_sigma_is_told(
+def test_direction_of_largest_sigma_is_reported(
     estimator: Estimator, std: tuple[float, float, float], told: list[str], run_arm: Imucalib
 ) -> None:
     covariance = np.diag([*(each**2 for each in std), 1e-10, 1e-10, 1e-10])

@@ -65,7 +65,7 @@ def test_every_study_is_listed_and_has_parameters(imucalib: Imucalib) -> None:
 
 
 @pytest.mark.slow
-def test_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -> None:
+def test_study_writes_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -> None:
     shown = study()
     assert shown.out.startswith("### Derived less measured acceleration")
     assert shown.out.endswith("|\n")
@@ -73,7 +73,7 @@ def test_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -> None:
     assert files == ["derivation.jsonl", "figure-5.svg", "figure-6.svg", "figure-7.svg"]
     for name in files:
         assert str(tmp_path / "out" / name) in shown.err
-    # Nothing is left to run: the file does not grow, and says the same in other forms.
+    # Nothing is left to run: the file does not grow, and other formats give the same content.
     before = (tmp_path / "out" / "derivation.jsonl").read_bytes()
     shown = study("--no-figures", "--format", "json", "-q")
     assert shown.err == ""
@@ -93,7 +93,7 @@ def test_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -> None:
         ("derivation --config missing.yaml", 1, "missing.yaml"),
     ],
 )
-def test_what_is_not_there_is_one_line(
+def test_invalid_study_command_is_one_line_error(
     line: str, code: int, words: str, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     shown = imucalib("study", *line.split(), "-o", tmp_path / "out", code=code)
@@ -110,7 +110,7 @@ def test_a_wrong_parameter_is_named(small: Path, tmp_path: Path, imucalib: Imuca
     assert "windos" in said.err
 
 
-def test_what_a_study_needs_is_looked_for_before_any_run(
+def test_missing_dependency_is_reported_before_any_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
 ) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -121,7 +121,7 @@ def test_what_a_study_needs_is_looked_for_before_any_run(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
+def test_stored_rows_need_no_simulator_and_figures_are_optional(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
@@ -135,7 +135,7 @@ def test_rows_that_are_there_need_nothing_and_no_figures_are_no_error(
 
 
 @pytest.mark.slow
-def test_figures_of_a_quick_run_have_their_own_names(
+def test_quick_run_figures_have_their_own_names(
     small: Path, tmp_path: Path, study: Imucalib
 ) -> None:
     (tmp_path / "out").mkdir()
@@ -148,9 +148,7 @@ def test_figures_of_a_quick_run_have_their_own_names(
     ]
 
 
-def test_rows_that_lack_something_are_not_the_rows_of_a_study(
-    tmp_path: Path, study: Imucalib
-) -> None:
+def test_rows_with_missing_fields_are_refused(tmp_path: Path, study: Imucalib) -> None:
     study("--no-figures", "-q")
     file = tmp_path / "out" / "derivation.jsonl"
     header, first, *rest = file.read_text("utf-8").splitlines(keepends=True)
@@ -165,7 +163,7 @@ def test_rows_that_lack_something_are_not_the_rows_of_a_study(
         assert shown.err.endswith("name another folder with -o, or give --fresh\n")
 
 
-def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
+def test_long_run_without_terminal_prints_occasional_progress(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 0.0)
@@ -179,7 +177,7 @@ def test_a_long_run_says_a_line_now_and_then_off_a_terminal(
 
 
 @pytest.mark.parametrize("done", [0, 1])
-def test_an_interruption_says_what_is_kept(
+def test_interrupt_reports_kept_rows(
     done: int, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
     measure, calls = DerivationStudy.measure, iter(range(9))
@@ -205,7 +203,7 @@ def test_an_interruption_says_what_is_kept(
     assert study("--fresh", "-q", code=130).err == ""
 
 
-def test_a_terminal_gets_columns_that_fit(
+def test_columns_fit_the_terminal(
     monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib, study: Imucalib
 ) -> None:
     said = study("--no-figures", "-q", "--format", "json")

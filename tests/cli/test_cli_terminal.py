@@ -58,14 +58,16 @@ class Terminal:
         while True:
             try:
                 part = os.read(self._master, 65536)
-            except OSError:  # Linux's end of a pseudo-terminal that nobody has open any more
+            except (
+                OSError
+            ):  # end of file on Linux for a pseudo-terminal that no process has open any more
                 return
             if not part:
                 return
             self._read.extend(part)
 
     def text(self) -> str:
-        """All of it, once nobody writes any more."""
+        """All of it, once no process writes any more."""
         os.close(self.slave)
         self._reader.join()
         os.close(self._master)
@@ -136,7 +138,7 @@ BOTH = ("stdout", "stderr")
         ("", (), "schema: 1\n", WARNING),
     ],
 )
-def test_run_shows_words_to_people_and_yaml_to_programs(
+def test_run_prints_summary_on_terminal_and_yaml_to_pipe(
     *,
     options: str,
     streams: tuple[str, ...],
@@ -173,7 +175,7 @@ def test_run_into_a_folder_names_each_file(
     assert len(files) == 2
 
 
-def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(
+def test_redirected_stderr_has_reasons_beside_terminal_summary(
     shown: Shown, arm: tuple[object, ...], estimator: Estimator
 ) -> None:
     estimator.estimate = replace(ESTIMATE, findings=(untrusted(TEXT, text="it wobbles"),))
@@ -185,7 +187,7 @@ def test_a_log_of_stderr_has_the_reasons_although_a_terminal_has_the_summary(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_verify_and_diff_answer_in_one_line(
+def test_verify_and_diff_print_one_line_on_terminal(
     shown: Shown, arm: tuple[object, ...], result: Path, arm_urdf: Path, tmp_path: Path
 ) -> None:
     code, out, err = shown("verify", *arm)
@@ -207,7 +209,7 @@ def test_verify_and_diff_answer_in_one_line(
     assert yaml.safe_load(target.read_text())["verdict"] == "not moved"
 
 
-def test_an_answer_in_the_format_that_is_asked_for(
+def test_format_option_sets_format_of_answer(
     shown: Shown, result: Path, imucalib: Imucalib
 ) -> None:
     _, out, err = shown("diff", result, result, "--format", "json")
@@ -217,7 +219,7 @@ def test_an_answer_in_the_format_that_is_asked_for(
     assert imucalib("diff", result, result, "--format", "summary").out == words
 
 
-def test_no_name_commands_the_terminal(
+def test_names_cannot_inject_terminal_escapes(
     shown: Shown, tmp_path: Path, arm_urdf: Path, estimator: Estimator
 ) -> None:
     del estimator
@@ -255,7 +257,7 @@ WIDE = Table(
 
 @pytest.mark.parametrize("columns", [60, 80, 160])
 @pytest.mark.parametrize("env", [{}, {"NO_COLOR": "1"}, {"TERM": "dumb"}])
-def test_tables_fit_the_terminal_and_lose_nothing(
+def test_tables_fit_the_terminal_without_losing_text(
     columns: int, env: dict[str, str], shown: Shown, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     del shown
@@ -277,7 +279,7 @@ def test_tables_fit_the_terminal_and_lose_nothing(
         assert lines == plain([WIDE]).split("\n")
 
 
-def test_a_terminal_that_is_too_narrow_folds_the_plain_table(
+def test_narrow_terminal_folds_the_plain_table(
     shown: Shown, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     del shown
@@ -295,7 +297,7 @@ def _delivered(monkeypatch: pytest.MonkeyPatch, columns: int) -> str:
 
 
 @pytest.mark.parametrize("columns", slow_after(1, [80, 160, 60]))
-def test_the_width_is_that_of_the_terminal(columns: int) -> None:
+def test_width_is_taken_from_the_terminal(columns: int) -> None:
     """In a process of its own, as a shell starts it."""
     terminal = Terminal(columns)
     command = ("-m", "imucalib_cli", "inspect", "broad_21_cut.mcap")
@@ -309,7 +311,7 @@ def test_the_width_is_that_of_the_terminal(columns: int) -> None:
     assert (text == python(*command, cwd=SAMPLES).stdout) == (columns == 160)
 
 
-def test_what_is_piped_waits_for_no_library_of_terminals() -> None:
+def test_piped_output_does_not_import_rich() -> None:
     program = (
         "import sys; from imucalib_cli.cli.main import main; main(sys.argv[1:]);"
         "sys.exit('rich' in sys.modules)"
@@ -324,7 +326,7 @@ def terminal() -> Iterator[Terminal]:
     opened.text()
 
 
-def test_colour_is_for_terminals_that_want_it(
+def test_colour_only_on_terminals_that_support_it(
     terminal: Terminal, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("TERM", "xterm")
@@ -342,7 +344,7 @@ def test_colour_is_for_terminals_that_want_it(
         assert not wants_colour(stream)
 
 
-def test_a_line_on_stderr_stays_one_short_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_stderr_messages_stay_one_short_line(capsys: pytest.CaptureFixture[str]) -> None:
     say("error", "frame 'a\x1b[2Jb\x07' of\n topic \u202e/c")
     assert capsys.readouterr().err == "error: frame 'a\\x1b[2Jb\\x07' of topic \\u202e/c\n"
     say("error", "x" * 1_000_000)
@@ -351,7 +353,7 @@ def test_a_line_on_stderr_stays_one_short_line(capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err == f"error: {'x' * 3000}\n"
 
 
-def test_a_long_name_costs_no_time() -> None:
+def test_long_name_in_message_is_handled_quickly() -> None:
     long = "x" * 1_000_000  # minutes where the time grows with its square
     assert str(ChoiceError(long)) == long
     assert similar_names(long, [long, "xx"]) == ""
@@ -367,12 +369,12 @@ def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", ["x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"])
-def test_tf_arguments_survive_a_shell(name: str) -> None:
+def test_tf_arguments_are_quoted_for_shell(name: str) -> None:
     words = shlex.split(FORMATS["tf"].render([make_result(child=name, parent="hand")]))
     assert words[-4:] == ["--frame-id", "hand", "--child-frame-id", name]
 
 
-def test_a_pipe_or_an_endless_file_ends_no_command_late(
+def test_pipe_or_endless_file_is_refused_quickly(
     tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     os.mkfifo(tmp_path / "pipe")

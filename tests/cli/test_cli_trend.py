@@ -39,7 +39,7 @@ def still(tmp_path: Path) -> Path:
     return written(tmp_path / "still", named(*drawn(2, 6)))
 
 
-def test_the_exit_code_is_the_alarm(moved: Path, still: Path, imucalib: Imucalib) -> None:
+def test_exit_code_reflects_alarm(moved: Path, still: Path, imucalib: Imucalib) -> None:
     out, err = imucalib("trend", moved, code=4)
     assert out.startswith("moved: imu_link in wrist_3_link has moved: by 1.96 ")
     assert err == ""
@@ -53,7 +53,7 @@ def test_the_exit_code_is_the_alarm(moved: Path, still: Path, imucalib: Imucalib
     imucalib("trend", moved, "--within", "1cm,1deg")
 
 
-def test_csv_and_json_lines_go_to_stdout_and_words_to_stderr(
+def test_csv_and_json_lines_go_to_stdout_and_text_to_stderr(
     moved: Path, imucalib: Imucalib
 ) -> None:
     out, err = imucalib("trend", moved, "--format", "jsonl", code=4)
@@ -71,14 +71,14 @@ def test_csv_and_json_lines_go_to_stdout_and_words_to_stderr(
     assert rows[0]["start"] == "2026-05-04T09:15:02.250000Z"
 
 
-def test_what_was_before_a_move_is_left_out(moved: Path, imucalib: Imucalib) -> None:
+def test_results_before_given_date_are_left_out(moved: Path, imucalib: Imucalib) -> None:
     assert "before --since: 2026-05-04" in imucalib("trend", moved, "--since", "2026-05-12").out
     imucalib("trend", moved, "--since", "2026-05-04T00:00Z", code=4)
     said = imucalib("trend", moved, "--since", "yesterday", code=2)
     assert "--since yesterday: expected a date" in said.err
 
 
-def test_a_folder_holds_other_files_too(still: Path, imucalib: Imucalib) -> None:
+def test_other_files_in_folder_are_ignored(still: Path, imucalib: Imucalib) -> None:
     """Among them the answers and tables that were written there before."""
     first = next(still.iterdir())
     trend = imucalib.with_("trend", still)
@@ -108,7 +108,7 @@ def test_a_damaged_result_does_not_stop_the_others(
     assert "missing.yaml: cannot be read" in imucalib("trend", still / "missing.yaml", code=1).err
 
 
-def test_each_imu_has_a_trend_of_its_own(tmp_path: Path, imucalib: Imucalib) -> None:
+def test_each_imu_has_its_own_trend(tmp_path: Path, imucalib: Imucalib) -> None:
     values, C = drawn(3, 8, moves=[(4, MOVE)])
     still, C_still = drawn(4, 8)
     for k in range(8):
@@ -131,9 +131,7 @@ def test_each_imu_has_a_trend_of_its_own(tmp_path: Path, imucalib: Imucalib) -> 
 
 
 @pytest.mark.parametrize("suffix", slow_after(1, [".png", ".pdf"]))
-def test_pictures_of_every_verdict_are_drawn(
-    suffix: str, tmp_path: Path, imucalib: Imucalib
-) -> None:
+def test_figure_is_drawn_for_every_verdict(suffix: str, tmp_path: Path, imucalib: Imucalib) -> None:
     values, C = drawn(5, 12)
     values[3] += 20 * MOVE
     drifting = values + np.outer(np.arange(12), MOVE)
@@ -146,7 +144,7 @@ def test_pictures_of_every_verdict_are_drawn(
         assert picture.read_bytes()[:4] in {b"%PDF", b"\x89PNG"}
 
 
-def test_no_result_is_written_over(still: Path, imucalib: Imucalib) -> None:
+def test_results_are_not_overwritten(still: Path, imucalib: Imucalib) -> None:
     first, trend = next(still.iterdir()), imucalib.with_("trend", still)
     before = first.read_bytes()
     assert "is an input and would be overwritten" in trend("-o", first, code=2).err
@@ -157,7 +155,7 @@ def test_no_result_is_written_over(still: Path, imucalib: Imucalib) -> None:
 
 
 @pytest.mark.slow
-def test_from_logs_of_a_simulated_arm_whose_mount_moves(tmp_path: Path, imucalib: Imucalib) -> None:
+def test_moved_mount_of_simulated_arm_is_detected(tmp_path: Path, imucalib: Imucalib) -> None:
     """Four days at one place and three at another, from the engine's physics to the alarm."""
     system = load_system("rihibot")
     urdf, results = tmp_path / "robot.urdf", tmp_path / "results"

@@ -65,22 +65,20 @@ def test_the_answer_is_a_document_a_sentence_and_an_exit_code(
     assert words in document["reason"]
 
 
-def test_what_is_verified_cannot_be_what_is_known(
-    estimator: Estimator, verify_arm: Imucalib
-) -> None:
+def test_fix_of_the_verified_pose_is_refused(estimator: Estimator, verify_arm: Imucalib) -> None:
     assert "but verify checks this pose" in verify_arm("--fix", "tx", code=2).err
     assert not estimator.calls
 
 
 @pytest.mark.usefixtures("estimator")
-def test_quiet_json_into_a_file(tmp_path: Path, verify_arm: Imucalib) -> None:
+def test_quiet_json_answer_is_written_to_file(tmp_path: Path, verify_arm: Imucalib) -> None:
     target = tmp_path / "answer.json"
     said = verify_arm("-q", "--format", "json", "-o", target, code=4)
     assert said == ("", "")
     assert json.loads(target.read_text())["significance"]["of"] == "translation"
 
 
-def test_one_imu_that_is_wrong_settles_it(
+def test_one_wrong_imu_decides_the_exit_code(
     estimator: Estimator, log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu("/a").imu("/b").joints().write()
@@ -94,7 +92,7 @@ def test_one_imu_that_is_wrong_settles_it(
     verify("--within", "11mm", code=1)
 
 
-def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
+def test_unobservable_direction_gives_unknown_unless_rest_is_wrong(
     estimator: Estimator, verify_arm: Imucalib
 ) -> None:
     wide = ESTIMATE.covariance + np.diag([0, 100.0, 0, 0, 0, 0])
@@ -115,12 +113,12 @@ def test_an_unobservable_direction_cannot_tell_unless_the_rest_says_no(
         ("imu_lnk", "--imu-link imu_link", 4, "off by 10.00"),
         ("", "", 2, "the IMU has no frame_id for"),
         ("imu_link", "--parent upper", 2, "'lift' is between them: leave --parent out"),
-        # a moving link's own frame: the URDF says that the IMU's is the same
+        # a moving link's own frame: in the URDF the IMU's frame is the same
         ("hand", "", 4, "hand in hand is not where"),
     ],
 )
 @pytest.mark.usefixtures("estimator")
-def test_frames_the_urdf_tells_and_does_not_tell(
+def test_frame_is_verified_only_with_a_urdf_pose(
     *,
     frame: str,
     options: str,
@@ -137,14 +135,18 @@ def test_frames_the_urdf_tells_and_does_not_tell(
 
 
 @pytest.mark.usefixtures("estimator")
-def test_the_logs_own_static_frames_may_tell(log_writer: LogWriter, imucalib: Imucalib) -> None:
+def test_pose_is_verified_against_static_tf_of_the_log(
+    log_writer: LogWriter, imucalib: Imucalib
+) -> None:
     log = log_writer.imu().tf("odom", "body").tf("body", "imu_link", moving=False).write()
     (document,), err = answers(imucalib("verify", log, code=4))
     assert document["told"]["urdf"] is None
     assert "is not where the log's own frames say" in err
 
 
-def test_a_result_answers_like_its_log(result: Path, arm_urdf: Path, imucalib: Imucalib) -> None:
+def test_result_file_gives_the_same_answer_as_its_log(
+    result: Path, arm_urdf: Path, imucalib: Imucalib
+) -> None:
     (document,), err = answers(imucalib("verify", result, "--urdf", arm_urdf, code=4))
     assert "off by 10.00 ± 0.10 mm (100 sigma), more than 5 mm" in err
     assert document["told"]["joint"] == "imu_joint"
@@ -155,7 +157,7 @@ def test_a_result_answers_like_its_log(result: Path, arm_urdf: Path, imucalib: I
 def test_a_result_is_compared_through_fixed_joints(
     result: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
-    """The same mount, by way of a plate: 60 mm of hand are found, 30 + 20 mm told."""
+    """The same mount, by way of a plate: 60 mm in hand are found, 30 + 20 mm are nominal."""
     plate = arm_urdf.with_name("plate.urdf")
     joints = (
         '<link name="plate"/><joint name="bolt" type="fixed"><parent link="hand"/>'
@@ -187,7 +189,7 @@ def test_a_result_is_compared_through_fixed_joints(
         ("--urdf URDF -o /", "is a folder; name the file to write"),
     ],
 )
-def test_wrong_usage_with_a_result(
+def test_wrong_options_with_a_result_are_refused(
     *, options: str, words: str, result: Path, arm_urdf: Path, arm_log: Path, imucalib: Imucalib
 ) -> None:
     for name, path in {"URDF": arm_urdf, "LOG": arm_log, "RESULT": result}.items():
@@ -202,9 +204,7 @@ SHIFT = np.array([0.003, -0.004, 0.012])
 TURN = Rotation.from_rotvec(np.radians([0.0, 0.6, -0.8]))
 
 
-def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
-    tmp_path: Path, imucalib: Imucalib
-) -> None:
+def test_known_mount_displacement_is_measured(tmp_path: Path, imucalib: Imucalib) -> None:
     """The truth of a physics engine, and the truth displaced by 13 mm and 1 degree."""
     truth = yaml.safe_load((DATA / "rihibot.truth.yaml").read_text())["transform"]
     t, R = np.array(truth["translation"]), Rotation.from_quat(truth["rotation_xyzw"])
@@ -228,7 +228,7 @@ def test_a_mount_off_by_a_known_amount_is_found_off_by_it(
     assert most - least < 0.1
 
 
-def test_of_several_results_each_answer_names_its_file(
+def test_answers_for_several_results_name_their_files(
     result: Path, arm_urdf: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     right, broken = tmp_path / "right.yaml", tmp_path / "broken.yaml"

@@ -65,7 +65,7 @@ def error_of(state: State, mount: Mount) -> Floats:
     return np.concatenate([state.t - mount.t, rotation_error(state.R, mount.R)])
 
 
-def test_with_its_own_priors_a_log_says_the_same() -> None:
+def test_same_priors_reproduce_the_result() -> None:
     found = solve(recordings(1, 1)[0])
     log = found.log_statistics
     answer, findings = solve_again(log, log.options)
@@ -86,7 +86,7 @@ OTHER: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("name", slow_after(2, OTHER))
-def test_with_other_priors_it_says_what_a_run_says(name: str) -> None:
+def test_other_priors_give_the_result_of_a_run(name: str) -> None:
     """But for the noise's level and the point of linearisation, which a run finds anew."""
     (recording,) = recordings(1, 1)
     log = solve(recording).log_statistics
@@ -99,7 +99,7 @@ def test_with_other_priors_it_says_what_a_run_says(name: str) -> None:
     np.testing.assert_allclose(stated / sigma, 1.0, atol=0.05)
 
 
-def test_a_component_held_where_it_is_not_is_contradicted() -> None:
+def test_wrong_fixed_component_is_contradicted() -> None:
     log = solve(recordings(1, 1)[0]).log_statistics
     _, findings = solve_again(log, replace(log.options, pose=prior(tx=0.0, dt=(5e-3, 0.0, 0.0))))
     (found,) = [each for each in findings if each.code == "prior.contradicted"]
@@ -126,12 +126,12 @@ def by_sum(estimates: list[Solved]) -> tuple[Floats, Floats]:
         B[np.ix_(places, places)] += equations.noise / equations.level**2
         b[places] += equations.score / equations.level + information @ move
         start += size
-    # Priors are far wider than what the logs show, so that they say nothing here.
+    # Priors are far wider than what the logs show, so that they have no effect here.
     inverse = np.linalg.inv(A)
     return (-inverse @ b)[:6], (inverse @ B @ inverse)[:6, :6]
 
 
-def test_logs_on_a_still_mount_are_the_sum_of_their_statistics(
+def test_logs_of_unmoved_mount_equal_sum_of_statistics(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # As good as no scatter between logs.
@@ -148,7 +148,7 @@ def test_logs_on_a_still_mount_are_the_sum_of_their_statistics(
     np.testing.assert_allclose(stated / sigma, 1.0, atol=1e-3)
 
 
-def test_a_log_that_disagrees_is_found_and_measured() -> None:
+def test_disagreeing_log_is_found_and_its_offset_measured() -> None:
     away = np.array([0.004, 0.0, 0.0])
     moves = Moves(seed=77, seconds=15.0)
     stranger = make_log(moves, Mount(R=MOUNT.R, t=MOUNT.t + away)).noisy(77)
@@ -169,7 +169,7 @@ def test_each_log_keeps_its_own_biases() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scatter", [(0.0, 0.0), (2e-4, 5e-4)])
-def test_sigma_of_several_logs_is_true(scatter: tuple[float, float]) -> None:
+def test_combined_sigma_matches_errors(scatter: tuple[float, float]) -> None:
     """Over 30 arms of five logs: their mean square has a standard deviation of 0.6."""
     squares = []
     for seed in range(30):

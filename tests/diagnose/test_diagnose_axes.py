@@ -1,4 +1,4 @@
-"""Axes that are no turn of the parent link's, and two sensors that do not share theirs."""
+"""Axes that are not a rotation of the parent link's, and sensors with different axes."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def explained(log: Log, gyro: Floats = SAME, accel: Floats = SAME) -> Estimate:
 
 
 @pytest.mark.parametrize("which", slow_after(1, WIRINGS))
-def test_the_cause_is_named_and_nothing_that_follows_from_it(which: str) -> None:
+def test_only_the_root_cause_is_named(which: str) -> None:
     gyro, accel, words = WIRINGS[which]
     grade = "industrial" if "swapped" in which else "mems"
     found = explained(log().noisy(3, grade), gyro, accel)
@@ -78,7 +78,7 @@ def test_the_cause_is_named_and_nothing_that_follows_from_it(which: str) -> None
     assert found.corrections == ()
 
 
-def test_a_proper_turn_of_both_is_only_another_mount() -> None:
+def test_common_rotation_of_both_sensors_is_part_of_the_mount() -> None:
     turn = QUARTER @ TURNED
     found = explained(log().noisy(3), turn, turn)
     assert found.trusted
@@ -86,7 +86,7 @@ def test_a_proper_turn_of_both_is_only_another_mount() -> None:
 
 
 @pytest.mark.slow
-def test_other_faults_are_not_blamed_on_the_axes() -> None:
+def test_other_faults_are_not_attributed_to_axes() -> None:
     """Joints that turn the other way are no fault of the sensor, and one axis shows too little."""
     backwards = log().path.tracks[0].values * [1, -1, 1, 1, -1, 1]
     one = log(Moves(seed=1, seconds=14.0, amplitude=(0, 0, 0, 0, 0, 1.5)))

@@ -100,7 +100,7 @@ def test_a_gross_fault_is_named_first_and_alone(
 
 
 @pytest.mark.slow
-def test_causes_that_the_log_cannot_tell_apart_are_all_named() -> None:
+def test_indistinguishable_causes_are_all_named() -> None:
     """A pan joint turned over is, to the last digit, a lift joint turned by half a turn."""
     case = judged(ARM, flawed("sign", "shoulder_pan_joint"))
     (cause,) = case.found
@@ -124,7 +124,7 @@ def test_causes_that_the_log_cannot_tell_apart_are_all_named() -> None:
         ],
     ),
 )
-def test_a_small_error_of_the_chain_is_corrected_and_named_if_it_matters(
+def test_small_chain_error_is_corrected_and_named_if_significant(
     kind: str, joint: str, size: float
 ) -> None:
     fault = flawed(kind, joint, size)
@@ -158,7 +158,7 @@ def test_a_wrong_stated_time_offset_is_contradicted(late: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [6.0, 11.8])
-def test_a_mount_that_gives_is_reported_as_a_spring_of_its_frequency(rate: float) -> None:
+def test_flexible_mount_is_reported_with_its_frequency(rate: float) -> None:
     case = judged(ARM, flawed("ringing", size=rate))
     assert not case.explained.trusted
     assert case.found == ()
@@ -169,7 +169,7 @@ def test_a_mount_that_gives_is_reported_as_a_spring_of_its_frequency(rate: float
 
 
 @pytest.mark.slow
-def test_a_hum_is_no_mount_that_gives() -> None:
+def test_hum_is_not_reported_as_flexible_mount() -> None:
     found = judged(ARM, flawed("hum", size=6.0)).explained.findings
     assert not any(each.values.get("name") == "mount_give" for each in found)
 
@@ -188,7 +188,7 @@ def test_a_hum_is_no_mount_that_gives() -> None:
         ],
     ),
 )
-def test_publishers_that_contradict_each_other_and_a_base_that_moves_are_named(
+def test_contradicting_publishers_and_moving_base_are_named(
     system: str, kind: str, code: str, words: str
 ) -> None:
     """The joints stand still while the base turns."""
@@ -200,7 +200,7 @@ def test_publishers_that_contradict_each_other_and_a_base_that_moves_are_named(
         assert value(case.found[0], "sizes")[0] == pytest.approx(0.2, rel=0.05)
 
 
-def test_an_encoder_undecided_between_two_counts_is_one_publisher() -> None:
+def test_encoder_toggling_between_two_counts_is_one_publisher() -> None:
     """Its jumps are as large as its steps are."""
     path = misdescribed(clean(ARM), flawed("none")).path
     (track,) = path.tracks
@@ -216,19 +216,19 @@ def test_an_encoder_undecided_between_two_counts_is_one_publisher() -> None:
     ("system", "kind"),
     slow_after(1, [(ARM, "accel scale"), (ARM, "gyro scale"), (BODY, "gyro scale")]),
 )
-def test_the_robot_is_not_blamed_for_the_sensor(system: str, kind: str) -> None:
+def test_sensor_faults_are_not_attributed_to_robot(system: str, kind: str) -> None:
     assert judged(system, flawed(kind, size=0.02)).found == ()
 
 
 @pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))
-def test_a_good_fit_asks_nothing(system: str) -> None:
+def test_good_fit_needs_no_diagnosis(system: str) -> None:
     case = judged(system, flawed("none"))
     assert not needs_diagnosis(case.plain)
     assert case.explained is case.plain
     assert case.found == ()
 
 
-def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
+def test_poor_fit_of_unknown_cause_advises_no_motion() -> None:
     """Livelier motion would not determine what units that change midway leave open."""
     recording = noisy(ARM, flawed("none"))
     imu, late = recording.imu, recording.imu.t > 0.5 * recording.imu.t[-1]
@@ -242,7 +242,7 @@ def test_no_motion_is_advised_where_an_unknown_cause_spoils_the_fit() -> None:
         assert "mend the cause of the poor fit first" in direction.motion
 
 
-def test_a_position_may_be_exchanged_with_one_of_another_limb() -> None:
+def test_position_swapped_with_another_limb_is_found() -> None:
     """And with all in the URDF's order, under names in another."""
     described = misdescribed(clean(ARM), flawed("none"))
     (track,) = described.path.tracks

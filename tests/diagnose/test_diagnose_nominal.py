@@ -55,7 +55,7 @@ def estimate(R: Floats, t: Floats) -> Estimate:
         "its own inverse",
     ],
 )
-def test_the_inverse_is_named_and_no_other(
+def test_only_an_inverted_nominal_pose_is_named(
     found: tuple[Floats, Floats], nominal: tuple[Floats, Floats], is_inverse: bool
 ) -> None:
     finding = inverted_nominal(estimate(*found), *nominal, "imu_joint")

@@ -183,7 +183,7 @@ class Walk:
         return np.asarray(self._origins[0] - ORIGINS[0])
 
     def seen(self, mount: Mount, count: int) -> Mount:
-        """The mount behind so many joints that fits the URDF, which knows no errors.
+        """The mount behind so many joints that fits the URDF, which contains no errors.
 
         It absorbs the zero of the last joint, and the error of its origin along its axis.
         """

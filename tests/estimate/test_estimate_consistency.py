@@ -48,7 +48,7 @@ def agreement(found: Solved) -> Consistency:
 
 @BOTH_GRADES
 @pytest.mark.parametrize("seed", slow_after(1, range(2)))
-def test_a_log_of_one_piece_is_of_one_piece(seed: int, grade: str) -> None:
+def test_undisturbed_log_is_consistent(seed: int, grade: str) -> None:
     found = solve(clean(replace(MOVES, seed=10 + seed)).noisy(seed, grade))
     assert found.trusted
     parts = agreement(found)
@@ -58,7 +58,7 @@ def test_a_log_of_one_piece_is_of_one_piece(seed: int, grade: str) -> None:
     assert max(parts.whiteness) < 3.0
 
 
-def test_a_short_log_is_compared_with_itself_too() -> None:
+def test_short_log_is_checked_for_consistency() -> None:
     found = solve(clean(replace(MOVES, seconds=10.0)).noisy(1))
     assert 0.2 < agreement(found).segment_chi2 < 4.0
     assert agreement(found).halves_sigmas < 2.0
@@ -66,7 +66,7 @@ def test_a_short_log_is_compared_with_itself_too() -> None:
 
 
 @pytest.mark.slow
-def test_jackknife_and_halves_are_as_sigma_says_where_there_is_only_noise() -> None:
+def test_jackknife_and_halves_agree_with_sigma_for_pure_noise() -> None:
     found = [solve(clean().noisy(seed)) for seed in range(6)]
     # Seven folds of one log give a sigma to a third; the mean over logs to a tenth.
     ratios = [agreement(each).fold_std / each.sigma for each in found]
@@ -89,7 +89,7 @@ def halves_of(log: Log) -> tuple[Floats, Floats]:
 
 
 @BOTH_GRADES
-def test_halves_agree_with_two_calibrations(grade: str) -> None:
+def test_halves_equal_two_separate_calibrations(grade: str) -> None:
     """To first order, since nothing is fitted again: so the mount moves little."""
     R = Rotation.from_rotvec([1e-3, -2e-3, 1e-3]).as_matrix() @ MOUNT.R
     moved = Mount(R=R, t=MOUNT.t + np.array([4e-4, -3e-4, 5e-4]))
@@ -106,14 +106,14 @@ def test_halves_agree_with_two_calibrations(grade: str) -> None:
 
 
 @pytest.mark.slow
-def test_halves_of_noise_agree_with_two_calibrations() -> None:
+def test_halves_with_noise_agree_with_two_calibrations() -> None:
     log = clean().noisy(6)
     apart, sigma = halves_of(log)
     # The same noise is in both: they agree far better than their sigma.
     assert np.all(np.abs(agreement(solve_exact(log)).halves_difference - apart) < 0.5 * sigma)
 
 
-def test_coloured_noise_is_seen_in_whiteness() -> None:
+def test_coloured_noise_increases_whiteness() -> None:
     log = clean().noisy(1)
     white = np.random.default_rng(1).normal(size=log.imu.accel.shape)
     # First-order, 2 s long: five times the sensor's own noise in a window.
@@ -123,7 +123,7 @@ def test_coloured_noise_is_seen_in_whiteness() -> None:
     assert gyro < 3.0
 
 
-def test_normalised_residuals_are_one_in_noise_and_more_beyond_it() -> None:
+def test_normalised_residuals_are_one_for_noise_and_larger_for_errors() -> None:
     white = solve(clean().noisy(1)).residuals
     for normalised in (white.accel_normalised, white.gyro_normalised):
         assert normalised is not None

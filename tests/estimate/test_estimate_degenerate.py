@@ -61,7 +61,7 @@ def assert_covers(found: Solved) -> None:
 
 
 @NOISY
-def test_standing_still_shows_nothing(noisy: bool) -> None:
+def test_no_motion_leaves_pose_unobservable(noisy: bool) -> None:
     found = solve(log_of((0.0,) * 6, noisy=noisy))
     assert [d.kind for d in found.unobservable] == ["translation"] * 3 + ["rotation"] * 3
     assert all(direction.std is None for direction in found.unobservable)
@@ -84,9 +84,7 @@ HIDDEN = {
 
 @NOISY
 @pytest.mark.parametrize("which", HIDDEN)
-def test_one_axis_hides_the_shift_along_it_and_perhaps_the_turn_about_it(
-    which: str, noisy: bool
-) -> None:
+def test_one_axis_leaves_shift_and_maybe_turn_unobservable(which: str, noisy: bool) -> None:
     """Gravity's tilt about a single axis and the IMU's turn about it are one unknown."""
     amplitude, counts, known, std, motion = HIDDEN[which]
     found, axis = solve(log_of(amplitude, noisy=noisy)), turning_axis(amplitude)
@@ -110,7 +108,7 @@ def test_one_axis_hides_the_shift_along_it_and_perhaps_the_turn_about_it(
 
 
 @NOISY
-def test_about_one_axis_the_radius_and_the_time_offset_are_known(noisy: bool) -> None:
+def test_one_axis_determines_radius_and_time_offset(noisy: bool) -> None:
     """Lever arm and turn are one motion: a circle about the axis, of known radius."""
     found, axis = solve(log_of(WRIST, noisy=noisy)), turning_axis(WRIST)
     radius, truth = (np.linalg.norm(np.cross(axis, t)) for t in (found.t_parent_imu, found.mount.t))
@@ -120,7 +118,7 @@ def test_about_one_axis_the_radius_and_the_time_offset_are_known(noisy: bool) ->
 
 
 @pytest.mark.parametrize("amplitude", slow_after(1, [(PAN,), (PLANAR,)]))
-def test_halves_are_compared_in_what_they_show(amplitude: tuple[float, ...]) -> None:
+def test_halves_are_compared_in_observable_directions(amplitude: tuple[float, ...]) -> None:
     found = solve(log_of(amplitude))
     assert found.unobservable
     assert found.consistency is not None
@@ -128,20 +126,20 @@ def test_halves_are_compared_in_what_they_show(amplitude: tuple[float, ...]) -> 
 
 
 @NOISY
-def test_two_axes_are_enough(noisy: bool) -> None:
+def test_two_axes_determine_the_pose(noisy: bool) -> None:
     found = solve(log_of((0.5, 0, 0, 0, 0, 1.0), noisy=noisy))
     assert found.trusted
     std = found.sigma[:3]
     assert np.all(np.abs(found.error[:3]) < 4 * std + 1e-6)
     if noisy:
-        # The wrist stands nearly upright: its axis is the worst known, and said to be.
+        # The wrist is nearly upright: its axis is the least determined, and is reported.
         assert std.argmax() == 2
         assert 1e-3 < std[2] < 1e-2
     else:
         assert found.distance < 1e-4
 
 
-def test_a_known_vertical_shows_the_turn_about_a_single_axis() -> None:
+def test_known_vertical_determines_turn_about_a_single_axis() -> None:
     """With tilt and bias known, gravity shows the turn about a level axis."""
     lift = (0.0, 0.8, 0, 0, 0, 0)
     log = make_log(Moves(amplitude=lift, seconds=30.0)).noisy(1, accel_bias=(0, 0, 0))
@@ -155,7 +153,7 @@ def test_a_known_vertical_shows_the_turn_about_a_single_axis() -> None:
 @pytest.mark.parametrize(
     ("amplitude", "helps"), [((0, 0, 0, 0, 0, 1.0), True), (PAN, False)], ids=["level", "upright"]
 )
-def test_a_level_base_is_named_as_a_way_out_where_it_is_one(
+def test_level_base_is_advised_only_where_it_helps(
     amplitude: tuple[float, ...], helps: bool
 ) -> None:
     """It shows the turn about a level axis, and nothing about an upright one."""
@@ -165,7 +163,7 @@ def test_a_level_base_is_named_as_a_way_out_where_it_is_one(
     assert (not of_kind(solve(log, gravity="fixed"), "rotation")) == helps
 
 
-def test_slow_motion_is_trusted_as_far_as_its_sigma_says() -> None:
+def test_slow_motion_error_is_within_sigma() -> None:
     found = solve(log_of((0.04,) * 6))
     assert found.trusted
     std = found.sigma[:3]

@@ -41,7 +41,7 @@ def noisy() -> Solved:
     return solve_exact(make_log(MOVES, time_offset=OFFSET).noisy(4), details=True)
 
 
-def test_both_sides_are_what_the_imu_would_read() -> None:
+def test_measured_and_predicted_are_imu_readings() -> None:
     log = make_log(MOVES, time_offset=OFFSET)
     found = solve_exact(log, window=WindowChoice(seconds=0.06), details=True)
     series = details_of(found).windows
@@ -58,7 +58,7 @@ def test_both_sides_are_what_the_imu_would_read() -> None:
     assert (series.weight > 0.0).all()
 
 
-def test_the_spectrum_is_the_noise_that_was_put_in() -> None:
+def test_spectrum_matches_simulated_noise() -> None:
     for spectrum, density in zip(details_of(noisy()).spectra, MEMS, strict=True):
         assert np.median(spectrum.density) == pytest.approx(density, rel=0.15)
         assert spectrum.own == pytest.approx(density, rel=0.1)
@@ -77,8 +77,8 @@ def test_the_stretches_sum_to_the_whole_log() -> None:
     assert len(stretches.fold_edges) == len(stretches.fold_std) + 1
 
 
-def test_a_stretch_without_motion_shows_nothing_of_the_place() -> None:
-    t = np.arange(0.0, 60.0, 0.005)  # the arm stands still from 40 s on
+def test_stretch_without_motion_has_no_information_on_position() -> None:
+    t = np.arange(0.0, 60.0, 0.005)  # the arm does not move from 40 s on
     log = make_log(MOVES, imu_t=t).noisy(1)
     path = arm_path(t, MOVES.joints(t)[0])
     stretches = details_of(solve_exact(replace(log, path=path), details=True)).stretches
@@ -86,7 +86,7 @@ def test_a_stretch_without_motion_shows_nothing_of_the_place() -> None:
     assert stretches.share[stretches.edges[:-1] > 40.0, :3].sum(axis=0).max() < 0.03
 
 
-def test_another_time_offset_fits_worse_by_its_distance() -> None:
+def test_misfit_grows_with_distance_from_time_offset() -> None:
     profile, std = details_of(noisy()).offset, noisy().time_offset_std
     assert profile is not None
     assert std is not None
@@ -97,7 +97,7 @@ def test_another_time_offset_fits_worse_by_its_distance() -> None:
     assert profile.sigmas[near] == pytest.approx(away[near], rel=0.3)
 
 
-def test_a_shock_is_drawn_as_left_out() -> None:
+def test_shock_is_drawn_as_excluded() -> None:
     log = make_log(MOVES).noisy(2)
     accel = log.imu.accel.copy()
     struck = np.abs(log.imu.t - 20.0) < 0.05
@@ -108,7 +108,7 @@ def test_a_shock_is_drawn_as_left_out() -> None:
     assert np.abs(left_out - 20.0).max() < 1.0
 
 
-def test_values_that_are_stated_have_no_curve() -> None:
+def test_fixed_values_have_no_profile() -> None:
     log = make_log(MOVES).noisy(4)
     found, plain = (
         solve_exact(log, time_offset=0.0, pose=prior(tx=0.0), details=wanted)

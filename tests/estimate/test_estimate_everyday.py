@@ -31,7 +31,7 @@ def everyday(robot: str, row: str | Row, seed: int, **rates: float) -> tuple[Log
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_a_drivers_exponential_average_is_found_and_corrected(seed: int) -> None:
+def test_driver_exponential_filter_is_found_and_corrected(seed: int) -> None:
     found = solve(everyday("ur10e", "average-0.2", seed)[0])
     assert np.max(np.abs(found.error) / found.sigma) < 3.0
     assert found.named & {"accel_filter", "gyro_filter"}
@@ -42,13 +42,13 @@ def test_a_drivers_exponential_average_is_found_and_corrected(seed: int) -> None
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(2)))
-def test_a_sound_driver_has_no_filter(seed: int) -> None:
+def test_unfiltered_driver_has_no_filter(seed: int) -> None:
     found = solve(everyday("ur10e", "quiet", seed)[0])
     assert found.named.isdisjoint({"accel_filter", "gyro_filter"})
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_biases_that_ramp_are_followed(seed: int) -> None:
+def test_ramping_biases_are_followed(seed: int) -> None:
     log, drawn = everyday("ur10e", "bias-ramp", seed)
     found = solve(log)
     assert np.max(np.abs(found.error) / found.sigma) < 3.0
@@ -60,9 +60,7 @@ def test_biases_that_ramp_are_followed(seed: int) -> None:
 @pytest.mark.parametrize(
     ("robot", "seeds"), slow_after(1, [("ur10e", 2), *((robot, 6) for robot in ROBOTS)])
 )
-def test_an_everyday_robot_is_covered_and_better_than_believed_exact(
-    robot: str, seeds: int
-) -> None:
+def test_robot_errors_are_in_sigma_and_beat_exact_model(robot: str, seeds: int) -> None:
     logs = [everyday(robot, "everyday", seed)[0] for seed in range(seeds)]
     found, believed = [solve(log) for log in logs], [solve_exact(log) for log in logs]
     assert np.mean([each.nees for each in found]) < 12.0
@@ -72,7 +70,7 @@ def test_an_everyday_robot_is_covered_and_better_than_believed_exact(
     assert rms < 0.5 * rms_believed
 
 
-def test_an_error_that_only_one_window_sees_is_reported_and_in_sigma() -> None:
+def test_error_seen_by_one_window_is_reported_and_in_sigma() -> None:
     """Play of 0.03 deg steps faster than the model's: in short windows it looks like a spring."""
     found = solve(everyday("ur10e", Row(noise=robots.INDUSTRIAL, play=5e-4), 4)[0])
     give = found.finding("unknown.implausible")
@@ -93,9 +91,7 @@ def test_an_error_that_only_one_window_sees_is_reported_and_in_sigma() -> None:
         ],
     ),
 )
-def test_half_an_hour_of_noise_changes_no_unit_of_length(
-    robot: str, row: str | Row, seed: int
-) -> None:
+def test_half_an_hour_of_noise_keeps_length_scale(robot: str, row: str | Row, seed: int) -> None:
     """Lengths, scales of the accelerometer and gravity grow together: no log shows by how much."""
     log, drawn = everyday(robot, row, seed, seconds=1800.0, imu_rate=100.0, joint_rate=100.0)
     found = solve(log)
@@ -106,7 +102,7 @@ def test_half_an_hour_of_noise_changes_no_unit_of_length(
     assert abs(norm - drawn["gravity"]) < 3.0 * std
 
 
-def test_a_tracker_of_a_real_body_keeps_its_unit_of_length() -> None:
+def test_tracker_of_a_real_body_keeps_length_scale() -> None:
     """In a short window too, where its noise is large."""
     body = Path(__file__).parents[2] / "sample_data/broad_21_cut.mcap"
     short = MatchedOptions(window=WindowChoice(seconds=0.1))

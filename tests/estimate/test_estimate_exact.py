@@ -106,7 +106,7 @@ ROWS = {name: row for group in GROUPS for name, row in group.items()}
 
 
 @pytest.mark.parametrize("name", [name for group in GROUPS for name in slow_after(1, group)])
-def test_the_answer_is_exact(name: str) -> None:
+def test_noise_free_log_gives_exact_pose(name: str) -> None:
     given, options, most = ROWS[name]
     log = make_log(**given)
     found = solve_exact(log, **options)
@@ -125,7 +125,7 @@ def test_the_answer_is_exact(name: str) -> None:
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_free_errors_of_robot_and_sensor_cost_little(seed: int) -> None:
+def test_free_robot_and_sensor_errors_cost_little_accuracy(seed: int) -> None:
     """With every unknown free, the error of the quadrature has more to move."""
     log = make_log(mount=random_mount(seed))
     found = solve(log)
@@ -133,13 +133,13 @@ def test_free_errors_of_robot_and_sensor_cost_little(seed: int) -> None:
     assert found.warnings == ()
 
 
-def test_an_offset_beyond_the_search_is_not_trusted() -> None:
+def test_time_offset_beyond_search_range_is_untrusted() -> None:
     found = solve_exact(make_log(time_offset=1.02), max_offset=0.5)
     assert not found.trusted
     assert any("--max-offset" in reason or "explain" in reason for reason in found.distrust)
 
 
-def test_biases_are_found_in_the_imu_frame() -> None:
+def test_biases_are_estimated_in_the_imu_frame() -> None:
     log = plain().noisy(0, (0.0, 0.0))
     found = solve_exact(log)
     assert_exact(found, log)
@@ -147,7 +147,7 @@ def test_biases_are_found_in_the_imu_frame() -> None:
     np.testing.assert_allclose(found.gyro_bias, [0.01, -0.02, 0.005], atol=1e-7)
 
 
-def test_both_streams_sampled_at_uneven_instants_are_read_as_stamped() -> None:
+def test_unevenly_sampled_streams_use_their_stamps() -> None:
     rng = np.random.default_rng(0)
     t = np.arange(1, 3990) / 200 + np.clip(rng.normal(size=3989) * 5e-4, -2e-3, 2e-3)
     t_robot = np.sort(np.arange(0, 20, 0.008) + rng.normal(size=2500) * 8e-4)
@@ -161,7 +161,7 @@ def test_both_streams_sampled_at_uneven_instants_are_read_as_stamped() -> None:
     ("stream", "seed", "metres", "angle"),
     [("imu", 1, 2.0, 2 * ANGLE), ("robot", 3, 5.0, 3 * ANGLE)],
 )
-def test_stamps_that_jitter_are_read_as_ticks(
+def test_jittered_stamps_are_replaced_by_ticks(
     stream: str, seed: int, metres: float, angle: float
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -169,7 +169,7 @@ def test_stamps_that_jitter_are_read_as_ticks(
     log = plain().with_imu(t) if stream == "imu" else plain().with_joints(t=t)
     found = solve_exact(log)
     assert found.notes[f"{stream}_stamps"] == "ticks"
-    # The mean of the jitter stays in the offset, and its sigma says so; its drift, in the pose: the
+    # The mean of the jitter stays in the offset and in its sigma; its drift, in the pose: the
     # rate of the ticks is known to 1e-6, so they drift off by ten microseconds.
     mean = 5e-4 / np.sqrt(4000)
     assert_exact(found, log, metres, seconds=4 * mean, angle=angle)
@@ -226,7 +226,7 @@ def disorder(log: Log) -> Log:
         (disorder, {}, 0, 2.0),
     ],
 )
-def test_holes_are_bridged_or_left_out(
+def test_gaps_are_bridged_or_left_out(
     spoil: Callable[[Log], Log], options: dict[str, Any], gaps: int, metres: float
 ) -> None:
     log = spoil(plain())
@@ -239,14 +239,14 @@ def test_holes_are_bridged_or_left_out(
     assert reported == (spoil is disorder)
 
 
-def test_a_log_that_is_too_short_or_apart_is_refused_in_words() -> None:
+def test_too_short_or_non_overlapping_log_is_refused() -> None:
     with pytest.raises(InputError, match="usable samples of 40"):
         solve_exact(plain().kept(plain().imu.t < 0.2 - 1e-9))
     with pytest.raises(InputError, match="overlap between gaps"):
         solve_exact(plain().with_imu(plain().imu.t + 500.0))
 
 
-def test_the_readings_of_the_builder_are_pinocchios_of_a_frame_at_the_imu() -> None:
+def test_simulated_readings_match_pinocchio() -> None:
     moves, t = Moves(), np.array([3.3, 7.7])
     gyro, accel = readings(parent_motion(moves, t), MOUNT, np.array(DOWN))
     arm, _, frame = model()
@@ -292,14 +292,14 @@ def assert_close(t: np.ndarray, R: np.ndarray, plain: Solved, sigmas: float) -> 
     assert np.all(np.abs(error) < sigmas * plain.sigma)
 
 
-def test_where_the_world_frame_is_does_not_matter() -> None:
+def test_result_does_not_depend_on_world_frame() -> None:
     plain, turned = solve_exact(log()), solve_exact(in_world())
     assert_close(turned.t_parent_imu, turned.R_parent_imu, plain, 1e-4)
     np.testing.assert_allclose(turned.P, plain.P, rtol=1e-3, atol=1e-15)
     np.testing.assert_allclose(turned.gravity_world, TURN @ plain.gravity_world, atol=1e-6)
 
 
-def test_another_parent_frame_re_expresses_pose_and_covariance() -> None:
+def test_other_parent_frame_transforms_pose_and_covariance() -> None:
     """The tangent is the parent frame's: both blocks turn with it, and nothing mixes."""
     plain, moved = solve_exact(log()), solve_exact(at_parent())
     # Scales are medians over axes, so the weights differ a little: far less than sigma.
@@ -310,7 +310,7 @@ def test_another_parent_frame_re_expresses_pose_and_covariance() -> None:
     np.testing.assert_allclose(moved.P / scale, expected / scale, atol=0.06)
 
 
-def test_another_imu_frame_turns_the_rotation_and_the_biases() -> None:
+def test_other_imu_frame_rotates_rotation_and_biases() -> None:
     plain, turned = solve_exact(log()), solve_exact(at_imu())
     np.testing.assert_allclose(turned.R_parent_imu, plain.R_parent_imu @ TURN, atol=1e-8)
     np.testing.assert_allclose(turned.t_parent_imu, plain.t_parent_imu, atol=1e-8)
@@ -322,7 +322,7 @@ def test_another_imu_frame_turns_the_rotation_and_the_biases() -> None:
 
 
 @pytest.mark.slow
-def test_with_all_of_the_table_free_frames_hardly_matter() -> None:
+def test_frames_change_free_estimate_by_less_than_half_sigma() -> None:
     """Errors along axes have priors, so other axes are other priors: less than half a sigma."""
     plain, imu, parent, world = map(solve, (log(), at_imu(), at_parent(), in_world()))
     assert_close(imu.t_parent_imu, imu.R_parent_imu @ TURN.T, plain, 0.5)
@@ -335,7 +335,7 @@ def test_sigma_scales_with_the_noise() -> None:
     np.testing.assert_allclose(solve_exact(loud).sigma / solve_exact(quiet).sigma, 4.0, rtol=0.05)
 
 
-def test_when_the_log_began_does_not_matter() -> None:
+def test_result_does_not_depend_on_start_time() -> None:
     late = log().with_imu(log().imu.t + 4096.0)
     later = solve_exact(late.with_joints(t=log().path.tracks[0].t + 4096.0))
     plain = solve_exact(log())
@@ -343,7 +343,7 @@ def test_when_the_log_began_does_not_matter() -> None:
     assert later.time_offset == pytest.approx(plain.time_offset, abs=1e-8)
 
 
-def test_the_unit_of_length_follows_the_stated_gravity() -> None:
+def test_length_scale_follows_the_stated_gravity() -> None:
     """Everything measured in other units of length is the same answer in those units."""
     one_log = make_log().noisy(5)
     steps = tuple(

@@ -110,7 +110,7 @@ IDEAL = {"accel_scale": 1.0, "gyro_scale": 1.0, "gravity_norm": GRAVITY}
 
 @BOTH_GRADES
 @pytest.mark.parametrize("which", slow_after(1, sorted(SENSOR_FAULTS)))
-def test_faults_of_the_sensor_are_found_sized_and_corrected(which: str, grade: str) -> None:
+def test_sensor_faults_are_found_measured_and_corrected(which: str, grade: str) -> None:
     given, sizes = SENSOR_FAULTS[which]
     alone = len(sizes) == 1
     found = solve(log_of(**given).noisy(1 if alone else 2, grade))
@@ -131,7 +131,7 @@ def test_faults_of_the_sensor_are_found_sized_and_corrected(which: str, grade: s
 
 
 @pytest.mark.slow
-def test_sigma_is_true_with_a_fault_found() -> None:
+def test_sigma_matches_errors_with_a_fault_found() -> None:
     clean = log_of(Flaws(gyro_scale=SCALE), Moves(seconds=12.0))
     scores, faults = [], []
     for seed in range(20):
@@ -144,14 +144,14 @@ def test_sigma_is_true_with_a_fault_found() -> None:
     assert 1.0 < np.mean(faults) < 3.0 + 4 * np.sqrt(6 / 20)
 
 
-def test_the_drift_is_stated_in_milliseconds_of_the_log() -> None:
+def test_clock_drift_is_stated_in_milliseconds() -> None:
     (words,) = solve(log_of(Flaws(drift=2e-4)).noisy(1, "industrial")).warnings
     # 24 s of 200 µs/s.
     assert "gains 199." in words
     assert "µs a second on the robot's, 4.8 ms over the log" in words
 
 
-def test_axes_that_are_off_square_are_found_and_which_is_the_frame_is_in_sigma() -> None:
+def test_non_orthogonal_axes_are_found_and_frame_choice_is_in_sigma() -> None:
     """Half of a term is skew and half a turn of the axes, by a convention that no log shows."""
     found = solve(log_of(Flaws(accel_skew=SKEW)).noisy(1))
     skew, std = found.parameter("accel_skew")
@@ -163,7 +163,7 @@ def test_axes_that_are_off_square_are_found_and_which_is_the_frame_is_in_sigma()
 
 @BOTH_GRADES
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_a_wrong_robot_is_no_fault_of_the_sensor(seed: int, grade: str) -> None:
+def test_wrong_robot_is_not_a_sensor_fault(seed: int, grade: str) -> None:
     rng, moves = np.random.default_rng(seed), Moves(seed=seed, seconds=18.0)
     zeros = rng.normal(size=6) * 0.01
     links = tuple((x * (1 + 0.01 * rng.normal()), z * 1.01, turn) for x, z, turn in LINKS)
@@ -191,7 +191,7 @@ def change_in(found: Solved, kind: str, instant: float) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("instant", "share"), slow_after(1, [(28.5, 0.0), (10.0, None), (21.0, None), (5.0, 1.0)])
 )
-def test_a_mount_that_moves_is_found_with_time_and_size(
+def test_moving_mount_is_found_with_time_and_size(
     instant: float, share: float | None, grade: str
 ) -> None:
     """Near an end, the longer part gives the pose, and the shorter one gets no weight."""
@@ -223,7 +223,7 @@ FAST_STEPS = (0, 4, 8)
     ("kind", "instant", "step", "grade"),
     [each for k, row in enumerate(STEPS) for each in slow_after(k in FAST_STEPS, [row])],
 )
-def test_a_clock_or_a_bias_that_steps_is_found_with_time_and_size(
+def test_clock_or_bias_step_is_found_with_time_and_size(
     kind: str, instant: float, step: Any, grade: str
 ) -> None:
     clock = kind == "clock"
@@ -240,7 +240,7 @@ def test_a_clock_or_a_bias_that_steps_is_found_with_time_and_size(
     assert found.covered
 
 
-def test_a_clock_that_is_set_moves_a_pose_of_which_a_part_is_held() -> None:
+def test_clock_step_is_in_sigma_of_partly_fixed_pose() -> None:
     log = make_log(OTHER).noisy(1, "industrial")
     stepped = log.with_imu(np.where(log.imu.t > 14.0, log.imu.t + 0.05, log.imu.t))
     part = solve(stepped, pose=prior(tz=0.0))
@@ -256,7 +256,7 @@ def stretched(link: int) -> tuple[tuple[float, float, float], ...]:
 
 @pytest.mark.parametrize("link", slow_after(1, [1, 2]))
 @pytest.mark.parametrize("seed", slow_after(1, range(4)))
-def test_a_link_one_percent_long_is_found(link: int, seed: int) -> None:
+def test_link_one_percent_too_long_is_found(link: int, seed: int) -> None:
     moves = replace(LONGEST, seed=seed)
     right = make_log(moves).noisy(seed, "industrial")
     wrong = replace(right, path=make_log(moves, links=stretched(link)).path)
@@ -277,7 +277,7 @@ def test_a_link_one_percent_long_is_found(link: int, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(4)))
-def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
+def test_zero_errors_of_still_joints_are_in_sigma(seed: int) -> None:
     """They turn the estimated mount, and no log shows them without their motion."""
     zeros = np.array([0.0, *1e-3 * np.random.default_rng(seed).normal(size=5)])
     wrong, right = (
@@ -291,7 +291,7 @@ def test_zeros_of_joints_that_stand_still_are_in_sigma(seed: int) -> None:
     assert exact.covered
 
 
-def test_no_log_separates_hidden_errors_from_the_mount_however_sharp_it_is() -> None:
+def test_hidden_errors_keep_their_prior_sigma() -> None:
     found = solve(make_log(STILL_WRIST), robot=(1e-3, 5e-4))
     hidden = {"joint_zero": ("j2", "j3", "j4", "j5"), "origin": ("j4", "j5")}
     stds = [
@@ -306,7 +306,7 @@ def test_no_log_separates_hidden_errors_from_the_mount_however_sharp_it_is() -> 
     assert found.angle < 1e-5
 
 
-def test_joints_that_are_stamped_tens_of_milliseconds_apart_are_not_trusted() -> None:
+def test_joint_stamps_tens_of_ms_apart_are_untrusted() -> None:
     """Each is found with its size, but the model is of first order, which no longer is enough."""
     log = make_log(OTHER).noisy(1, "industrial")
     lead = np.array([0.02, 0.05, 0.03, 0.06, 0.02, 0.04])
@@ -323,7 +323,7 @@ def test_joints_that_are_stamped_tens_of_milliseconds_apart_are_not_trusted() ->
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_a_contact_drops_out(seed: int) -> None:
+def test_contact_shock_is_excluded_from_fit(seed: int) -> None:
     log = make_log(Moves(seconds=30.0)).noisy(seed)
     touched = (log.imu.t > 12.0) & (log.imu.t < 12.5)
     accel = log.imu.accel.copy()
@@ -339,7 +339,7 @@ def test_a_contact_drops_out(seed: int) -> None:
 
 @BOTH_GRADES
 @pytest.mark.parametrize("size", slow_after(1, [0.02, 0.1]))
-def test_a_bias_that_is_there_only_while_the_link_turns_is_covered(size: float, grade: str) -> None:
+def test_bias_present_only_in_rotation_is_in_sigma(size: float, grade: str) -> None:
     log = log_of(moves=Moves(seed=3, seconds=48.0)).noisy(2, grade)
     turning = np.linalg.norm(log.imu.gyro, axis=1) > 0.1
     assert 0.2 < turning.mean() < 0.9
@@ -350,7 +350,7 @@ def test_a_bias_that_is_there_only_while_the_link_turns_is_covered(size: float, 
     assert found.distance > clean.distance
 
 
-def test_a_base_that_is_not_as_level_as_stated_is_reported() -> None:
+def test_base_less_level_than_stated_is_reported() -> None:
     gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
     log = make_log(OTHER, gravity_world=gravity).noisy(1, "industrial")
     found = solve(log, tilt_std=1e-3).finding("prior.contradicted")
@@ -611,7 +611,7 @@ SENSORS = {
         for each in slow_after(1 - row.slow, product([name], range(row.seeds), row.grades))
     ],
 )
-def test_the_estimate_says_what_its_row_says(name: str, seed: int, grade: str) -> None:
+def test_estimate_has_the_findings_of_its_row(name: str, seed: int, grade: str) -> None:
     row = ROWS[name]
     found = solve(row.log(seed, grade), **row.options)
     for code, values in row.has.items():

@@ -39,13 +39,13 @@ SANE = {
 }
 
 
-def test_the_imus_of_the_promise_are_there_and_more() -> None:
+def test_documented_imu_models_are_available() -> None:
     assert set(imu_names()) >= REQUIRED
     assert len(imu_names()) >= len(REQUIRED) + 3
 
 
 @pytest.mark.parametrize("name", imu_names())
-def test_every_imu_has_sources_and_sane_figures(name: str) -> None:
+def test_every_imu_model_has_sources_and_plausible_values(name: str) -> None:
     model = load_imu_model(name)
     assert model.name == name
     for source in model.sources:
@@ -63,7 +63,7 @@ def test_every_imu_has_sources_and_sane_figures(name: str) -> None:
     assert model.noise("gyro") < 1e-3 * max(model.ranges("gyro"))
 
 
-def test_units_are_those_of_sheets() -> None:
+def test_units_are_those_of_data_sheets() -> None:
     model = load_imu_model("adis16448")
     assert model.noise("accel") == pytest.approx(230e-6 * G)
     assert model.noise("gyro") == pytest.approx(math.radians(0.0135))
@@ -76,7 +76,7 @@ def test_units_are_those_of_sheets() -> None:
     assert limit == pytest.approx(math.radians(20.0) / imu_assumptions().sigmas_of_max)
 
 
-def test_a_walk_has_risen_to_the_sheets_stability_when_it_is_assumed_to() -> None:
+def test_bias_walk_reaches_stability_at_assumed_time() -> None:
     model, after = load_imu_model("adis16448"), imu_assumptions().bias_instability_time
     walk = model.bias_walk("gyro")
     assert walk is not None
@@ -88,21 +88,21 @@ def test_a_walk_has_risen_to_the_sheets_stability_when_it_is_assumed_to() -> Non
     assert allan == pytest.approx(math.radians(14.5) / 3600.0, rel=0.04)
 
 
-def test_what_a_sheet_leaves_out_stays_out() -> None:
+def test_values_missing_in_a_data_sheet_stay_missing() -> None:
     model = load_imu_model("adis16495")
     assert model.bias_sigma("accel") is None
     assert model.bias_prior("gyro") is None
     assert load_imu_model("bmi088").bias_walk("gyro") is None
 
 
-def test_an_unknown_name_lists_the_known() -> None:
+def test_unknown_name_lists_available_models() -> None:
     with pytest.raises(ChoiceError, match=r"no IMU model help: choose adis16448, .*xsens_mti"):
         load_imu_model("help")
     with pytest.raises(ChoiceError):
         load_imu_model("_assumptions")
 
 
-def test_a_user_may_bring_a_sheet_of_their_own(tmp_path: Path) -> None:
+def test_user_can_supply_a_data_sheet(tmp_path: Path) -> None:
     def write(**change: Any) -> Path:
         raw = yaml.safe_load((ROOT / "configs/imus/bmi088.yaml").read_text())
         (tmp_path / "mine.yaml").write_text(yaml.safe_dump({**raw, **change}))

@@ -128,15 +128,15 @@ def spread(trials: Trials) -> float:
     return 0.2 if len(trials.found) == SEEDS else 0.35
 
 
-def test_error_is_the_bounds(trials: Trials) -> None:
-    # The bound knows neither lost samples nor encoders: the design allows 1.3 there.
+def test_error_reaches_the_bound(trials: Trials) -> None:
+    # The bound ignores lost samples and encoders: the design allows 1.3 there.
     beyond = 0.1 if trials.name == "rough" else 0.0
     for ratio in trials.ratios:
         # Far below one the bound itself would be wrong.
         assert 1.0 - spread(trials) < ratio < 1.0 + spread(trials) + beyond
 
 
-def test_time_offset_is_as_good_as_its_bound(trials: Trials) -> None:
+def test_time_offset_error_reaches_its_bound(trials: Trials) -> None:
     bound = trials.bound.time_offset
     if trials.name == "rough":
         # Half a millisecond of jitter on 3500 and 2200 stamps moves their mean.
@@ -149,7 +149,7 @@ def test_time_offset_is_as_good_as_its_bound(trials: Trials) -> None:
     ("what", "components"),
     [("pose", 6), ("time_offset", 1), ("accel_bias", 3), ("gyro_bias", 3)],
 )
-def test_stated_sigma_is_true(trials: Trials, what: str, components: int) -> None:
+def test_stated_sigma_matches_errors(trials: Trials, what: str, components: int) -> None:
     assert_true_sigma(trials.squares(what), components)
 
 
@@ -162,7 +162,7 @@ def test_noise_alone_raises_no_finding(trials: Trials) -> None:
     assert len(codes) <= 2
 
 
-def test_jitter_is_read_as_ticks_and_exact_stamps_as_they_are(trials: Trials) -> None:
+def test_jittered_stamps_become_ticks_and_exact_stamps_are_kept(trials: Trials) -> None:
     # Interpolating noise quiets it: that alone must not make jittered stamps look right.
     expected = "ticks" if trials.name == "rough" else "as stamped"
     notes = [each.notes for each in trials.found]
@@ -176,10 +176,8 @@ def test_spikes_are_bridged_and_counted(trials: Trials) -> None:
 
 
 @pytest.mark.parametrize("name", slow_after(0, ["industrial", "mems"]))
-def test_free_errors_of_robot_and_sensor_cost_little_and_sigma_says_so(
-    clean: Recording, name: str
-) -> None:
-    """The bound is of an exact robot and sensor, and nobody knows that they are exact."""
+def test_free_errors_cost_little_and_are_in_sigma(clean: Recording, name: str) -> None:
+    """The bound is of an exact robot and sensor; the estimator cannot assume that."""
     trials = tried(clean, name, 16, solve)
     assert all(each.trusted for each in trials.found)
     assert max(trials.ratios) < 2.0
@@ -188,7 +186,7 @@ def test_free_errors_of_robot_and_sensor_cost_little_and_sigma_says_so(
 
 
 @pytest.mark.slow
-def test_coloured_noise_is_covered_and_no_mount_that_gives(clean: Recording) -> None:
+def test_coloured_noise_is_in_sigma_and_not_a_flexible_mount(clean: Recording) -> None:
     changes: dict[str, Any] = {"accel_coloured": 0.03, "gyro_coloured": 0.002}
     assert_true_sigma(tried(clean, "mems", 12, **changes).squares("pose"), 6)
     trials = tried(clean, "mems", 8, solve, **changes)

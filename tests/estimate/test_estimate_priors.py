@@ -44,7 +44,7 @@ def free() -> Solved:
     return solve_exact(log())
 
 
-def knowing(**known: Any) -> Solved:
+def with_prior(**known: Any) -> Solved:
     """The estimate with arguments of `prior`."""
     return solve_exact(log(), pose=prior(**known))
 
@@ -64,7 +64,7 @@ def turned_from(found: Solved, known: PosePrior) -> Floats:
 
 @pytest.mark.parametrize("name", slow_after(1, ["tz", "rx", "tx", "ty", "ry", "rz"]))
 def test_a_fixed_component_keeps_its_value(name: str) -> None:
-    found, place = knowing(**{name: 0.0}), NAMES.index(name)
+    found, place = with_prior(**{name: 0.0}), NAMES.index(name)
     assert found.trusted
     assert found.warnings == ()
     assert abs(found.error[place]) < (1e-15 if place < 3 else 1e-8)
@@ -75,8 +75,8 @@ def test_a_fixed_component_keeps_its_value(name: str) -> None:
     assert np.all(np.abs(found.error[others]) < 4 * found.sigma[others])
 
 
-def test_all_of_the_pose_may_be_fixed() -> None:
-    found = knowing(**ALL)
+def test_whole_pose_can_be_fixed() -> None:
+    found = with_prior(**ALL)
     np.testing.assert_array_equal(found.t_parent_imu, MOUNT.t)
     np.testing.assert_allclose(found.R_parent_imu, MOUNT.R, atol=1e-15)
     np.testing.assert_array_equal(found.covariance, np.zeros((6, 6)))
@@ -100,10 +100,10 @@ def test_all_of_the_pose_may_be_fixed() -> None:
     ],
     ids=["fixed shift", "fixed turn", "one of six", "prior"],
 )
-def test_wrong_knowledge_is_contradicted_by_name_and_size(
+def test_wrong_prior_is_contradicted_with_name_and_size(
     known: dict[str, Any], option: str, step: float, within: float | None
 ) -> None:
-    found = knowing(**known)
+    found = with_prior(**known)
     reason, *_ = (each for each in found.findings if each.severity is Severity.UNTRUSTED)
     assert (reason.code, reason.values["option"]) == ("prior.contradicted", option)
     assert reason.values["step"] == pytest.approx(step, abs=within or 4 * free().sigma[0])
@@ -112,12 +112,12 @@ def test_wrong_knowledge_is_contradicted_by_name_and_size(
     assert not any(code.startswith("change.") for code in found.codes)
 
 
-def test_a_prior_weighs_in_by_inverse_variance() -> None:
+def test_prior_is_weighted_by_inverse_variance() -> None:
     """Against the textbook's combination of two Gaussians, from the free estimate's numbers."""
     P, std = free().P, 1.5 * free().sigma * [1.0, 0.5, 2.0, 1.0, 0.7, 1.3]
     away = np.array([2.0, -1.0, 1.5, 1.0, 2.0, -1.5]) * std
     alone = Mount(R=free().R_parent_imu, t=free().t_parent_imu)
-    both = knowing(mount=alone, dt=away[:3], turn=away[3:], **stds(std))
+    both = with_prior(mount=alone, dt=away[:3], turn=away[3:], **stds(std))
     gain = P @ np.linalg.inv(P + np.diag(std**2))
     moved, sigma = pose_error(both, alone), free().sigma
     np.testing.assert_allclose(moved / sigma, gain @ away / sigma, atol=0.15)
@@ -125,18 +125,18 @@ def test_a_prior_weighs_in_by_inverse_variance() -> None:
     assert both.distrust == ()
 
 
-def test_a_wide_prior_changes_nothing_and_a_tight_one_holds() -> None:
-    wide = knowing(dt=(0.1, 0.0, 0.0), **stds((1.0,) * 6))
+def test_wide_prior_has_no_effect_and_tight_prior_fixes() -> None:
+    wide = with_prior(dt=(0.1, 0.0, 0.0), **stds((1.0,) * 6))
     np.testing.assert_allclose(wide.t_parent_imu, free().t_parent_imu, atol=1e-6)
     std = np.repeat([1e-7, 1e-8], 3)
-    tight = knowing(**stds(std))
+    tight = with_prior(**stds(std))
     assert tight.distance < 1e-6
     assert np.all(tight.sigma <= 1.01 * std)
 
 
 @pytest.mark.parametrize("turn", slow_after(1, [3.1, -2.9, -1.3, 2.2]))
 @pytest.mark.parametrize("axis", slow_after(1, range(3)))
-def test_one_free_axis_is_found_from_far(axis: int, turn: float) -> None:
+def test_one_free_axis_converges_from_far(axis: int, turn: float) -> None:
     away = turn * np.eye(3)[axis]
     held: dict[str, Any] = {name: 0.0 for other, name in enumerate(NAMES[3:]) if other != axis}
     known = prior(turn=-away, **held)
@@ -153,7 +153,7 @@ def test_one_free_axis_is_found_from_far(axis: int, turn: float) -> None:
         1, [((0, 2, 1.5),), ((2.2, 0, -1),), ((-1.5, -1.8, 0),), ((0, -0.5, 2.6),), ((1, 0, 0.3),)]
     ),
 )
-def test_two_free_axes_are_found_from_far(away: tuple[float, ...]) -> None:
+def test_two_free_axes_converge_from_far(away: tuple[float, ...]) -> None:
     held = away.index(0)
     # A turn by ``away`` on the left of the prior is the truth.
     R = Rotation.from_rotvec(away).as_matrix().T @ MOUNT.R
@@ -166,7 +166,7 @@ def test_two_free_axes_are_found_from_far(away: tuple[float, ...]) -> None:
     assert abs(turned_from(found, known)[held]) < 1e-12
 
 
-def test_a_fix_closes_what_the_motion_leaves_open() -> None:
+def test_fix_resolves_unobservable_direction() -> None:
     """About one axis of the wrist, the place along that axis is unknown until it is stated.
 
     The vertical is known: a tilt of the base would look like a turn about the axis.
@@ -190,7 +190,7 @@ def test_a_fix_closes_what_the_motion_leaves_open() -> None:
 
 
 @pytest.mark.slow
-def test_priors_drawn_about_the_truth_leave_sigma_true() -> None:
+def test_priors_drawn_about_truth_keep_sigma_correct() -> None:
     clean = make_log(Moves(seed=4, seconds=12.0), imu_rate=100.0)
     rng, std = np.random.default_rng(8), np.array([3e-4, 2e-4, 4e-4, 1e-4, 1e-4, 1e-4])
     scores = []
@@ -201,7 +201,7 @@ def test_priors_drawn_about_the_truth_leave_sigma_true() -> None:
     assert abs(np.mean(scores) - 6.0) < 3 * np.sqrt(12 / 10)
 
 
-def test_a_prior_on_a_bias_pulls_as_hard_as_it_should() -> None:
+def test_bias_prior_has_correct_weight() -> None:
     """The posterior of a bias is the precision-weighted mean of measurement and prior."""
     recorded = make_log(Moves(seconds=12.0)).noisy(2)
     free, tight = (
@@ -216,7 +216,7 @@ def test_a_prior_on_a_bias_pulls_as_hard_as_it_should() -> None:
     assert solve(recorded, accel_bias_std=0.0).accel_bias_std is None
 
 
-def test_a_prior_on_tilt_holds_the_vertical() -> None:
+def test_tilt_prior_constrains_the_vertical() -> None:
     gravity = Rotation.from_rotvec([0.02, 0, 0]).apply([0, 0, -GRAVITY])
     recorded = make_log(Moves(seconds=12.0), gravity_world=gravity).noisy(1)
     free, held = (solve(recorded, tilt_std=std, gravity_std=0.0) for std in (np.inf, 0.0))

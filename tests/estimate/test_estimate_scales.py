@@ -75,7 +75,7 @@ def grid_over_scales(given: Problem) -> Iterable[tuple[float, Floats, Floats]]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_integral_is_the_dense_grids(seed: int) -> None:
+def test_integral_matches_a_dense_grid(seed: int) -> None:
     given = problem(seed)
     found = integrate(given, most_likely(given))
     mean, covariance = weighed(grid_over_scales(given))
@@ -85,7 +85,7 @@ def test_the_integral_is_the_dense_grids(seed: int) -> None:
     np.testing.assert_allclose(found.u, mean[-2:], atol=0.5)
 
 
-def test_what_is_eliminated_changes_nothing() -> None:
+def test_elimination_does_not_change_the_result() -> None:
     given = problem(4)
     axes = [np.linspace(low, high, 81) for low, high in given.bounds.tolist()]
     at = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)[::500]
@@ -100,7 +100,7 @@ def test_what_is_eliminated_changes_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_the_mean_over_many_scales_is_that_of_plain_draws() -> None:
+def test_mean_over_many_scales_matches_monte_carlo() -> None:
     """Twelve of four components each, seen by sixteen readings: few points by themselves count."""
     rng = np.random.default_rng(1)
     J = rng.normal(size=(16, 48))
@@ -131,7 +131,7 @@ def test_the_mean_over_many_scales_is_that_of_plain_draws() -> None:
 
 
 @pytest.mark.parametrize(("size", "bound"), [(0.0, 1e-3), (1e3, 10.0)])
-def test_errors_of_nothing_or_of_huge_size_end_at_the_bound(size: float, bound: float) -> None:
+def test_zero_or_huge_errors_reach_the_scale_bounds(size: float, bound: float) -> None:
     n = 6
     given = Problem(
         information=1e4 * np.eye(n),
@@ -142,7 +142,7 @@ def test_errors_of_nothing_or_of_huge_size_end_at_the_bound(size: float, bound: 
     assert np.exp(most_likely(given))[0] == pytest.approx(bound, rel=0.05)
 
 
-def test_without_scales_it_is_plain_least_squares() -> None:
+def test_no_scales_equals_plain_least_squares() -> None:
     given = problem(0)
     n = len(given.score)
     prior = Prior(std=np.full(n, 2.0), scale=np.full(n, -1), bounds=np.zeros((0, 2)))
@@ -204,7 +204,7 @@ def grid_over_scatter(
 
 @pytest.mark.parametrize("count", [3, 8])
 @pytest.mark.parametrize("scatter", [(0.0, 0.0), (2e-4, 3e-5)])
-def test_the_common_pose_is_the_dense_grids(count: int, scatter: tuple[float, float]) -> None:
+def test_common_pose_matches_a_dense_grid(count: int, scatter: tuple[float, float]) -> None:
     poses = drawn(count, scatter, seed=count)
     found = combine_poses(*poses)
     mean, covariance = weighed(grid_over_scatter(*poses))
@@ -213,7 +213,7 @@ def test_the_common_pose_is_the_dense_grids(count: int, scatter: tuple[float, fl
     np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / sigma, 1.0, atol=0.12)
 
 
-def test_many_logs_show_their_scatter() -> None:
+def test_many_logs_determine_their_scatter() -> None:
     scatter = np.exp(combine_poses(*drawn(200, (2e-4, 3e-4), seed=1)).u)
     # Six hundred differences give a standard deviation to three per cent.
     assert scatter == pytest.approx([2e-4, 3e-4], rel=0.1)
@@ -221,7 +221,7 @@ def test_many_logs_show_their_scatter() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scatter", [(2e-5, 3e-5), (2e-4, 3e-4)])
-def test_sigma_of_the_common_pose_is_true(scatter: tuple[float, float]) -> None:
+def test_sigma_of_common_pose_matches_errors(scatter: tuple[float, float]) -> None:
     squares = []
     for seed in range(200):
         found = combine_poses(*drawn(6, scatter, seed))

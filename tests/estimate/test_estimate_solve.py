@@ -43,7 +43,7 @@ def normal_of(rows: WindowRows) -> Floats:
     return rows.normal_matrix(np.array([0.02, 0.002]), np.ones(len(rows.centres)))
 
 
-def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None:
+def test_every_start_reaches_the_same_optimum(log: Log, rows: WindowRows) -> None:
     normal = normal_of(rows)
     known = Known.of(MatchedOptions())
     best = solve_globally(normal, known)
@@ -58,7 +58,7 @@ def test_every_start_reaches_the_one_optimum(log: Log, rows: WindowRows) -> None
         assert turned < 1e-6 or found.cost > 100 * best.cost
 
 
-def test_the_optimum_is_scipys(rows: WindowRows) -> None:
+def test_optimum_matches_scipy(rows: WindowRows) -> None:
     """The same cost, minimised by scipy over its own parametrisation from the truth nearby."""
     normal = normal_of(rows)
     free = Known.of(MatchedOptions())

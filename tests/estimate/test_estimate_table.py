@@ -152,8 +152,8 @@ def case(robot: str) -> Case:
 
 
 @ROBOTS
-def test_the_case_is_true(robot: str) -> None:
-    """Else its columns would be those of nothing in the world."""
+def test_true_state_has_small_residuals(robot: str) -> None:
+    """Otherwise its columns would not describe a real motion."""
     model, state = case(robot).model, case(robot).state
     (residuals,) = model.residuals(state, model.centres(state))
     assert np.abs(residuals.values[:, :3]).max() < 3e-3
@@ -163,7 +163,7 @@ def test_the_case_is_true(robot: str) -> None:
 
 @pytest.mark.parametrize("name", [unknown.name for unknown in TABLE])
 @ROBOTS
-def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -> None:
+def test_columns_match_numerical_derivatives(robot: str, name: str) -> None:
     """On nodes, so to some per cent; of differences of readings and of play to fifteen."""
     model, state = case(robot).model, case(robot).state
     layout = model.layout
@@ -189,7 +189,7 @@ def test_columns_are_differences_of_the_exact_residuals(robot: str, name: str) -
                 assert off < (0.15 if coarse else 0.04) * size + 1e-4, each.labels
 
 
-def test_joints_that_are_all_late_are_an_imu_that_is_early() -> None:
+def test_common_joint_delay_equals_imu_time_offset() -> None:
     """Else what is missing elsewhere, a driver's filter say, would pull at their difference."""
     model, state = case("ur10e").model, case("ur10e").state
     (J,) = (J for _, J in columns(model, state, model.centres(state)[5:25]))
@@ -218,7 +218,7 @@ def joint_names(placed: list[Placed]) -> list[str]:
     return [each.joint.name for each in placed if each.joint is not None]
 
 
-def test_what_no_log_can_tell_is_not_looked_for() -> None:
+def test_unobservable_errors_are_not_estimated() -> None:
     """The first joint's zero is a turn of the base; the last one's, and all after it, the mount."""
     layout = case("ur10e").layout
     joints = owners(layout, JointCurve)
@@ -238,7 +238,7 @@ def test_what_no_log_can_tell_is_not_looked_for() -> None:
     np.testing.assert_allclose(last @ step.R[:, 2], 0.0, atol=1e-9)
 
 
-def test_a_moving_base_shows_the_first_joints_zero_and_its_own_place() -> None:
+def test_moving_base_makes_first_joint_zero_observable() -> None:
     layout = case("mixed").layout
     joints = owners(layout, JointCurve)
     # Sliding joints have no zero: it is an origin. The mimic follows the joint that drives it.
@@ -248,7 +248,7 @@ def test_a_moving_base_shows_the_first_joints_zero_and_its_own_place() -> None:
     assert layout.part("pose_scale") != slice(0, 0)
 
 
-def test_a_joint_that_stands_still_is_a_link() -> None:
+def test_still_joint_is_treated_as_a_link() -> None:
     moves = Moves(seconds=SECONDS, amplitude=(0.5, 0.4, 0.0, 0.9, 0.9, 0.0))
     trajectory = Trajectory.of(make_log(moves).path)
     layout = lay_out(trajectory, MatchedOptions())
@@ -262,7 +262,7 @@ def test_a_joint_that_stands_still_is_a_link() -> None:
     assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z")]
 
 
-def test_options_take_entries_out() -> None:
+def test_options_remove_table_entries() -> None:
     trajectory = case("ur10e").model.windowing.trajectory
     exact = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
     names = {each.unknown.name for each in lay_out(trajectory, exact).placed}
@@ -280,7 +280,7 @@ def _cross_axis(samples: Samples) -> Floats:
     return basis
 
 
-def test_one_entry_is_enough_to_add_an_unknown() -> None:
+def test_one_table_entry_adds_an_unknown() -> None:
     entry = Unknown(
         name="accel_cross_axis",
         labels=("xy", "yz", "zx"),
@@ -297,7 +297,7 @@ def test_one_entry_is_enough_to_add_an_unknown() -> None:
     options = MatchedOptions(robot="exact", sensor_model="ideal", gravity_std=0.0)
     windowing = windowing_of(log, 0.3)
     plain = lean_fit(windowing, options, 0.0)
-    # The options name what an ideal sensor lacks; a table of one's own says what else there is.
+    # The options name what an ideal sensor lacks; a user's table adds what else exists.
     free = replace(options, sensor_model="auto")
     found = lean_fit(windowing, free, 0.0, table=(*LEAN, entry))
     value = found.state.x[found.model.layout.part("accel_cross_axis")]

@@ -47,7 +47,7 @@ def floating(walk: Walk, **options: Any) -> Solved:
     return solve(logged(walk), gravity="none", **options)
 
 
-def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
+def test_dead_reckoning_is_motion_minus_free_fall() -> None:
     walk = Walk()
     t = np.arange(0.0, 20.0, 0.005)
     gyro, accel = readings_of(walk.trunk, BASE, t)
@@ -63,14 +63,14 @@ def test_dead_reckoning_is_the_motion_less_free_fall() -> None:
 
 
 @pytest.mark.parametrize("seconds", slow_after(1, [0.2, 0.1, 0.4]))
-def test_without_noise_the_pose_is_exact_at_any_window(seconds: float) -> None:
+def test_noise_free_pose_is_exact_for_any_window(seconds: float) -> None:
     found = floating(Walk(), window=WindowChoice(seconds=seconds))
     assert found.distance < 2e-6
     assert found.angle < 2e-6
 
 
 @pytest.mark.parametrize("walks", slow_after(1, [2, 8]))
-def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot(walks: int) -> None:
+def test_sigma_matches_errors_with_noise_and_all_model_errors(walks: int) -> None:
     """The sum of squares is chi-squared of six degrees a walk."""
     total = 0.0
     for seed in range(walks):
@@ -82,7 +82,7 @@ def test_sigma_is_true_with_noise_and_errors_of_both_imus_and_of_the_robot(walks
     assert chi2.ppf(0.001, 6 * walks) < total < chi2.ppf(0.999, 6 * walks)
 
 
-def test_stamps_of_three_clocks() -> None:
+def test_three_clocks_have_separate_time_offsets() -> None:
     found = floating(Walk(noisy=True, rates=(200.0, 333.0), offsets=(0.006, -0.011)))
     (base,), (std,) = found.parameter("base_time_offset")
     assert base == pytest.approx(0.006, abs=5 * std)
@@ -91,7 +91,7 @@ def test_stamps_of_three_clocks() -> None:
     assert found.covered
 
 
-def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
+def test_clock_drift_and_late_gyroscope_are_corrected() -> None:
     """300 parts per million are 9 ms from one end of the log to the other, and eight sigma."""
     found = floating(Walk(noisy=True, drifts=(300e-6, -200e-6), base_delay=0.002))
     for name, true, most in (
@@ -105,7 +105,7 @@ def test_clocks_that_run_apart_and_a_gyroscope_that_reports_late() -> None:
     assert found.covered
 
 
-def test_a_gap_in_the_base_imu_is_a_gap() -> None:
+def test_gap_in_base_imu_is_excluded() -> None:
     log = logged(Walk(noisy=True))
     base, joints = log.path.tracks
     kept = (base.t < 9.0) | (base.t > 12.0)
@@ -117,7 +117,7 @@ def test_a_gap_in_the_base_imu_is_a_gap() -> None:
     assert found.covered
 
 
-def test_two_imus_on_one_body_are_calibrated_against_each_other() -> None:
+def test_two_imus_on_one_body_are_calibrated_to_each_other() -> None:
     found = floating(Walk(axes=(), noisy=True))
     assert found.trusted
     assert found.covered
@@ -125,7 +125,7 @@ def test_two_imus_on_one_body_are_calibrated_against_each_other() -> None:
     assert found.angle < np.radians(0.05)
 
 
-def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_shows() -> None:
+def test_displaced_base_imu_is_found_where_observable() -> None:
     """A centimetre and three degrees: larger than any drawing is wrong."""
     walk = Walk(noisy=True, base_off=(5e-3, 0.03))
     found = floating(walk)
@@ -135,14 +135,14 @@ def test_a_base_imu_that_is_elsewhere_is_found_as_far_as_the_motion_shows() -> N
 
 
 @pytest.mark.slow
-def test_a_prior_of_the_base_imu_is_in_sigma_where_the_motion_shows_nothing() -> None:
+def test_base_imu_prior_is_in_sigma_where_unobservable() -> None:
     """One joint: a shift of both IMUs along its axis changes nothing."""
     walk = Walk(noisy=True, axes=((0.0, 1.0, 0.0),))
     held, known = (floating(walk, base_std=(std,) * 3 + (0.0,) * 3).sigma[1] for std in (0.0, 2e-3))
     assert known == pytest.approx(np.hypot(held, 2e-3), rel=0.05)
 
 
-def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> None:
+def test_zero_error_names_the_similar_origin_error() -> None:
     """The thigh's zero is off by 0.8 deg."""
     walk = Walk(seed=1, noisy=True, axes=LEG, zero=0.01)
     found = floating(walk)
@@ -153,8 +153,8 @@ def test_a_zero_that_looks_like_a_displaced_origin_is_found_and_says_so() -> Non
     assert j1.value == pytest.approx(walk.zeros[1], abs=1e-3)
 
 
-def test_no_information_is_made_up_where_parallel_joints_show_none() -> None:
-    """Turned at the hip or at the foot, with the knee carried along: the log sees the same."""
+def test_parallel_joints_add_no_false_information() -> None:
+    """Turned at the hip or at the foot, moving the knee with it: the log is the same."""
     equations = floating(Walk(axes=LEG, noisy=True)).log_statistics.equations
     pose = {"translation", "rotation", "origin", "joint_zero"}
     parts = [each.part for each in equations.layout.placed if each.unknown.name in pose]
@@ -165,7 +165,7 @@ def test_no_information_is_made_up_where_parallel_joints_show_none() -> None:
     assert np.linalg.eigvalsh(A * np.outer(unit, unit))[0] < 1e-12
 
 
-def test_gravity_shows_the_scale_that_both_accelerometers_share() -> None:
+def test_gravity_determines_common_accelerometer_scale() -> None:
     """It cancels between the two, and the lengths, which are wrong too, would follow the scale."""
     walk = Walk(seconds=61.0, noisy=True, scale=5e-3, longer=0.015, length=5e-4)
     with_gravity, without = (floating(walk, gravity_norm=norm) for norm in (GRAVITY, 0.0))
@@ -175,8 +175,8 @@ def test_gravity_shows_the_scale_that_both_accelerometers_share() -> None:
 
 
 @pytest.mark.slow
-def test_an_hour_keeps_its_digits() -> None:
-    """The last minute of an hour says what the first one does, though it fell 60 000 km."""
+def test_one_hour_log_keeps_precision() -> None:
+    """The last minute of an hour gives the pose of the first, after a fall of 60 000 km."""
     log = Walk(seconds=3600.0).log()
     for start in (0.0, 3540.0):
         part = log.kept((log.imu.t >= start) & (log.imu.t < start + 60.0))
@@ -228,7 +228,7 @@ def alone(log: LogStatistics) -> Answer:
     return log.equations.solve(log.options)
 
 
-def test_one_imu_is_solved_as_by_itself() -> None:
+def test_joint_solution_of_one_imu_equals_its_own() -> None:
     foot = imus(2)[1]
     (log,) = statistics([foot])
     own, (found,) = alone(log), solve_together([log])
@@ -251,7 +251,7 @@ def named(place: int, placed: Placed, index: int) -> dict[tuple[object, ...], fl
     return {("all" if shared else place, placed.unknown.name, label): 1.0}
 
 
-def test_it_is_the_answer_of_one_dense_system() -> None:
+def test_joint_solution_matches_dense_system() -> None:
     """Put together by names, in values instead of steps."""
     logs = statistics(imus(2))
     system = System.of(logs)
@@ -288,7 +288,7 @@ def test_it_is_the_answer_of_one_dense_system() -> None:
 
 
 @pytest.mark.parametrize("seeds", slow_after(1, [[2, 3], range(24)]))
-def test_errors_are_smaller_together_and_sigma_stays_true(seeds: Sequence[int]) -> None:
+def test_joint_solution_has_smaller_errors_and_correct_sigma(seeds: Sequence[int]) -> None:
     before = [found for seed in seeds for _, found, _ in imus(seed)]
     after = [found for seed in seeds for found in joined(seed)]
     assert all("imus.together" in each.codes for each in after)
@@ -298,7 +298,7 @@ def test_errors_are_smaller_together_and_sigma_stays_true(seeds: Sequence[int]) 
 
 
 @pytest.mark.parametrize("seeds", slow_after(1, [[2, 3], range(4)]))
-def test_what_is_shared_is_one_and_found_better(seeds: Sequence[int]) -> None:
+def test_shared_unknowns_are_equal_and_more_accurate(seeds: Sequence[int]) -> None:
     """The place of the trunk's IMU, which a displaced first joint looks like."""
     before, after = [], []
     for seed in seeds:
@@ -311,7 +311,7 @@ def test_what_is_shared_is_one_and_found_better(seeds: Sequence[int]) -> None:
     assert np.mean(np.square(after)) < 0.8 * np.mean(np.square(before))
 
 
-def test_the_order_of_imus_does_not_matter() -> None:
+def test_result_does_not_depend_on_imu_order() -> None:
     turned = solve_imus_together(imus(2)[::-1])[::-1]
     for each, again in zip(joined(2), turned, strict=True):
         np.testing.assert_array_equal(each.t_parent_imu, again.t_parent_imu)
@@ -327,7 +327,7 @@ def with_wrong_zero(log: Log) -> Log:
     return replace(log, path=replace(log.path, steps=tuple(steps)))
 
 
-def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
+def test_two_disagreeing_imus_are_solved_alone_and_reported() -> None:
     foot = imus(2)[1]
     wrong = imu("/imu/shank", with_wrong_zero(walk(2).shank()))
     assert wrong[1].trusted
@@ -341,7 +341,7 @@ def test_of_two_that_disagree_both_stay_alone_and_say_so() -> None:
 
 
 @pytest.mark.slow
-def test_of_three_the_one_that_disagrees_is_left_out() -> None:
+def test_disagreeing_imu_of_three_is_left_out() -> None:
     shank, foot = imus(2)
     wrong = imu("/imu/thigh", with_wrong_zero(walk(2).shank()))
     logs = statistics([shank, wrong, foot])
@@ -352,7 +352,7 @@ def test_of_three_the_one_that_disagrees_is_left_out() -> None:
 
 
 @pytest.mark.parametrize("names", slow_after(1, ["tx ty tz", "tx ty tz rx ry rz"]))
-def test_what_is_held_of_the_mounts_stays_held(names: str) -> None:
+def test_fixed_mount_components_stay_fixed(names: str) -> None:
     held = dict.fromkeys(names.split(), 0.0)
     logs = {"/imu/shank": walk(2).shank(), "/imu/foot": logged(walk(2))}
     found = jointly([imu(name, log, pose=prior(log.mount, **held)) for name, log in logs.items()])
@@ -363,13 +363,13 @@ def test_what_is_held_of_the_mounts_stays_held(names: str) -> None:
         assert ((each.sigma[3:] == 0.0) == ("rx" in held)).all()
 
 
-def test_an_imu_that_is_not_to_be_trusted_takes_nobody_along() -> None:
+def test_untrusted_imu_is_not_combined() -> None:
     (name, shank, path), foot = imus(2)
     vague = replace(shank, statistics=replace(shank.log_statistics, widened=1e-6 * np.eye(6)))
     assert solve_imus_together([(name, vague, path), foot]) == [vague, foot[1]]
 
 
-def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None:
+def test_only_chains_of_one_inexact_robot_are_combined() -> None:
     shank, foot = (OnRobot.of(each.log_statistics, path) for _, each, path in imus(2))
     assert groups([shank, foot]) == [[0, 1]]
     elsewhere = replace(foot, joints={**foot.joints, "j0": "/other/joint_states"})
@@ -379,7 +379,7 @@ def test_only_chains_of_one_robot_with_free_errors_are_solved_together() -> None
     assert groups([shank, replace(foot, log=exact)]) == []
 
 
-def test_where_chains_part_at_the_base_their_first_joints_may_be_elsewhere() -> None:
+def test_chains_splitting_at_base_have_separate_base_offsets() -> None:
     """The base IMU's place is then not quite one place for both."""
     shank, foot = statistics(imus(2))
     layout = foot.equations.layout

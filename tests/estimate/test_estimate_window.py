@@ -37,11 +37,11 @@ def window_of(log: Log, degree: int = 3, **choice: Any) -> tuple[int, float, int
     return length, window.seconds, window.samples
 
 
-def test_quiet_joints_take_the_shortest() -> None:
+def test_quiet_joints_get_the_shortest_window() -> None:
     assert window_of(log_of())[1] == pytest.approx(0.2)
 
 
-def test_noisy_encoders_take_longer_windows_and_ever_longer() -> None:
+def test_noisier_encoders_get_longer_windows() -> None:
     seconds = [window_of(log_of(std))[1] for std in (1e-5, 1e-4, 1e-3)]
     assert seconds[0] < seconds[1] < seconds[2] <= 1.0
     window = solve(log_of(1e-4)).window
@@ -50,7 +50,7 @@ def test_noisy_encoders_take_longer_windows_and_ever_longer() -> None:
 
 
 @pytest.mark.slow
-def test_the_longer_window_is_what_saves_the_lever_arm() -> None:
+def test_longer_window_keeps_lever_arm_accurate() -> None:
     chosen, short = (
         solve(log_of(3e-4), window=choice)
         for choice in (WindowChoice(), WindowChoice(seconds=0.05))
@@ -60,30 +60,30 @@ def test_the_longer_window_is_what_saves_the_lever_arm() -> None:
 
 
 @pytest.mark.parametrize("samples", [7, 101])
-def test_samples_asked_for_are_samples_used(samples: int) -> None:
+def test_requested_samples_are_used(samples: int) -> None:
     expected = (samples, (samples - 1) / 200, samples)
     assert window_of(log_of(), samples=samples) == pytest.approx(expected)
 
 
-def test_samples_are_the_imus_even_on_a_finer_grid() -> None:
+def test_samples_count_imu_samples_on_a_finer_grid() -> None:
     slow = make_log(MOVES, imu_rate=100.0, robot_rate=500.0)
     assert window_of(slow, samples=21) == pytest.approx((101, 0.2, 21))
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.333])
-def test_seconds_asked_for_are_met_to_a_sample(seconds: float) -> None:
+def test_requested_seconds_are_met_within_one_sample(seconds: float) -> None:
     length, used, _ = window_of(log_of(1e-3), seconds=seconds)
     assert length % 2 == 1
     assert abs(used - seconds) <= 1.001 / 200
 
 
 @pytest.mark.parametrize(("degree", "shortest"), [(2, 5), (3, 5), (4, 7), (5, 7)])
-def test_a_window_is_never_too_short_for_its_degree(degree: int, shortest: int) -> None:
+def test_window_is_long_enough_for_its_degree(degree: int, shortest: int) -> None:
     assert window_of(log_of(), degree, samples=3)[0] == shortest
     matched_filter(shortest, degree, 2, 0.005)
 
 
-def test_joints_in_short_bursts_do_not_break_the_choice() -> None:
+def test_short_bursts_of_joints_do_not_break_window_choice() -> None:
     """No stretch of joint states is as long as a window: nothing to divide by."""
     t = np.arange(0, 30, 0.005)
     burst = t[(t % 0.5) < 0.18]

@@ -27,7 +27,7 @@ slow = pytest.mark.slow
 
 @pytest.mark.parametrize(("cases", "seed"), [(8, 79), pytest.param(600, 78, marks=slow)])
 def test_a_short_run_has_no_findings(cases: int, seed: int, tmp_path: Path) -> None:
-    """Of other seeds than the long runs; a failure says how to repeat the case."""
+    """Of other seeds than the long runs; a failure shows how to repeat the case."""
     command = [sys.executable, "-m", "tools.fuzz", "--cases", str(cases), "--seed", str(seed)]
     command += ["--runs", "0.15", "--workers", "2", "--keep", str(tmp_path / "kept")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -40,8 +40,8 @@ def test_a_short_run_has_no_findings(cases: int, seed: int, tmp_path: Path) -> N
     ("count", "size"),
     [(7, 0.1), pytest.param(3, 2 * np.pi, marks=slow), pytest.param(20, 0.1, marks=slow)],
 )
-def test_an_encoder_that_leaps_a_few_times(count: int, size: float, tmp_path: Path) -> None:
-    """Once 90 mm off, with a sigma of 4 mm, and ok: leaps pull the lever arm to nothing."""
+def test_few_encoder_jumps_raise_no_fuzz_finding(count: int, size: float, tmp_path: Path) -> None:
+    """It once gave 90 mm error, sigma 4 mm and status ok: jumps shrink the lever arm to zero."""
     messages = list(seeds.arm().messages)
     joints = [k for k, each in enumerate(messages) if each.type == seeds.JOINTS]
     for k in np.random.default_rng(0).choice(joints, count, replace=False):
@@ -57,7 +57,7 @@ def test_an_encoder_that_leaps_a_few_times(count: int, size: float, tmp_path: Pa
     assert "messages in which a value jumps by more than" in told
 
 
-def test_a_seed_and_a_number_are_one_case(tmp_path: Path) -> None:
+def test_seed_and_number_define_a_case(tmp_path: Path) -> None:
     for number in range(8):
         found = []
         for again in "ab":
@@ -112,7 +112,7 @@ def _says(words: str, code: int) -> Callable[[Case], int]:
         (_says("error: \x1b[2J\n", 1), "CONTROL"),
     ],
 )
-def test_misbehaviour_is_seen(
+def test_misbehaviour_is_detected(
     does: Callable[[Case], int],
     finding: str | None,
     tmp_path: Path,
@@ -133,7 +133,7 @@ def test_misbehaviour_is_seen(
 
 
 @pytest.mark.parametrize("scene", slow_after(1, seeds.SCENES))
-def test_wrong_answers_are_seen(scene: Callable[[], seeds.Scene], tmp_path: Path) -> None:
+def test_wrong_answers_are_detected(scene: Callable[[], seeds.Scene], tmp_path: Path) -> None:
     case = sound_case(scene, "mcap-none", tmp_path)
     assert checking.check(case) == (0, [])
     (tmp_path / "tmp").rmdir()

@@ -198,11 +198,11 @@ def messages(
         )
         said.append(Said(f"{namespace}/joint_states", "sensor_msgs/msg/JointState", state, ns + 1))
         if shape.base:
-            said.append(_pose_said(base_topic, shape.base, base(float(t)), ns))
+            said.append(_pose_message(base_topic, shape.base, base(float(t)), ns))
     return said
 
 
-def see_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-3) -> None:
+def assert_matches_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-3) -> None:
     """The pose is within four sigmas of the truth, and sigmas of translation are small, m."""
     assert result.status == "ok"
     assert result.std is not None
@@ -213,7 +213,7 @@ def see_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-3) -> None:
     assert sigma[:3].max() < 1e3 * largest
 
 
-def _pose_said(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:
+def _pose_message(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:
     xyz_quat, head = pin.SE3ToXYZQUAT(pose), header(ns, "odom")
     if topic != "/tf":
         stamped = T["Pose"](T["Point"](*xyz_quat[:3]), quaternion(xyz_quat[3:]))

@@ -1,4 +1,4 @@
-"""An IMU that tells how the base moves: chosen, said, refused; truth by pinocchio."""
+"""An IMU that measures the base's motion: chosen, reported, refused; truth by pinocchio."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain
-from tests.jobs.robots import see_truth
+from tests.jobs.robots import assert_matches_truth
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import Said, T
 
@@ -54,10 +54,10 @@ def walk_with(folder: Path, asked: CalibrationRequest, change: Any, topic: str =
     return replace(asked, logs=(log,))
 
 
-def test_the_imu_on_the_root_tells_how_a_walking_robot_moves(tmp_path: Path) -> None:
+def test_imu_on_root_gives_motion_of_walking_robot(tmp_path: Path) -> None:
     (result,) = calibrate(request(tmp_path)).results
     assert (result.parent, result.child) == ("FL_calf_link", "leg_imu")
-    see_truth(result, ON_LEG)
+    assert_matches_truth(result, ON_LEG)
     assert result.provenance.topics.motion == [TRUNK, "/joint_states"]
     (note,) = [each for each in result.diagnostics.findings if each.code == "base.imu"]
     assert note.values == {"topic": TRUNK, "link": "trunk"}
@@ -72,7 +72,7 @@ def test_any_imu_may_be_the_base_of_another(tmp_path: Path) -> None:
     urdf.write_text(re.sub(origin, rf'\1 xyz="{xyz}" rpy="{rpy}"', ROBOT.urdf()))
     asked = request(tmp_path, base_imu=LEG, imu_topics=(TRUNK,))
     (result,) = calibrate(replace(asked, urdf=urdf)).results
-    see_truth(result, ON_TRUNK)
+    assert_matches_truth(result, ON_TRUNK)
 
 
 def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
     log = log_of(tmp_path, TRUNK, LEG, said=(*_walk_of(TRUNK), *second))
     (result,) = calibrate(CalibrationRequest(logs=(log,), base_imu=TRUNK)).results
     assert result.parent == "trunk_imu"
-    see_truth(result, ON_TRUNK.inverse() * other)
+    assert_matches_truth(result, ON_TRUNK.inverse() * other)
 
 
 def test_joints_between_two_imus_need_the_urdf(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_joints_between_two_imus_need_the_urdf(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("urdf", [False, True])
-def test_joints_that_cannot_be_used_are_told(tmp_path: Path, *, urdf: bool) -> None:
+def test_unusable_joints_are_reported(tmp_path: Path, *, urdf: bool) -> None:
     asked = request(tmp_path, base_imu=TRUNK)
     asked = walk_with(
         tmp_path,
@@ -118,7 +118,7 @@ def _walk_of(topic: str) -> list[Said]:
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
 @pytest.mark.parametrize(("value", "said"), [(np.nan, "NaN"), (0.0, "zero")])
-def test_a_sensor_of_the_base_imu_that_is_not_there(
+def test_missing_sensor_of_base_imu_is_reported(
     sensor: str, value: float, said: str, tmp_path: Path
 ) -> None:
     field = {"gyro": "angular_velocity", "accel": "linear_acceleration"}[sensor]
@@ -130,20 +130,20 @@ def test_a_sensor_of_the_base_imu_that_is_not_there(
         read_recording(asked)
 
 
-def test_an_imu_that_nobody_asked_for_may_be_the_base(tmp_path: Path) -> None:
+def test_unselected_imu_can_be_the_base(tmp_path: Path) -> None:
     recording = read_recording(request(tmp_path, imu_topics=(LEG,)))
     assert [imu.topic for imu in recording.imus] == [LEG]
     assert recording.sources.base is not None
     assert recording.sources.base.link == "trunk"
 
 
-def test_where_something_tells_the_bases_motion_no_imu_is_taken(tmp_path: Path) -> None:
+def test_no_base_imu_is_used_if_base_motion_is_logged(tmp_path: Path) -> None:
     asked = request(tmp_path, TRUNK, LEG, "/joint_states", "/tf")
     assert read_recording(asked).sources.base is None
     assert read_recording(replace(asked, base_imu=TRUNK)).sources.base is not None
 
 
-def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
+def test_inspect_shows_base_imu_and_command(tmp_path: Path) -> None:
     asked = request(tmp_path)
     found = inspect(asked)
     assert found.command is not None
@@ -163,14 +163,14 @@ def test_inspect_shows_the_choice_and_the_command(tmp_path: Path) -> None:
         ({"base_imu": TRUNK, "estimator": PaperOptions()}, ChoiceError, "only --method matched"),
     ],
 )
-def test_what_cannot_be_is_said(
+def test_impossible_base_imu_request_is_refused(
     wishes: dict[str, Any], kind: type[Exception], said: str, tmp_path: Path
 ) -> None:
     with pytest.raises(kind, match=re.escape(said)):
         read_recording(request(tmp_path, **wishes))
 
 
-def test_an_imu_that_stands_still_tells_nothing(tmp_path: Path) -> None:
+def test_still_imu_cannot_be_the_base(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
 
     def at_rest(imu: Any) -> Any:
@@ -184,14 +184,14 @@ def test_an_imu_that_stands_still_tells_nothing(tmp_path: Path) -> None:
         read_recording(replace(asked, base_imu=TRUNK))
 
 
-def test_one_sensor_on_two_topics_is_not_two(tmp_path: Path) -> None:
+def test_same_sensor_on_two_topics_is_not_a_base(tmp_path: Path) -> None:
     raw = [replace(each, topic="/imu/raw") for each in _walk_of(TRUNK)]
     log = log_of(tmp_path, TRUNK, "/imu/raw", said=(*_walk_of(TRUNK), *raw))
     with pytest.raises(ChoiceError, match="have the readings of one sensor"):
         read_recording(CalibrationRequest(logs=(log,), base_imu=TRUNK))
 
 
-def test_a_base_imu_without_a_place_on_the_robot_is_asked_for(tmp_path: Path) -> None:
+def test_base_imu_with_unknown_pose_asks_for_it(tmp_path: Path) -> None:
     asked = request(tmp_path, base_imu=TRUNK)
     urdf = tmp_path / "bare.urdf"
     urdf.write_text(ROBOT.urdf().replace("trunk_imu", "other_imu"))
@@ -199,12 +199,12 @@ def test_a_base_imu_without_a_place_on_the_robot_is_asked_for(tmp_path: Path) ->
         read_recording(replace(asked, urdf=urdf))
 
 
-def test_in_g_and_degrees_the_base_is_the_same(tmp_path: Path) -> None:
-    """Units of the accelerometer are told by gravity at rest."""
+def test_base_imu_in_g_and_degrees_gives_the_same_base(tmp_path: Path) -> None:
+    """Units of the accelerometer are found from gravity at rest."""
 
     def in_g(imu: Any) -> Any:
         a = imu.linear_acceleration
         scaled = T["Vector3"](a.x / 9.80665, a.y / 9.80665, a.z / 9.80665)
         return replace(imu, linear_acceleration=scaled)
 
-    see_truth(only(calibrate(walk_with(tmp_path, request(tmp_path), in_g))), ON_LEG)
+    assert_matches_truth(only(calibrate(walk_with(tmp_path, request(tmp_path), in_g))), ON_LEG)

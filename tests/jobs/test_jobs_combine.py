@@ -1,4 +1,4 @@
-"""Several logs of one mount, solved together: what they tell, and which of them are missing."""
+"""Several logs of one mount, solved together: their result, and which of them are missing."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def codes(result: object) -> set[str]:
     return {each.code for each in result.diagnostics.findings}  # type: ignore[attr-defined]
 
 
-def test_the_common_pose_is_true_within_its_sigma(logs: list[StoredLog]) -> None:
+def test_common_pose_error_is_within_sigma(logs: list[StoredLog]) -> None:
     (result,), failures = combine(logs, as_it_was)
     assert not failures
     assert result.status == "ok"
@@ -83,7 +83,7 @@ def test_the_common_pose_is_true_within_its_sigma(logs: list[StoredLog]) -> None
     assert len(result.provenance.files) == 3
 
 
-def test_the_order_of_the_logs_does_not_matter(logs: list[StoredLog]) -> None:
+def test_result_does_not_depend_on_log_order(logs: list[StoredLog]) -> None:
     (result,), _ = combine(logs, as_it_was)
     (other,), _ = combine(logs[::-1], as_it_was)
     a, b = result.uncertain_pose, other.uncertain_pose
@@ -92,7 +92,7 @@ def test_the_order_of_the_logs_does_not_matter(logs: list[StoredLog]) -> None:
     np.testing.assert_allclose(one, same, rtol=1e-3, atol=1e-14)
 
 
-def test_a_copy_counts_once_and_an_untrusted_log_is_left_out(logs: list[StoredLog]) -> None:
+def test_duplicate_log_counts_once_and_untrusted_log_is_excluded(logs: list[StoredLog]) -> None:
     copy = replace(logs[0], name="copy")
     wrong = _untrusted(logs[2])
     (result,), _ = combine([logs[0], copy, logs[1], wrong], as_it_was)
@@ -103,7 +103,7 @@ def test_a_copy_counts_once_and_an_untrusted_log_is_left_out(logs: list[StoredLo
     assert isinstance(failure, UntrustedError)
 
 
-def test_logs_that_give_nothing_are_told_in_the_result(
+def test_unused_logs_are_reported_in_the_result(
     request_of_three: CalibrationRequest, tmp_path: Path
 ) -> None:
     empty = tmp_path / "empty.mcap"

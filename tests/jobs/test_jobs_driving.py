@@ -1,4 +1,4 @@
-"""A robot that drives on a plane: what cannot be known, and the ways out."""
+"""A robot that drives on a plane: which components are unobservable, and the options for them."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def run(log_and_urdf: tuple[Path, Path], pose: PosePrior | None = None) -> Resul
     return result
 
 
-def test_what_cannot_be_known_is_said_with_the_way_out(log_and_urdf: tuple[Path, Path]) -> None:
+def test_unobservable_height_is_reported_with_advice(log_and_urdf: tuple[Path, Path]) -> None:
     result = run(log_and_urdf)
     assert result.status == "untrusted"
     (lost,) = result.diagnostics.unobservable
@@ -54,7 +54,7 @@ def test_what_cannot_be_known_is_said_with_the_way_out(log_and_urdf: tuple[Path,
     assert "--fix tz holds it at the URDF's value, --prior-std tz=5mm" in lost.motion
 
 
-def test_an_undetermined_component_is_written_at_its_nominal_value(
+def test_undetermined_component_has_nominal_value_in_tf_format(
     log_and_urdf: tuple[Path, Path],
 ) -> None:
     result = run(log_and_urdf)
@@ -64,7 +64,7 @@ def test_an_undetermined_component_is_written_at_its_nominal_value(
 
 
 @pytest.mark.parametrize("pose", [HELD, LOOSE])
-def test_what_is_told_of_it_is_not_contradicted(
+def test_prior_on_unobservable_height_is_not_contradicted(
     log_and_urdf: tuple[Path, Path], pose: PosePrior
 ) -> None:
     """Noise of the poses in roll and pitch looks like information on tz, and is none."""
@@ -78,7 +78,7 @@ def test_what_is_told_of_it_is_not_contradicted(
         assert result.pose.translation[2] == 0.08
 
 
-def test_verify_may_leave_it_out(log_and_urdf: tuple[Path, Path]) -> None:
+def test_verify_can_ignore_the_height(log_and_urdf: tuple[Path, Path]) -> None:
     def verdict(pose: PosePrior | None = None, **options: Any) -> str:
         request = request_for(log_and_urdf, pose)
         (answer,), _ = verify_recording(request, NEAR, **options)
@@ -97,7 +97,9 @@ def test_verify_may_leave_it_out(log_and_urdf: tuple[Path, Path]) -> None:
     assert "not checked: tz" in answer.reason
 
 
-def test_planar_is_a_name_for_it(log_and_urdf: tuple[Path, Path], imucalib: Imucalib) -> None:
+def test_planar_option_fixes_the_height(
+    log_and_urdf: tuple[Path, Path], imucalib: Imucalib
+) -> None:
     log, urdf = log_and_urdf
     (result,) = read_results(imucalib("run", log, "--urdf", urdf, "--planar").out, "stdout")
     assert result.pose.translation[2] == 0.08
@@ -106,7 +108,7 @@ def test_planar_is_a_name_for_it(log_and_urdf: tuple[Path, Path], imucalib: Imuc
     imucalib("verify", log, "--urdf", urdf, "--fix", "tz", *near, code=2)
 
 
-def test_planar_holds_the_height_whatever_axis_is_upright(
+def test_planar_fixes_height_for_any_upright_axis(
     log_and_urdf: tuple[Path, Path], tmp_path: Path, imucalib: Imucalib
 ) -> None:
     rpy = f"{-np.pi / 2} 0 {-np.pi / 2}"  # of optical frames: y points down
@@ -120,7 +122,7 @@ def test_planar_holds_the_height_whatever_axis_is_upright(
     assert "not checked: ty" in imucalib("verify", *command, "--within", "20mm,1deg").out
 
 
-def test_planar_says_where_no_axis_is_upright(
+def test_planar_without_upright_axis_is_refused(
     log_and_urdf: tuple[Path, Path], tmp_path: Path, imucalib: Imucalib
 ) -> None:
     urdf = with_a_camera_frame(tmp_path, "0 0.6 0")

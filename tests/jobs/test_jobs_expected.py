@@ -63,7 +63,7 @@ def of_model(found: Result) -> list[str]:
 
 
 @pytest.mark.slow
-def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
+def test_noise_matching_data_sheet_is_not_reported(tmp_path: Path) -> None:
     found = result(written(tmp_path, "bmi088"), "bmi088")
     assert found.status == "ok"
     assert of_model(found) == []
@@ -84,7 +84,7 @@ def test_noise_that_fits_the_sheet_is_no_news(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_five_times_the_noise_is_told_and_changes_nothing(tmp_path: Path) -> None:
+def test_five_times_the_noise_is_reported_without_effect(tmp_path: Path) -> None:
     sheet = load_imu("bmi088")
     loud = replace(sheet, accel_noise=5 * sheet.accel_noise, gyro_noise=5 * sheet.gyro_noise)
     log = written(tmp_path, loud)
@@ -102,7 +102,7 @@ def test_five_times_the_noise_is_told_and_changes_nothing(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
+def test_too_little_noise_is_reported_with_likely_cause(tmp_path: Path) -> None:
     quiet = replace(load_imu("bmi088"), accel_noise=1e-4, gyro_noise=1e-5)
     accel, gyro = of_model(result(written(tmp_path, quiet), "bmi270"))
     assert "should be 0.016 by the data sheet" in accel
@@ -122,12 +122,10 @@ def test_too_little_noise_is_told_with_its_likely_cause(tmp_path: Path) -> None:
             "below the cut-off the noise is that of the sheet; the filter's delay is part of"
             in sentence
         )
-    assert filtered.time_offset.seconds > 0.005  # as that sentence says
+    assert filtered.time_offset.seconds > 0.005  # as that sentence states
 
 
-def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(
-    tmp_path: Path, imucalib: Imucalib
-) -> None:
+def test_bias_priors_come_from_data_sheet_unless_given(tmp_path: Path, imucalib: Imucalib) -> None:
     log = written(tmp_path, "adis16448")
     found = result(log, "adis16448")
     options, check = found.provenance.options, found.diagnostics.imu_model
@@ -151,7 +149,7 @@ def test_biases_take_their_priors_from_the_sheet_unless_the_user_tells(
     assert options["accel_bias_std"] == pytest.approx(0.392266)
 
 
-def test_a_prior_is_weak_where_the_log_knows_and_helps_where_it_does_not(tmp_path: Path) -> None:
+def test_prior_helps_only_where_log_lacks_information(tmp_path: Path) -> None:
     log = written(tmp_path, "adis16448")
     told, untold = result(log, "adis16448"), result(log, None)
     covariance = untold.uncertain_pose.covariance
@@ -162,7 +160,7 @@ def test_a_prior_is_weak_where_the_log_knows_and_helps_where_it_does_not(tmp_pat
     assert np.all(with_sheet <= without * 1.01)  # integrated by points
 
 
-def test_a_bias_that_no_such_sensor_has_drops_the_prior_not_the_result(tmp_path: Path) -> None:
+def test_implausible_bias_drops_the_prior_and_keeps_the_result(tmp_path: Path) -> None:
     wild = replace(load_imu("adis16448"), gyro_bias=(0.2, 0.0, -0.1))
     log = written(tmp_path, wild)
     told, untold = result(log, "adis16448"), result(log, None)
@@ -178,14 +176,14 @@ def test_a_bias_that_no_such_sensor_has_drops_the_prior_not_the_result(tmp_path:
     assert result(log, None, gyro_bias_std=0.0175).status == "untrusted"
 
 
-def test_a_large_bias_is_usual_for_an_imu_whose_sheet_says_so(tmp_path: Path) -> None:
+def test_large_bias_within_data_sheet_is_not_reported(tmp_path: Path) -> None:
     log = written(tmp_path, "icm20948")  # 50 mg, 1 sigma
     told, untold = result(log, "icm20948").diagnostics, result(log, None).diagnostics
     assert any("accelerometer bias of 0.69 m/s² is unusual" in w for w in untold.warnings)
     assert told.warnings == []
 
 
-def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> None:
+def test_readings_beyond_sensor_range_are_reported(tmp_path: Path) -> None:
     noise = replace(load_imu("bmi088"), accel_range=None, spikes=0.002, spike_accel=300.0)
     spiked = of_model(result(written(tmp_path, noise), "bmi088"))
     assert len(spiked) == 1
@@ -193,7 +191,7 @@ def test_readings_beyond_what_the_sensor_can_read_are_told(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_published_method_is_compared_too(tmp_path: Path) -> None:
+def test_published_method_is_checked_against_data_sheet(tmp_path: Path) -> None:
     log = written(tmp_path, "bmi088")
     found = result(log, "xsens_mti", PaperOptions(gravity_norm=0.0))
     assert any("3.2 times the 0.0059" in sentence for sentence in of_model(found))
@@ -205,7 +203,7 @@ def test_published_method_is_compared_too(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "words"), [("bmi08", "choose adis16448"), ("/imu/data", "--imu-topic takes a topic")]
 )
-def test_a_name_that_is_none_lists_those_that_are(
+def test_unknown_model_name_lists_available_models(
     name: str, words: str, imucalib: Imucalib
 ) -> None:
     assert words in imucalib("run", "none.mcap", "--imu-model", name, code=2).err

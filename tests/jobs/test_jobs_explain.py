@@ -32,7 +32,7 @@ LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"
 
 
 @pytest.mark.slow
-def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> None:
+def test_reversed_axis_and_inverted_urdf_mount_are_explained(tmp_path: Path) -> None:
     def run(urdf: str) -> Result:
         (tmp_path / "robot.urdf").write_text(urdf)
         request = CalibrationRequest(logs=(LOG,), urdf=tmp_path / "robot.urdf")
@@ -61,7 +61,7 @@ def test_a_reversed_axis_and_an_inverted_mount_in_the_urdf(tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("told", ["tool", "bar_link"])
-def test_frames_of_tf_are_tried_as_links_are(told: str) -> None:
+def test_tf_frames_are_tried_like_links(told: str) -> None:
     physics = PhysicsOptions(duration=45.0, imu_rate=125, robot_rate=125)
     imu, path = streams_of(record(load_system("barbot"), physics))
     (track,) = path.tracks

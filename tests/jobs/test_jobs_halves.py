@@ -43,7 +43,7 @@ def join(*imus: ImuStream, request: CalibrationRequest = ASKED) -> dict[str, Imu
     return joined(data, choose_clock(list(imus)), request)[0].imus
 
 
-def test_the_slower_half_is_interpolated_onto_the_faster() -> None:
+def test_slower_sensor_is_interpolated_onto_the_faster() -> None:
     gyro = imu("/camera/gyro/sample", 200.0, "g", frame="gyro_frame")
     for rate, limit in ((63.0, 2e-5), (250.0, 1e-7)):
         accel = imu("/camera/accel/sample", rate, "a", shift=0.003, frame="accel_frame")
@@ -83,11 +83,13 @@ def test_nothing_is_interpolated_across_a_gap() -> None:
         ({"/gyro": "g", "/accel": "g"}, {"/gyro", "/accel"}),
     ],
 )
-def test_which_are_one(halves: dict[str, str], expected: set[str]) -> None:
+def test_matching_gyro_and_accel_topics_are_joined(
+    halves: dict[str, str], expected: set[str]
+) -> None:
     assert set(join(*(imu(topic, 100.0, which) for topic, which in halves.items()))) == expected
 
 
-def test_the_user_overrules() -> None:
+def test_topic_options_override_automatic_joining() -> None:
     three = [imu("/a", 100.0, "g"), imu("/b", 100.0, "ga"), imu("/c", 50.0, "ga")]
     request = replace(ASKED, gyro_topics=("/a",), accel_topics=("/c",))
     found = join(*three, request=request)

@@ -1,4 +1,4 @@
-"""What inspect says of faults, and the commands it proposes."""
+"""The faults that inspect reports, and the commands it proposes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_poses_without_a_frame_ask_for_a_name(log_writer: LogWriter) -> None:
     assert found.placeholders == "BODY by a name for what the poses are of"
 
 
-def test_every_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_every_usable_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu("/imu/a").imu("/imu/b", frame="box").joints().write()
     found = inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf))
     assert found.command == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/a"
@@ -31,7 +31,7 @@ def test_every_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) -> None
     assert other in plain(found.blocks())
 
 
-def test_an_imu_that_nothing_can_be_done_with_gets_none(
+def test_unusable_imu_gets_no_command(
     log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
     log = log_writer.imu(gyro=0.0).joints().write()
@@ -40,7 +40,7 @@ def test_an_imu_that_nothing_can_be_done_with_gets_none(
     assert "There is nothing to run on this log" in out
 
 
-def test_units_are_told_as_a_run_would_take_them(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_inspect_reports_the_units_a_run_uses(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu(accel=1000.0).joints().write()
     found = inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf))
     said = "accel at rest is 1000: taken as mg and multiplied by 0.00980665"
@@ -49,7 +49,7 @@ def test_units_are_told_as_a_run_would_take_them(log_writer: LogWriter, arm_urdf
     assert any("which looks like mg" in each for each in bare.warnings)
 
 
-def test_bursts_are_told(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_bursts_are_reported(log_writer: LogWriter, arm_urdf: Path) -> None:
     log_writer.imu(seconds=8.0).joints(seconds=8.0)
     for topic, _, _, message in log_writer.messages:
         if topic == "/imu/data":

@@ -75,7 +75,7 @@ def apply(folder: Path, imucalib: Imucalib) -> Any:
     return apply
 
 
-def test_what_stands_clear_is_written_beside(folder: Path, apply: Any) -> None:
+def test_well_determined_corrections_are_written_to_a_new_urdf(folder: Path, apply: Any) -> None:
     before = (folder / "off.urdf").read_bytes()
     said = apply().err
     assert (folder / "off.urdf").read_bytes() == before
@@ -94,17 +94,17 @@ def test_what_stands_clear_is_written_beside(folder: Path, apply: Any) -> None:
     apply("-q")
 
 
-def test_the_result_must_be_of_this_urdf(apply: Any) -> None:
+def test_result_of_another_urdf_is_refused(apply: Any) -> None:
     """Applied twice, every error would be corrected twice."""
     assert "is not the URDF of the result" in apply(urdf="true.urdf", code=2).err
 
 
-def test_the_urdf_is_never_written_over(folder: Path, apply: Any) -> None:
+def test_kinematics_never_overwrites_the_urdf(folder: Path, apply: Any) -> None:
     apply("--in-place", code=2)
     assert "would be overwritten" in apply("-o", folder / "off.urdf", "--force", code=2).err
 
 
-def test_the_report_lists_what_no_log_can_tell(folder: Path, imucalib: Imucalib) -> None:
+def test_report_lists_unobservable_corrections(folder: Path, imucalib: Imucalib) -> None:
     command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
     rows = imucalib(*command, "--kinematics-report", "--format", "summary", "-q").out.splitlines()
 
@@ -129,14 +129,14 @@ def test_the_report_lists_what_no_log_can_tell(folder: Path, imucalib: Imucalib)
     ]
 
 
-def test_the_report_leaves_stdout_to_the_result(folder: Path, imucalib: Imucalib) -> None:
+def test_report_is_not_written_to_stdout(folder: Path, imucalib: Imucalib) -> None:
     command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
     out, err = imucalib(*command, "--kinematics-report", "--format", "tf")
     assert len(out.splitlines()) == 1
     assert "wrist_2_joint" in err
 
 
-def test_a_result_that_does_not_say_which_way_is_refused(
+def test_result_without_correction_direction_is_refused(
     folder: Path, tmp_path: Path, imucalib: Imucalib
 ) -> None:
     lines = (folder / "result.yaml").read_text().splitlines()

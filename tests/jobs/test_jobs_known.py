@@ -1,4 +1,4 @@
-"""What a log itself knows of the robot, on logs of the simulated arm: truth is the simulation's."""
+"""Robot descriptions within logs, on logs of the simulated arm: truth is the simulation's."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def only(outcome: Outcome) -> Result:
     return result
 
 
-def see_truth(result: Result) -> None:
+def assert_matches_truth(result: Result) -> None:
     assert result.status == "ok"
     assert result.parent == "wrist_3_link"
     assert result.std is not None
@@ -81,12 +81,12 @@ def asked(log: Path, urdf: Path, part: Part | None = None) -> Inspection:
 
 
 @pytest.mark.parametrize("suffix", slow_after(1, [".bag", ".mcap", ".db3"]))
-def test_a_bag_with_its_description_needs_no_option(tmp_path: Path, suffix: str) -> None:
+def test_bag_with_robot_description_needs_no_option(tmp_path: Path, suffix: str) -> None:
     log = log_of(
         tmp_path, suffix, robot_description=True, joint_prefix="ur10/", frame_prefix="ur10/"
     )
     result = only(run(log))
-    see_truth(result)
+    assert_matches_truth(result)
     assert result.child == "imu_link"
     assert result.provenance.urdf is not None
     assert result.provenance.urdf.path == "/robot_description"
@@ -94,7 +94,7 @@ def test_a_bag_with_its_description_needs_no_option(tmp_path: Path, suffix: str)
     assert codes[:3] == ["robot.described", "joints.prefixed", "frames.prefixed"]
 
 
-def test_urdf_wins_over_the_description(tmp_path: Path, urdf: Path) -> None:
+def test_urdf_option_takes_precedence_over_description(tmp_path: Path, urdf: Path) -> None:
     urdf.write_text(urdf.read_text().replace("rihibot", "mine"))
     result = only(run(log_of(tmp_path, robot_description=True), urdf=urdf))
     assert result.provenance.urdf is not None
@@ -102,11 +102,9 @@ def test_urdf_wins_over_the_description(tmp_path: Path, urdf: Path) -> None:
     assert not result.diagnostics.findings
 
 
-def test_tf_static_places_the_imu_beside_a_urdf_without_it(
-    tmp_path: Path, maker_urdf: Path
-) -> None:
+def test_tf_static_gives_imu_pose_missing_in_urdf(tmp_path: Path, maker_urdf: Path) -> None:
     result = only(run(log_of(tmp_path, tf_static=True), urdf=maker_urdf))
-    see_truth(result)
+    assert_matches_truth(result)
     nominal = result.diagnostics.nominal
     assert nominal is not None
     assert nominal.joint == ""
@@ -114,13 +112,13 @@ def test_tf_static_places_the_imu_beside_a_urdf_without_it(
     np.testing.assert_allclose(nominal.translation, expected, atol=1e-12)
 
 
-def test_verify_asks_the_urdf_alone(tmp_path: Path, maker_urdf: Path) -> None:
+def test_verify_uses_only_the_urdf(tmp_path: Path, maker_urdf: Path) -> None:
     log = log_of(tmp_path, tf_static=True)
     outcome = run(log, urdf=maker_urdf, needs_nominal=True)
     assert "so there is no pose to verify" in str(outcome.failures[0])
 
 
-def test_the_link_that_carries_the_imu_is_named(tmp_path: Path, maker_urdf: Path) -> None:
+def test_link_carrying_the_imu_is_named(tmp_path: Path, maker_urdf: Path) -> None:
     log = log_of(tmp_path)
     (error,) = run(log, urdf=maker_urdf).failures
     assert isinstance(error, ChoiceError)
@@ -130,9 +128,9 @@ def test_the_link_that_carries_the_imu_is_named(tmp_path: Path, maker_urdf: Path
     assert found.placeholders == ""
 
 
-def test_an_imu_link_that_is_the_frame_id_is_no_error(tmp_path: Path, maker_urdf: Path) -> None:
+def test_imu_link_equal_to_frame_id_is_accepted(tmp_path: Path, maker_urdf: Path) -> None:
     request = {"urdf": maker_urdf, "parent": "wrist_3_link", "imu_link": "imu_link"}
-    see_truth(only(run(log_of(tmp_path), **request)))
+    assert_matches_truth(only(run(log_of(tmp_path), **request)))
 
 
 def test_a_wrong_parent_is_corrected(tmp_path: Path, maker_urdf: Path) -> None:
@@ -150,24 +148,24 @@ def test_an_imu_on_the_base_is_recognised(tmp_path: Path, urdf: Path) -> None:
     assert result.diagnostics.findings[0].code == "cause.imu_still"
 
 
-def test_every_imu_may_have_its_parent(tmp_path: Path, maker_urdf: Path) -> None:
+def test_each_imu_can_have_its_own_parent(tmp_path: Path, maker_urdf: Path) -> None:
     log = log_of(tmp_path)
     parents = (("/imu/data", "wrist_3_link"),)
-    see_truth(only(run(log, urdf=maker_urdf, parents=parents)))
-    see_truth(only(run(log, urdf=maker_urdf, parent="base_link", parents=parents)))
+    assert_matches_truth(only(run(log, urdf=maker_urdf, parents=parents)))
+    assert_matches_truth(only(run(log, urdf=maker_urdf, parent="base_link", parents=parents)))
 
 
-def test_a_part_is_what_is_used(tmp_path: Path, urdf: Path) -> None:
+def test_only_the_selected_part_is_used(tmp_path: Path, urdf: Path) -> None:
     log = log_of(tmp_path)
     seconds = only(run(log, urdf=urdf, part=Part(start=6.0, end=18.0)))
-    see_truth(seconds)
+    assert_matches_truth(seconds)
     assert seconds.provenance.part == [6.0, 18.0]
     start = LogOptions().start
     stamps = only(run(log, urdf=urdf, part=Part(start=start + 6.0, end=start + 18.0)))
     assert stamps.transform == seconds.transform
 
 
-def test_seconds_are_those_of_the_whole_log(tmp_path: Path, urdf: Path) -> None:
+def test_seconds_refer_to_the_whole_log(tmp_path: Path, urdf: Path) -> None:
     """The clock is set at 16 s; what is before and after is sound."""
     imu = noisy().imu
     stamp = imu.stamp + 0.01 * (imu.t >= 16.0)
@@ -181,11 +179,11 @@ def test_seconds_are_those_of_the_whole_log(tmp_path: Path, urdf: Path) -> None:
     end, start = map(int, advised.groups())
     assert 14 <= end <= 16 <= start <= 18
     before = only(run(log, urdf=urdf, part=Part(end=16.0)))
-    see_truth(before)
+    assert_matches_truth(before)
     assert not before.diagnostics.findings
 
 
-def test_inspect_looks_at_a_part(tmp_path: Path, maker_urdf: Path) -> None:
+def test_inspect_can_read_a_part(tmp_path: Path, maker_urdf: Path) -> None:
     """The IMU is dead from 12 s on."""
     imu = noisy().imu
     late = imu.t >= 12.0

@@ -53,7 +53,7 @@ def two(writer: LogWriter) -> LogWriter:
         (two, {}, "imu_link on hand in base: /a /b"),
         (lambda w: arm(w).tf("odom", "base"), {}, "imu_link on hand in odom: /tf /joint_states"),
         (lambda w: arm(w).odometry(), {}, "imu_link on hand in odom: /odom /joint_states"),
-        # the base stands still
+        # the base does not move
         (lambda w: arm(w).odometry(reach=0.002), {}, "imu_link on hand in base: /joint_states"),
         (
             lambda w: arm(w).tf("map", "base").odometry(),
@@ -78,7 +78,7 @@ def two(writer: LogWriter) -> LogWriter:
         (lost, {"parent": "upper"}, "lost on upper in base: /joint_states"),
     ],
 )
-def test_motion_with_a_urdf(
+def test_motion_is_planned_with_a_urdf(
     log: Log, wishes: dict[str, Any], expected: str, log_writer: LogWriter, arm_urdf: Path
 ) -> None:
     motion = motion_of(log(log_writer).write(), urdf=arm_urdf, **wishes)
@@ -86,7 +86,7 @@ def test_motion_with_a_urdf(
     assert (motion.mount.nominal is None) == expected.startswith("lost on upper")
 
 
-def test_joints_move_the_link_that_holds_the_frame(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_joints_move_the_link_of_the_frame(log_writer: LogWriter, arm_urdf: Path) -> None:
     motion = motion_of(arm(log_writer).write(), urdf=arm_urdf)
     assert (motion.mount.parent, motion.mount.child, motion.path.world) == (
         "hand",
@@ -133,7 +133,7 @@ def body(writer: LogWriter) -> LogWriter:
         (lambda w: w.imu().poses("/p"), {"parent": "it"}, "imu_link on it in room: /p", None),
     ],
 )
-def test_motion_without_a_urdf(
+def test_motion_is_read_without_a_urdf(
     log: Log, wishes: dict[str, Any], expected: str, nominal: Any, log_writer: LogWriter
 ) -> None:
     motion = motion_of(log(log_writer).write(), **wishes)
@@ -179,7 +179,7 @@ def test_motion_without_a_urdf(
         ),
     ],
 )
-def test_motion_that_is_refused(
+def test_unusable_motion_is_refused(
     log: Log, wishes: dict[str, Any], message: str, log_writer: LogWriter, arm_urdf: Path
 ) -> None:
     with pytest.raises(ImucalibError) as caught:
@@ -187,7 +187,7 @@ def test_motion_that_is_refused(
     assert re.match(message, f"{type(caught.value).__name__}: {caught.value}")
 
 
-def test_a_pose_that_is_given_twice_is_taken_once_and_noted(log_writer: LogWriter) -> None:
+def test_duplicate_pose_is_used_once_and_noted(log_writer: LogWriter) -> None:
     log = log_writer.imu().tf("map", "body").tf("map", "body", moving=False).write()
     request = CalibrationRequest(logs=(log,))
     recording = read_recording(request)
@@ -196,7 +196,7 @@ def test_a_pose_that_is_given_twice_is_taken_once_and_noted(log_writer: LogWrite
     assert any(message in each.message for each in recording.findings)
 
 
-def test_a_leading_slash_is_no_part_of_a_link_name(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_leading_slash_of_link_name_is_ignored(log_writer: LogWriter, arm_urdf: Path) -> None:
     text = arm_urdf.read_text().replace('link="', 'link="/')
     arm_urdf.write_text(text.replace('link name="', 'link name="/'))
     motion = motion_of(log_writer.imu(frame="/imu_link").joints().write(), urdf=arm_urdf)
@@ -207,7 +207,7 @@ def test_a_leading_slash_is_no_part_of_a_link_name(log_writer: LogWriter, arm_ur
     )
 
 
-def test_links_that_differ_by_a_slash_alone_are_refused(arm_urdf: Path) -> None:
+def test_links_differing_only_by_a_slash_are_refused(arm_urdf: Path) -> None:
     joint = '<joint name="j" type="fixed"><parent link="base"/><child link="/hand"/></joint>'
     text = arm_urdf.read_text().replace("<!-- keep me -->", joint)
     arm_urdf.write_text(

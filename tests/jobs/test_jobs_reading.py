@@ -1,4 +1,4 @@
-"""What is said of topics that are there and of which nothing can be used."""
+"""Messages about topics that exist but contain nothing usable."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.logs.logs_samples import mixed_messages, write_mcap
 
 
 def failure(log: Path, urdf: Path | None = None, **wishes: Any) -> str:
-    """The sentence a run ends with."""
+    """The error message of a run."""
     request = CalibrationRequest(logs=(log,), urdf=urdf, **wishes)
     with pytest.raises(InputError) as caught:
         _find(request)
@@ -47,13 +47,13 @@ def _without_positions(writer: LogWriter, topic: str = "/joint_states") -> None:
             message.position = np.zeros(1)
 
 
-def test_an_imu_of_which_nothing_is_finite_says_so(log_writer: LogWriter) -> None:
+def test_imu_without_finite_values_is_reported(log_writer: LogWriter) -> None:
     _without_numbers(log_writer.imu().joints(), "/imu/data")
     said = failure(log_writer.write())
     assert said.startswith("/imu/data: no message could be used: 400 messages whose values are not")
 
 
-def test_an_imu_that_was_asked_for_must_be_usable(log_writer: LogWriter) -> None:
+def test_requested_imu_must_be_usable(log_writer: LogWriter) -> None:
     _without_numbers(log_writer.imu("/good").imu("/bad").joints(), "/bad")
     log = log_writer.write()
     assert failure(log, imu_topics=("/good", "/bad")).startswith("/bad: no message could be used")
@@ -61,9 +61,7 @@ def test_an_imu_that_was_asked_for_must_be_usable(log_writer: LogWriter) -> None
     assert only.topic == "/good"
 
 
-def test_joints_of_wrong_length_are_blamed_on_their_topic(
-    log_writer: LogWriter, arm_urdf: Path
-) -> None:
+def test_joints_of_wrong_length_name_their_topic(log_writer: LogWriter, arm_urdf: Path) -> None:
     _without_positions(log_writer.imu().joints())
     log = log_writer.write()
     said = failure(log, arm_urdf)
@@ -75,7 +73,7 @@ def test_joints_of_wrong_length_are_blamed_on_their_topic(
     assert failure(log).startswith("/joint_states: no message could be used")
 
 
-def test_other_joints_do_not_hide_those_that_cannot_be_used(
+def test_unusable_joints_are_reported_beside_usable_ones(
     log_writer: LogWriter, arm_urdf: Path
 ) -> None:
     _without_positions(log_writer.imu().joints("/a", names=("pan",)).joints("/b"), "/b")
@@ -84,7 +82,7 @@ def test_other_joints_do_not_hide_those_that_cannot_be_used(
     assert "joint 'lift'" in said
 
 
-def test_damage_that_left_nothing_of_a_topic_is_told(tmp_path: Path) -> None:
+def test_topic_lost_to_damage_is_reported(tmp_path: Path) -> None:
     log = tmp_path / "damaged.mcap"
     imus = [each for each in mixed_messages(60) if each.topic == "/imu"]
     joints = [each for each in mixed_messages(60) if each.topic == "/joint_states"]
@@ -98,9 +96,7 @@ def test_damage_that_left_nothing_of_a_topic_is_told(tmp_path: Path) -> None:
     assert said.endswith("; and 2 more")
 
 
-def test_a_log_without_any_time_gives_no_advice_to_change_the_clock(
-    log_writer: LogWriter, arm_urdf: Path
-) -> None:
+def test_log_without_any_time_gives_no_clock_advice(log_writer: LogWriter, arm_urdf: Path) -> None:
     log_writer.imu().joints()
     for _, _, _, message in log_writer.messages:
         message.header.stamp.sec = message.header.stamp.nanosec = 0
@@ -121,7 +117,7 @@ def clock_of(log: Path, urdf: Path) -> str:
     return read_recording(CalibrationRequest(logs=(log,), urdf=urdf)).clock.kind
 
 
-def test_imus_that_share_a_topic_are_told_apart(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_imus_sharing_a_topic_are_distinguished(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu().imu(frame="upper", gyro=0.2).joints().write()
     request = CalibrationRequest(logs=(log,), urdf=arm_urdf)
     both = read_recording(request).imus
@@ -137,7 +133,7 @@ def test_imus_that_share_a_topic_are_told_apart(log_writer: LogWriter, arm_urdf:
 
 
 @pytest.mark.parametrize("said", ["arm", "other"])
-def test_of_several_descriptions_the_one_that_fits_is_used(
+def test_matching_one_of_several_descriptions_is_used(
     log_writer: LogWriter, arm_urdf: Path, said: str
 ) -> None:
     text = arm_urdf.read_text()
@@ -165,7 +161,7 @@ def test_a_log_of_two_robots_without_an_imu_is_inspected(
     assert len(found.joints) == 1
 
 
-def test_a_part_of_two_tells_its_own_seconds(log_writer: LogWriter, arm_urdf: Path) -> None:
+def test_part_of_two_logs_reports_its_own_seconds(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu().joints().write()
     request = CalibrationRequest(logs=(log,), urdf=arm_urdf, part=Part(start=1.0, end=3.0))
     recording = read_recording(request)
@@ -175,9 +171,7 @@ def test_a_part_of_two_tells_its_own_seconds(log_writer: LogWriter, arm_urdf: Pa
     assert recording.clock.seconds(imu)[0] == 1.0
 
 
-def test_an_imu_that_was_named_has_samples_in_the_part(
-    log_writer: LogWriter, arm_urdf: Path
-) -> None:
+def test_requested_imu_needs_samples_in_the_part(log_writer: LogWriter, arm_urdf: Path) -> None:
     log = log_writer.imu("/early", seconds=2.0).imu("/whole").joints().write()
     request = CalibrationRequest(logs=(log,), urdf=arm_urdf, part=Part(start=2.5, end=4.0))
     assert [imu.topic for imu in read_recording(request).imus] == ["/whole"]
@@ -186,8 +180,8 @@ def test_an_imu_that_was_named_has_samples_in_the_part(
         read_recording(named)
 
 
-def test_the_date_is_that_of_the_stamps_or_of_receipt_or_unknown(log_writer: LogWriter) -> None:
-    """Of headers that count from the start of a computer the recorder's clock tells the date."""
+def test_date_comes_from_stamps_or_receive_times_or_is_unknown(log_writer: LogWriter) -> None:
+    """If headers count from the start of a computer, the recorder's clock gives the date."""
     recording = read_recording(CalibrationRequest(logs=(log_writer.imu().joints().write(),)))
     (imu,) = recording.imus
     start = datetime.fromtimestamp(START_NS / 1e9, tz=timezone.utc)

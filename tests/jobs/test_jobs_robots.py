@@ -12,7 +12,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
-from tests.jobs.robots import SHAPES, messages, random_mount, record, see_truth
+from tests.jobs.robots import SHAPES, assert_matches_truth, messages, random_mount, record
 from tests.logs.logs_samples import write_log
 from tests.slow import slow_after
 
@@ -42,7 +42,7 @@ def test_the_link_is_named_and_the_pose_found(name: str, storage: str, tmp_path:
 
     request = CalibrationRequest(logs=(log,), urdf=urdf, parent=shape.carrier)
     (result,) = calibrate(request).results
-    see_truth(result, mount)
+    assert_matches_truth(result, mount)
 
 
 def run(log: Path, shape: Shape, folder: Path, **wishes: Any) -> Outcome:
@@ -51,7 +51,7 @@ def run(log: Path, shape: Shape, folder: Path, **wishes: Any) -> Outcome:
     return calibrate(CalibrationRequest(logs=(log,), urdf=urdf, **wishes))
 
 
-def test_links_behind_joints_that_stand_still_are_one(tmp_path: Path) -> None:
+def test_links_joined_by_still_joints_are_one(tmp_path: Path) -> None:
     """A gripper that is not used, and a wrist that is locked."""
     shape, mount = SHAPES["arm with a gripper"], random_mount(1)
     still = ("j4", "left_finger", "right_finger")
@@ -63,8 +63,8 @@ def test_links_behind_joints_that_stand_still_are_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("gripper", slow_after(1, [1.0, 0.02]))
-def test_an_imu_on_a_finger(tmp_path: Path, gripper: float) -> None:
-    """Fingers slide 2 mm and 10 cm; what tells them from the hand is how they push."""
+def test_imu_on_a_finger_is_located_by_large_strokes_only(tmp_path: Path, gripper: float) -> None:
+    """Fingers slide 2 mm and 10 cm; only the large stroke distinguishes them from the hand."""
     shape, mount = SHAPES["arm with a gripper"], random_mount(2)
     shape = replace(shape, carrier="finger_r", stroke=gripper)
     log = record(shape, tmp_path / "log", mount=mount, seconds=20.0)
@@ -73,7 +73,7 @@ def test_an_imu_on_a_finger(tmp_path: Path, gripper: float) -> None:
     assert named == ("finger_r" if gripper == 1.0 else "l4")
 
 
-def test_a_pose_that_was_not_read_may_be_the_base(tmp_path: Path) -> None:
+def test_unread_pose_topic_is_proposed_as_base(tmp_path: Path) -> None:
     shape, mount = SHAPES["arm on a moving base"], random_mount(3)
     log = record(shape, tmp_path / "log", mount=mount, base_topic="/mocap", seconds=15.0)
     (error,) = run(log, shape, tmp_path).failures
@@ -86,7 +86,7 @@ def test_a_pose_that_was_not_read_may_be_the_base(tmp_path: Path) -> None:
     assert result.status == "ok"
 
 
-def test_robots_in_one_log_are_told_apart_by_their_namespaces(tmp_path: Path) -> None:
+def test_robots_in_one_log_are_separated_by_namespace(tmp_path: Path) -> None:
     shape = SHAPES["pan and tilt on a lift"]
     mounts = {"/left": random_mount(4), "/right": random_mount(5)}
     said = [

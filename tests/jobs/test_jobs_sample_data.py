@@ -24,7 +24,7 @@ SYSTEMS = {
 
 
 @pytest.mark.parametrize("log", SYSTEMS)
-def test_the_result_is_the_truth_within_its_sigma(log: str, imucalib: Imucalib) -> None:
+def test_result_matches_truth_within_sigma(log: str, imucalib: Imucalib) -> None:
     document = yaml.safe_load(imucalib("run", DATA / log, *SYSTEMS[log]).out)
     truth = yaml.safe_load((DATA / log).with_suffix(".truth.yaml").read_text())
     jsonschema.validate(document, yaml.safe_load((ROOT / "docs/result.schema.json").read_text()))
@@ -41,14 +41,14 @@ def test_the_result_is_the_truth_within_its_sigma(log: str, imucalib: Imucalib) 
     # chi² of 6 degrees of freedom exceeds 22.5 once in a thousand logs
     assert squared < 22.5
     assert np.linalg.norm(shift) < 5e-5
-    # The frame is the accelerometer's: without gravity its axes are told by the motion alone, now
+    # The frame is the accelerometer's: without gravity its axes follow from the motion alone, now
     # that the gyroscope's may be turned against them.
     assert np.linalg.norm(turn) < math.radians(1e-3 if log == "rihibot.mcap" else 5e-3)
     offset = document["time_offset"]
     assert abs(offset["seconds"] - truth["time_offset"]) < 4 * offset["std"] < 1e-4
 
 
-def test_apply_puts_the_result_where_the_joint_was(tmp_path: Path, imucalib: Imucalib) -> None:
+def test_apply_replaces_the_joint_origin(tmp_path: Path, imucalib: Imucalib) -> None:
     result, before = tmp_path / "result.yaml", DATA / "rihibot.urdf"
     log = DATA / "rihibot.mcap"
     imucalib("run", log, "--urdf", before, "-q", "-o", result)
@@ -58,7 +58,7 @@ def test_apply_puts_the_result_where_the_joint_was(tmp_path: Path, imucalib: Imu
     changed = [(old, new) for old, new in pairs if old != new]
     assert len(changed) == 1
     assert "<origin" in changed[0][0]
-    # the calibrated URDF is where the log says: nothing is left to correct
+    # the calibrated URDF agrees with the log: nothing is left to correct
     document = yaml.safe_load(imucalib("run", log, "--urdf", after).out)
     assert document["diagnostics"]["nominal"]["distance_mm"] < 1e-6
     assert document["diagnostics"]["nominal"]["distance_deg"] < 1e-6
@@ -67,7 +67,7 @@ def test_apply_puts_the_result_where_the_joint_was(tmp_path: Path, imucalib: Imu
     assert said.out == after.read_text()
 
 
-def test_apply_without_a_joint_offers_one(tmp_path: Path, imucalib: Imucalib) -> None:
+def test_apply_without_a_joint_proposes_one(tmp_path: Path, imucalib: Imucalib) -> None:
     result, urdf = tmp_path / "result.yaml", tmp_path / "other.urdf"
     log = DATA / "barbot.bag"
     imucalib("run", log, "--gravity", "none", "-q", "-o", result)

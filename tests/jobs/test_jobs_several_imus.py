@@ -78,7 +78,7 @@ def test_two_legs_share_the_errors_of_the_base_imu(of_both: dict[str, Calibrated
     assert one["base_time_offset"] == pytest.approx(other["base_time_offset"], abs=1e-12)
 
 
-def test_alone_and_with_an_exact_robot_nothing_is_shared(
+def test_single_imu_or_exact_robot_shares_no_errors(
     request_of_two: CalibrationRequest, of_both: dict[str, Calibrated], by_itself: Calibrated
 ) -> None:
     assert "imus.together" not in codes(by_itself)
@@ -87,7 +87,7 @@ def test_alone_and_with_an_exact_robot_nothing_is_shared(
     assert not any("imus.together" in codes(each) for each in calibrate(exact).calibrated)
 
 
-def test_the_statistics_are_those_of_the_imu_alone(
+def test_statistics_are_those_of_the_single_imu(
     of_both: dict[str, Calibrated], by_itself: Calibrated, tmp_path: Path
 ) -> None:
     each = of_both[LEG]
@@ -100,7 +100,7 @@ def test_the_statistics_are_those_of_the_imu_alone(
     np.testing.assert_allclose(again.pose.t, by_itself.result.pose.t, rtol=0, atol=1e-9)
 
 
-def test_what_is_drawn_is_the_solution_whose_numbers_are_stated(
+def test_plots_show_the_reported_solution(
     solved_together: Outcome, of_both: dict[str, Calibrated], by_itself: Calibrated
 ) -> None:
     """The biases are taken off what is measured: those of all IMUs together, not the own ones."""
@@ -118,7 +118,7 @@ def test_what_is_drawn_is_the_solution_whose_numbers_are_stated(
     assert "this accelerometer and that of the base IMU measure the same gravity" in page
 
 
-def test_the_kinematics_report_tells_where_the_base_imu_is(
+def test_kinematics_report_contains_base_imu_pose(
     of_both: dict[str, Calibrated],
 ) -> None:
     """The largest error of a walking robot is mostly that of its base IMU in the URDF."""

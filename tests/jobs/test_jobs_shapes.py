@@ -64,7 +64,7 @@ def test_other_joint_messages_give_the_same_pose(
     assert_as_plain(calibrated(log, urdf=shapes.URDF))
 
 
-def test_a_joint_state_goes_before_a_controllers(tmp_path: Path) -> None:
+def test_joint_state_is_preferred_to_controller_state(tmp_path: Path) -> None:
     said = [*shapes.plain_messages(), *shapes.controller()]
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
     found = calibrated(log, urdf=shapes.URDF)
@@ -75,13 +75,13 @@ def test_a_joint_state_goes_before_a_controllers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("robot", slow_after(1, ["panda", "fr3"]))
-def test_franka_state_of_ros_1(robot: str, tmp_path: Path) -> None:
+def test_franka_state_of_ros_1_is_read(robot: str, tmp_path: Path) -> None:
     log = shapes.write_bag(tmp_path / "log.bag", shapes.franka_1())
     urdf = shapes.renamed(tmp_path / "robot.urdf", [f"{robot}_joint{k}" for k in range(1, 7)])
     assert_as_plain(calibrated(log, urdf=urdf))
 
 
-def test_messages_without_stamps_take_the_receive_times_with_one_note(tmp_path: Path) -> None:
+def test_unstamped_messages_use_receive_times_with_one_note(tmp_path: Path) -> None:
     log = shapes.write_mcap(tmp_path / "log.mcap", shapes.stampless())
     found = calibrated(log, urdf=shapes.URDF)
     expected = plain("log")
@@ -91,14 +91,14 @@ def test_messages_without_stamps_take_the_receive_times_with_one_note(tmp_path: 
 
 
 @pytest.mark.parametrize(("every", "nan"), slow_after(2, [(3, False), (1, True), (1, False)]))
-def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_path: Path) -> None:
+def test_separate_sensor_topics_form_one_imu(every: int, nan: bool, tmp_path: Path) -> None:
     said = [*shapes.halves(every, nan=nan), *shapes.controller()]
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
     found = calibrated(log, urdf=shapes.URDF)
     assert found.result.imu_topic == "/camera/gyro/sample"
     if every == 1:
         assert_as_plain(found)
-    else:  # a third of the samples tells less, and sigma says so
+    else:  # a third of the samples contains less information, and sigma is larger
         ratio = sigmas(found) / sigmas(plain())
         assert np.all((ratio > 1.1) & (ratio < 2.0))
         assert np.all(np.abs(found.t - plain().t) < 3.0 * sigmas(found)[:3])
@@ -113,7 +113,7 @@ def test_separate_topics_of_the_sensors_are_one_imu(every: int, nan: bool, tmp_p
     np.testing.assert_array_equal(asked.t, found.t)
 
 
-def test_float_arrays_by_columns(tmp_path: Path) -> None:
+def test_float_arrays_are_read_by_columns(tmp_path: Path) -> None:
     log = shapes.write_mcap(tmp_path / "log.mcap", shapes.array())
     names = ",".join(shapes.motion().names)
     expected = plain("log")
@@ -169,7 +169,7 @@ def with_joints(text: str, names: Sequence[str]) -> str:
         ],
     ),
 )
-def test_unitree_low_state_has_imu_and_joints(
+def test_unitree_low_state_contains_imu_and_joints(
     package: str, names: list[str], link: str, tmp_path: Path
 ) -> None:
     unitree, plain_said = shapes.low_state(package)
@@ -184,7 +184,7 @@ def test_unitree_low_state_has_imu_and_joints(
     np.testing.assert_allclose(found.time_offset, expected.time_offset, atol=1e-9)
 
 
-def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) -> None:
+def test_inspect_reports_low_state_stamps_as_run_uses_them(tmp_path: Path) -> None:
     unitree, _ = shapes.low_state("unitree_go")
     found = inspect(
         CalibrationRequest(
@@ -196,7 +196,7 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
     assert told == said
     assert row.split()[:2] == ["/lowstate", "125.0"]
     assert end == ""
-    # a counter that stands still is no stamp
+    # a counter that does not change is not a stamp
     for each in unitree:
         each[2].tick = 0
     found = inspect(
@@ -207,7 +207,7 @@ def test_the_stamps_of_a_low_state_are_told_as_a_run_takes_them(tmp_path: Path) 
     assert "log stamps would be used" in layout.plain(found.blocks())
 
 
-def test_motors_that_nothing_names_ask_for_joints(tmp_path: Path) -> None:
+def test_unnamed_motors_ask_for_joints_option(tmp_path: Path) -> None:
     unitree, _ = shapes.low_state("unitree_go")
     log = shapes.write_mcap(tmp_path / "log.mcap", unitree)
     with pytest.raises(ic.ImucalibError, match=r"only numbers: .* by --joints TOPIC"):
@@ -215,6 +215,6 @@ def test_motors_that_nothing_names_ask_for_joints(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("encoding", slow_after(1, ["json", "protobuf"]))
-def test_imu_and_joints_in_json_and_protobuf(encoding: str, tmp_path: Path) -> None:
+def test_imu_and_joints_are_read_from_json_and_protobuf(encoding: str, tmp_path: Path) -> None:
     log = shapes.write_plain(tmp_path / "log.mcap", shapes.dictionaries(encoding), encoding)
     assert_as_plain(calibrated(log, urdf=shapes.URDF))

@@ -52,7 +52,7 @@ def square_in_sigmas(found: Calibration, walk: Recording) -> float:
     return float(off @ np.linalg.solve(found.covariance, off))
 
 
-def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
+def test_strikes_are_reported_and_used(walk: Recording, tmp_path: Path) -> None:
     found = calibrated(walk, tmp_path)
     assert found.ok
     assert square_in_sigmas(found, walk) < chi2.ppf(0.999, 6)
@@ -64,7 +64,7 @@ def test_strikes_are_told_and_used(walk: Recording, tmp_path: Path) -> None:
     assert left_out < windows / 10
 
 
-def test_a_sensor_that_is_cut_off_is_told_and_sigma_stays_true(
+def test_saturated_sensor_is_reported_and_sigma_stays_correct(
     walk: Recording, tmp_path: Path
 ) -> None:
     topics = [imu.topic for imu in walk.system.every_imu[1:]]

@@ -217,44 +217,44 @@ def mixed_messages(count: int = 300, *, seed: int = 0) -> list[Said]:
         ns = START_NS + k * 5_000_000
         at = iter(range(ns + 1_000_000, ns + 2_000_000, 1000))
 
-        def say(
+        def add(
             topic: str, name: str, message: Any, at: Any = at, *, big: bool = k % 3 == 0
         ) -> None:
             said.append(Said(topic, name, message, next(at), big_endian=big))
 
-        say("/imu", "sensor_msgs/msg/Imu", imu(ns, rng, "/imu_link" if k % 7 else "imu_link"))
+        add("/imu", "sensor_msgs/msg/Imu", imu(ns, rng, "/imu_link" if k % 7 else "imu_link"))
         names = permuted if k % 5 == 2 else arm
         message = joints(ns, rng, names, velocity=k % 4 != 1, effort=k % 4 != 2)
-        say("/joint_states", "sensor_msgs/msg/JointState", message)
+        add("/joint_states", "sensor_msgs/msg/JointState", message)
         if k % 2:
             message = joints(ns + 7, rng, ["gripper"])
-            say("/joint_states", "sensor_msgs/msg/JointState", message)
+            add("/joint_states", "sensor_msgs/msg/JointState", message)
         edges = [("odom", "base"), ("base", "arm"), ("arm", "tool")][: k % 4]
         tf = T["TFMessage"]([transform(ns, rng, *edge) for edge in edges])
-        say("/tf", "tf2_msgs/msg/TFMessage", tf)
+        add("/tf", "tf2_msgs/msg/TFMessage", tf)
         stamped = T["PoseStamped"](header(ns, "map"), pose(rng))
-        say("/pose", "geometry_msgs/msg/PoseStamped", stamped)
+        add("/pose", "geometry_msgs/msg/PoseStamped", stamped)
         covered = T["PoseWithCovariance"](pose(rng), rng.normal(size=36))
         message = T["PoseWithCovarianceStamped"](header(ns, "map"), covered)
-        say("/amcl", "geometry_msgs/msg/PoseWithCovarianceStamped", message)
+        add("/amcl", "geometry_msgs/msg/PoseWithCovarianceStamped", message)
         twist = T["TwistWithCovariance"](
             T["Twist"](vector(rng.normal(size=3)), vector(rng.normal(size=3))),
             rng.normal(size=36),
         )
         message = T["Odometry"](header(ns, "odom"), f"base{k % 2 * '_link'}", covered, twist)
-        say("/odom", "nav_msgs/msg/Odometry", message)
+        add("/odom", "nav_msgs/msg/Odometry", message)
         message = transform(ns, rng, "world", "drone")
-        say("/vicon", "geometry_msgs/msg/TransformStamped", message)
+        add("/vicon", "geometry_msgs/msg/TransformStamped", message)
         if k == 0:
             tf = T["TFMessage"]([transform(ns, rng, "tool", "imu_link")])
-            say("/tf_static", "tf2_msgs/msg/TFMessage", tf)
+            add("/tf_static", "tf2_msgs/msg/TFMessage", tf)
         if k % 10 == 0:
-            say("/chatter", "std_msgs/msg/String", T["String"](data="x" * 5000))
+            add("/chatter", "std_msgs/msg/String", T["String"](data="x" * 5000))
     return said
 
 
 def said_on(*topics: str, count: int = 300) -> list[Said]:
-    """Those of the mixed messages that are on some topics, or all; what they say is shared."""
+    """Those of the mixed messages that are on some topics, or all; their contents are shared."""
     said = _mixed(count)
     return [replace(each) for each in said if each.topic in topics or not topics]
 

@@ -25,7 +25,7 @@ def stream(
     return Stream(topic=topic, header_ns=header_ns, log_ns=log_ns)
 
 
-def test_sound_headers_are_taken() -> None:
+def test_valid_headers_are_used() -> None:
     imu, joints = stream(), stream("/joints", rate=50.0)
     clock = choose_clock([imu, joints])
     assert clock.kind == "header"
@@ -51,7 +51,7 @@ def test_sound_headers_are_taken() -> None:
         (lambda t: START + t - SECOND // 5 * (t > t[-1] // 2), "step by -200 ms against the rec"),
     ],
 )
-def test_broken_headers_of_one_stream_turn_all_to_receive_times(header: Any, says: str) -> None:
+def test_one_stream_with_bad_headers_switches_all_to_receive_times(header: Any, says: str) -> None:
     imu = stream(header=header)
     others = [stream("/joints", rate=50.0), stream("/tf", rate=30.0)]
     clock = choose_clock([imu, *others])
@@ -75,7 +75,7 @@ def test_broken_headers_of_one_stream_turn_all_to_receive_times(header: Any, say
         lambda t: START + t - SECOND * (np.arange(len(t)) == 9),  # one glitch back
     ],
 )
-def test_headers_that_agree_with_each_other_are_taken(header: Any) -> None:
+def test_mutually_consistent_headers_are_used(header: Any) -> None:
     streams = [stream(header=header), stream("/joints", rate=500.0, header=header)]
     clock = choose_clock(streams)
     assert clock.kind == "header"
@@ -83,12 +83,12 @@ def test_headers_that_agree_with_each_other_are_taken(header: Any) -> None:
     assert float(np.median(clock.seconds(streams[0]))) < 21
 
 
-def test_a_delay_within_the_search_stays_with_headers() -> None:
+def test_delay_within_search_range_keeps_headers() -> None:
     clock = choose_clock([stream(header=lambda t: START + t + SECOND), stream("/joints")])
     assert clock.kind == "header"
 
 
-def test_static_transforms_have_no_say() -> None:
+def test_static_transforms_do_not_affect_the_clock() -> None:
     zero = np.zeros(1, dtype=np.int64)
     static = PoseStream(
         topic="/tf_static",
@@ -105,7 +105,7 @@ def test_static_transforms_have_no_say() -> None:
     assert clock.origin_ns == START
 
 
-def test_where_both_are_broken_headers_stay_with_a_warning() -> None:
+def test_two_bad_clocks_keep_headers_with_a_warning() -> None:
     imu = stream(header=np.zeros_like)
     broken = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
     clock = choose_clock([broken])
@@ -115,7 +115,7 @@ def test_where_both_are_broken_headers_stay_with_a_warning() -> None:
     assert choose_clock([]).origin_ns == 0
 
 
-def test_only_sound_stamps_are_an_alternative() -> None:
+def test_only_valid_stamps_are_an_alternative() -> None:
     assert choose_clock([stream()]).alternative == "log"
     assert choose_clock([stream()], "log").alternative == "header"
     assert choose_clock([stream(header=np.zeros_like)]).alternative is None
@@ -124,7 +124,7 @@ def test_only_sound_stamps_are_an_alternative() -> None:
     assert choose_clock([unreceived]).alternative is None
 
 
-def test_a_clock_that_was_asked_for_is_told_of_a_better_one_only() -> None:
+def test_requested_clock_warns_only_if_another_is_better() -> None:
     imu = stream(header=np.zeros_like)
     (warning,) = choose_clock([imu], "header").warnings
     assert warning.endswith("yet --clock header was asked for: try --clock log")

@@ -1,4 +1,4 @@
-"""Damaged, foreign and huge logs: what is sound is used, or one clear line says why not."""
+"""Damaged, foreign and huge logs: valid parts are used, or one clear line gives the reason."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def assert_prefix(data: LogData, whole: LogData) -> int:
 
 
 def assert_part(data: LogData, said: list[Said], at_least: int) -> None:
-    """What was read was said, each at most once, and most of it is there."""
+    """Every message read was written, none is read twice, and most are there."""
     imu = data.imus["/imu"]
     known = {each.log_ns: each.message.angular_velocity for each in said}
     assert len(set(imu.log_ns.tolist())) == len(imu)
@@ -112,14 +112,14 @@ def test_truncated_log_is_used_up_to_the_cut(
         data = read_all(damaged)
         count = assert_prefix(data, whole)
         assert count > (share - 0.25) * len(whole.imus["/imu"])
-        if share < 0.95:  # nothing but the index stands at the end of an MCAP file
+        if share < 0.95:  # an MCAP file ends with the index alone
             assert data.losses
             assert str(damaged) in data.losses[0]
 
 
 @pytest.mark.parametrize("storage", CHUNKED)
 @pytest.mark.parametrize("junk", [b"", b"\5junk"])
-def test_log_without_its_index_loses_nothing(
+def test_log_without_index_loses_no_message(
     messages: list[Said], storage: str, junk: bytes, written: Write, damaged: Path
 ) -> None:
     """As a crash leaves it: all chunks there, the index at the end not."""
@@ -144,7 +144,7 @@ def test_log_without_its_index_loses_nothing(
         {"chunk_size": 100_000_000},
     ],
 )
-def test_mcap_without_parts_of_its_index(
+def test_mcap_with_partial_index_is_read(
     messages: list[Said], options: dict[str, Any], written: Write, tmp_path: Path
 ) -> None:
     whole = read_all(written(messages, "mcap-none"))
@@ -156,7 +156,7 @@ def test_mcap_without_parts_of_its_index(
     assert data.losses == ()
 
 
-def test_other_encodings_beside_do_no_harm(messages: list[Said], tmp_path: Path) -> None:
+def test_other_encodings_do_not_affect_reading(messages: list[Said], tmp_path: Path) -> None:
     path = tmp_path / "foxglove.mcap"
     with path.open("wb") as file:
         writer = McapWriter(file, compression=CompressionType.ZSTD)
@@ -187,7 +187,7 @@ def test_other_encodings_beside_do_no_harm(messages: list[Said], tmp_path: Path)
 
 
 @pytest.mark.parametrize("storage", ["bag-none", "mcap-zstd", "db3"])
-def test_unfit_messages_are_left_out_and_counted(storage: str, written: Write) -> None:
+def test_invalid_messages_are_skipped_and_counted(storage: str, written: Write) -> None:
     imus = said_on("/imu")
     whole = imus[3].ros1() if storage.startswith("bag") else imus[3].cdr()
     imus[3].raw = b""
@@ -205,7 +205,7 @@ def test_unfit_messages_are_left_out_and_counted(storage: str, written: Write) -
     )
 
 
-def test_damaged_chunk_costs_only_itself(tmp_path: Path, damaged: Path) -> None:
+def test_damaged_chunk_loses_only_its_messages(tmp_path: Path, damaged: Path) -> None:
     """A wrong byte among wanted messages is found by the chunk's checksum."""
     said, content = mcap(tmp_path, "none", index=True, chunk_size=20_000)
     content[len(content) // 2] ^= 1
@@ -216,7 +216,7 @@ def test_damaged_chunk_costs_only_itself(tmp_path: Path, damaged: Path) -> None:
     assert any("checksum" in loss for loss in data.losses)
 
 
-def test_a_wiped_summary_costs_no_message(tmp_path: Path, damaged: Path) -> None:
+def test_wiped_summary_loses_no_message(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "zstd", index=True)
     start = int.from_bytes(content[-28:-20], "little")
     content[start:-37] = bytes(len(content) - 37 - start)  # up to the footer
@@ -234,7 +234,7 @@ def test_a_wiped_summary_costs_no_message(tmp_path: Path, damaged: Path) -> None
         *product(("unknown",), ("bag-lz4", "bag-bz2", "mcap-lz4", "mcap-zstd")),
     ],
 )
-def test_a_log_without_index_is_used_beyond_damage(
+def test_log_without_index_is_read_past_damage(
     storage: str, how: str, written: Write, damaged: Path
 ) -> None:
     said = said_on("/imu")
@@ -274,7 +274,7 @@ def test_a_log_without_index_is_used_beyond_damage(
     assert any(known in loss for loss in data.losses)
 
 
-def test_messages_of_a_chunk_without_its_head_are_found(tmp_path: Path, damaged: Path) -> None:
+def test_messages_of_a_chunk_without_header_are_found(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "none")
     start, _ = chunks_of(content)[3]
     content[start : start + 60] = bytes(60)
@@ -283,7 +283,7 @@ def test_messages_of_a_chunk_without_its_head_are_found(tmp_path: Path, damaged:
     assert_part(data, said, at_least=len(said) - 2)
 
 
-def test_unchunked_mcap_is_used_beyond_damage(tmp_path: Path, damaged: Path) -> None:
+def test_unchunked_mcap_is_read_past_damage(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "none", use_chunking=False)
     heads, at = [], 8
     while at + 9 <= len(content):
@@ -298,9 +298,7 @@ def test_unchunked_mcap_is_used_beyond_damage(tmp_path: Path, damaged: Path) -> 
     assert sum("are damaged and left out" in loss for loss in data.losses) == 3
 
 
-def test_chunk_without_checksum_that_is_damaged_inside_says_so(
-    tmp_path: Path, damaged: Path
-) -> None:
+def test_damaged_chunk_without_checksum_is_reported(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "none", enable_crcs=False)
     start, end = chunks_of(content)[3]
     at = content.index(b"\x05", start + 41)
@@ -313,8 +311,8 @@ def test_chunk_without_checksum_that_is_damaged_inside_says_so(
     assert any("is damaged inside" in loss for loss in data.losses)
 
 
-def test_end_of_data_in_the_middle_is_not_believed(tmp_path: Path, damaged: Path) -> None:
-    """A wiped record that looks like the end must not hide the rest without a word."""
+def test_premature_end_of_data_record_is_ignored(tmp_path: Path, damaged: Path) -> None:
+    """A wiped record that looks like the end must not hide the rest without a warning."""
     said, content = mcap(tmp_path, "zstd")
     start, _ = chunks_of(content)[3]
     content[start : start + 13] = struct.pack("<BQI", 15, 4, 0)
@@ -324,7 +322,7 @@ def test_end_of_data_in_the_middle_is_not_believed(tmp_path: Path, damaged: Path
     assert data.losses
 
 
-def test_bag_whose_message_index_is_damaged_is_walked(written: Write, damaged: Path) -> None:
+def test_bag_with_damaged_message_index_is_scanned(written: Write, damaged: Path) -> None:
     said = said_on("/imu")
     content = bytearray(written(said, "bag-lz4", chunk_bytes=8000).read_bytes())
     content[content.index(b"ver=\x01", len(content) // 3) + 4] = 9
@@ -332,7 +330,7 @@ def test_bag_whose_message_index_is_damaged_is_walked(written: Write, damaged: P
     assert len(read_all(damaged).imus["/imu"]) == len(said)
 
 
-def test_index_that_promises_more_is_told(tmp_path: Path, damaged: Path) -> None:
+def test_index_listing_missing_messages_is_reported(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "zstd", index=True)
     start, end = chunks_of(content)[3]
     content[start + 60 : end - 60] = bytes(end - start - 120)
@@ -342,7 +340,7 @@ def test_index_that_promises_more_is_told(tmp_path: Path, damaged: Path) -> None
     assert any("messages that the index counts are there" in loss for loss in data.losses)
 
 
-def test_many_losses_are_told_in_few_sentences(tmp_path: Path, damaged: Path) -> None:
+def test_many_losses_are_summarised(tmp_path: Path, damaged: Path) -> None:
     _, content = mcap(tmp_path, "zstd", chunk_size=1000)
     for start, _ in chunks_of(content)[::2]:
         content[start] = 0
@@ -388,7 +386,7 @@ def limited(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-def test_a_chunk_that_unpacks_to_gigabytes_costs_only_itself(tmp_path: Path) -> None:
+def test_decompression_bomb_chunk_loses_only_its_messages(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     write_mcap(path, said_on("/imu", count=100), chunk_size=5000)
     content = path.read_bytes()
@@ -405,7 +403,7 @@ def test_a_chunk_that_unpacks_to_gigabytes_costs_only_itself(tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_messages_that_unpack_to_gigabytes_are_left_out(
+def test_decompression_bomb_messages_are_skipped(
     written: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = said_on("/imu", count=200)
@@ -420,7 +418,7 @@ def test_messages_that_unpack_to_gigabytes_are_left_out(
     assert any("100 of 200 messages do not fit" in loss for loss in data.losses)
 
 
-def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
+def test_decompression_bomb_file_is_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(unpacked, "_ALWAYS", 1 << 24)
@@ -437,7 +435,7 @@ def test_a_file_that_unpacks_to_a_disk_full_is_stopped(
     assert (loss.code, loss.values["ratio"]) == ("log.unpacks_too_large", 1000)
 
 
-def test_counts_a_message_merely_claims_are_not_believed(written: Write) -> None:
+def test_claimed_element_counts_are_not_trusted(written: Write) -> None:
     """Names, positions and transforms by the billion."""
     said = said_on("/joint_states", "/tf", count=60)
     rng = np.random.default_rng(3)
@@ -457,7 +455,7 @@ def test_counts_a_message_merely_claims_are_not_believed(written: Write) -> None
     ("limit", "ratio", "most"),
     [("_MESSAGES_ALWAYS", "_MESSAGES_PER_BYTE", 0.02), ("_BYTES_ALWAYS", "MOST_RATIO", 1)],
 )
-def test_what_a_whole_log_holds_is_bounded_by_its_size(
+def test_memory_is_bounded_by_log_size(
     limit: str, ratio: str, most: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Chunk by chunk each is small: equal messages that pack to a byte or two."""
@@ -471,7 +469,7 @@ def test_what_a_whole_log_holds_is_bounded_by_its_size(
     assert any("which no log does: the part before them is used" in loss for loss in data.losses)
 
 
-def test_a_table_that_unpacks_to_a_great_deal_is_cut(
+def test_decompression_bomb_table_is_truncated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(unpacked, "_TABLE_ALWAYS", 1 << 20)
@@ -486,7 +484,9 @@ def test_a_table_that_unpacks_to_a_great_deal_is_cut(
     )
 
 
-def test_a_log_that_packs_well_is_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_well_compressed_log_is_read_completely(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An IMU at rest without noise, whose stamps alone differ."""
     monkeypatch.setattr(decode, "_MESSAGES_ALWAYS", 1000)
     monkeypatch.setattr(decode, "_BYTES_ALWAYS", 1000)
@@ -499,7 +499,7 @@ def test_a_log_that_packs_well_is_whole(tmp_path: Path, monkeypatch: pytest.Monk
     assert data.losses == ()
 
 
-def test_lengths_a_file_merely_claims_are_not_allocated(tmp_path: Path, damaged: Path) -> None:
+def test_claimed_lengths_are_not_allocated(tmp_path: Path, damaged: Path) -> None:
     """Gigabytes in every length field, one at a time."""
     content = write_log(tmp_path / "log", mixed_messages(30), "mcap-none", 4000).read_bytes()
     with limited(1 << 29):

@@ -1,4 +1,4 @@
-"""rosbag2's databases, and their pages read directly, held to SQLite itself."""
+"""rosbag2's databases, and their pages read directly, compared with SQLite itself."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def by_pages(path: Path, numbers: list[int], after: int = -1) -> list[Row]:
 
 @pytest.mark.parametrize("page_size", [1024, 4096, 65536])
 @pytest.mark.parametrize("thin_out", [False, True])
-def test_rows_are_those_of_sqlite(tmp_path: Path, page_size: int, *, thin_out: bool) -> None:
+def test_rows_match_sqlite(tmp_path: Path, page_size: int, *, thin_out: bool) -> None:
     sizes = [1, 2, 60, 130, 332, 900, 5000]
     path = write(tmp_path / "a.db3", make_rows(1, sizes), page_size, thin_out=thin_out)
     for numbers in ([0, 1, 2, 127, 128, 300, 70_000, 1 << 33], [128], [0, 1 << 33]):
@@ -112,7 +112,7 @@ def test_rows_are_those_of_sqlite(tmp_path: Path, page_size: int, *, thin_out: b
             assert by_pages(path, numbers) == expected
 
 
-def test_counts_and_times_are_those_of_sqlite(tmp_path: Path) -> None:
+def test_counts_and_times_match_sqlite(tmp_path: Path) -> None:
     path = write(tmp_path / "a.db3", make_rows(2, [100, 9000]), thin_out=True)
     with closing(sqlite3.connect(path)) as database:
         query = "SELECT topic_id, COUNT(*), MIN(timestamp), MAX(timestamp) FROM messages GROUP BY 1"
@@ -124,7 +124,7 @@ def test_counts_and_times_are_those_of_sqlite(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page_size", [512, 4096])
-def test_payloads_around_the_size_that_overflows(tmp_path: Path, page_size: int) -> None:
+def test_payloads_around_overflow_size_are_read(tmp_path: Path, page_size: int) -> None:
     sizes = [*range(page_size - 61, page_size - 30), 50_000, 100]
     path = write(tmp_path / "a.db3", make_rows(3, sizes), page_size)
     numbers = sorted({row[0] for row in by_sqlite(path, [0, 1, 2, 127, 128, 300, 70_000, 1 << 33])})
@@ -133,12 +133,12 @@ def test_payloads_around_the_size_that_overflows(tmp_path: Path, page_size: int)
     assert by_pages(path, numbers) == expected
 
 
-def test_pages_give_what_stands_behind_an_id(tmp_path: Path) -> None:
+def test_pages_return_rows_after_an_id(tmp_path: Path) -> None:
     path = write(tmp_path / "a.db3", [(1, k, bytes([k % 256]) * 9000) for k in range(300)])
     assert by_pages(path, [1], after=200) == by_sqlite(path, [1])[200:]
 
 
-def test_overflow_pages_in_a_circle_end(tmp_path: Path) -> None:
+def test_cyclic_overflow_pages_terminate(tmp_path: Path) -> None:
     """A chain that leads back to its beginning must not be followed for every row."""
     path = write(tmp_path / "a.db3", [(1, k, bytes(100_000)) for k in range(20)])
     raw = bytearray(path.read_bytes())
@@ -150,7 +150,7 @@ def test_overflow_pages_in_a_circle_end(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("left", range(1, 9))
-def test_a_row_that_begins_in_the_last_bytes_of_a_page_is_damage(tmp_path: Path, left: int) -> None:
+def test_row_starting_in_last_bytes_of_a_page_is_damage(tmp_path: Path, left: int) -> None:
     path = write(tmp_path / "a.db3", [(1, k, bytes(1000)) for k in range(20)])
     raw = bytearray(path.read_bytes())
     leaves = [at for at in range(4096, len(raw), 4096) if raw[at] == 13]
@@ -169,7 +169,7 @@ def test_overflow_pages_that_end_early_are_damage(tmp_path: Path) -> None:
     assert 0 < len(by_pages(path, [1])) < 20
 
 
-def test_other_values_than_rosbag2_writes_go_through_sqlite(tmp_path: Path) -> None:
+def test_values_unlike_rosbag2_are_read_by_sqlite(tmp_path: Path) -> None:
     path = write(tmp_path / "a.db3", make_rows(5, [100], count=3000))
     with closing(sqlite3.connect(path)) as database:
         database.execute("UPDATE messages SET data = 'text' WHERE id % 7 = 0")
@@ -180,7 +180,7 @@ def test_other_values_than_rosbag2_writes_go_through_sqlite(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_flipped_bytes_never_raise_nor_invent_rows(tmp_path: Path) -> None:
+def test_flipped_bytes_neither_raise_nor_invent_rows(tmp_path: Path) -> None:
     rows = make_rows(6, [60, 130, 5000], count=400)
     clean = write(tmp_path / "a.db3", rows, 1024).read_bytes()
     numbers = sorted({row[0] for row in rows})
@@ -210,7 +210,7 @@ def log_of_imu(tmp_path: Path, count: int) -> tuple[list[Said], Path]:
 
 
 @pytest.mark.parametrize("page", ["root", "leaf", "several"])
-def test_db3_is_used_beyond_a_damaged_page(tmp_path: Path, page: str) -> None:
+def test_db3_is_read_past_a_damaged_page(tmp_path: Path, page: str) -> None:
     both = said_on("/imu", "/pose", count=600)
     said = [each for each in both if each.topic == "/imu"]
     path = one_file(write_log(tmp_path / "log", both, "db3"))
@@ -233,7 +233,7 @@ def test_db3_is_used_beyond_a_damaged_page(tmp_path: Path, page: str) -> None:
         assert any("damaged" in loss for loss in data.losses)
 
 
-def test_reading_a_write_ahead_log_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_reading_a_write_ahead_log_leaves_no_files(tmp_path: Path) -> None:
     _, path = log_of_imu(tmp_path, 100)
     crashed = tmp_path / "crashed"
     crashed.mkdir()
@@ -255,7 +255,7 @@ def test_reading_a_write_ahead_log_leaves_nothing_behind(tmp_path: Path) -> None
     assert len(whole.imus["/imu"]) == 400
     assert whole.losses == ()
     assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
-    # Cut off while it was written: the transactions before count, and the rest is told.
+    # Cut off while it was written: the transactions before count, and the rest is reported.
     (crashed / "a.db3-wal").write_bytes(wal[: len(wal) * 3 // 4])
     cut = read_all(crashed / "a.db3")
     assert len(cut.imus["/imu"]) in {200, 300}
@@ -266,7 +266,7 @@ def test_reading_a_write_ahead_log_leaves_nothing_behind(tmp_path: Path) -> None
     assert len(read_all(crashed / "a.db3").imus["/imu"]) == 400
 
 
-def test_a_file_in_wal_mode_is_left_alone(tmp_path: Path) -> None:
+def test_file_in_wal_mode_is_not_modified(tmp_path: Path) -> None:
     """Properly closed, so without a -wal; SQLite would make an empty one."""
     _, path = log_of_imu(tmp_path, 30)
     with closing(sqlite3.connect(path)) as database:
@@ -279,7 +279,7 @@ def test_a_file_in_wal_mode_is_left_alone(tmp_path: Path) -> None:
     assert sorted(each.name for each in path.parent.iterdir()) == before
 
 
-def test_journal_of_an_unfinished_write_is_taken_in(tmp_path: Path) -> None:
+def test_journal_of_an_unfinished_write_is_applied(tmp_path: Path) -> None:
     _, path = log_of_imu(tmp_path, 100)
     crashed = tmp_path / "crashed"
     crashed.mkdir()
@@ -299,7 +299,7 @@ def test_journal_of_an_unfinished_write_is_taken_in(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("word", [b"CREATE TABLE", b"messages", b"topic_id", b"INTEGER"])
-def test_a_schema_that_is_no_text_is_one_line(word: bytes, tmp_path: Path) -> None:
+def test_non_text_schema_is_one_line_error(word: bytes, tmp_path: Path) -> None:
     """SQLite quotes what is broken in its message, which Python then cannot decode."""
     _, path = log_of_imu(tmp_path, 30)
     content = path.read_bytes()
@@ -314,9 +314,7 @@ def test_a_schema_that_is_no_text_is_one_line(word: bytes, tmp_path: Path) -> No
         assert "codec" not in told
 
 
-def test_a_damaged_database_leaves_nothing_behind_either(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_damaged_database_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     _, path = log_of_imu(tmp_path, 100)
     with closing(sqlite3.connect(path)) as database:
         database.execute("PRAGMA journal_mode=WAL")

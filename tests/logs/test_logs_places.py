@@ -83,14 +83,14 @@ def test_a_folder_without_logs_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
-def test_forbidden_file_is_named(tmp_path: Path) -> None:
+def test_unreadable_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "log.bag"
     path.write_bytes(b"x")
     path.chmod(0)
     assert "may not be read" in refused(path)
 
 
-def test_names_that_no_file_has_are_refused(tmp_path: Path) -> None:
+def test_invalid_file_names_are_refused(tmp_path: Path) -> None:
     assert "cannot be read" in refused(tmp_path / ("x" * 300))
     file = tmp_path / "file"
     file.write_bytes(b"")
@@ -99,7 +99,7 @@ def test_names_that_no_file_has_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("storage", STORAGES)
-def test_a_file_that_vanishes_or_shrinks_is_no_traceback(
+def test_vanishing_or_shrinking_file_gives_no_traceback(
     storage: str, written: Write, messages: list[Said]
 ) -> None:
     path = one_file(written(messages, storage))
@@ -122,7 +122,7 @@ def test_a_file_that_vanishes_or_shrinks_is_no_traceback(
 
 
 @pytest.mark.parametrize("storage", ["mcap-zstd", "bag-none"])
-def test_a_file_that_grows_is_read_as_far_as_it_was(
+def test_growing_file_is_read_up_to_its_initial_size(
     storage: str, written: Write, messages: list[Said], tmp_path: Path
 ) -> None:
     content = written(messages, storage).read_bytes()
@@ -135,7 +135,7 @@ def test_a_file_that_grows_is_read_as_far_as_it_was(
     assert 60 < count < 200
 
 
-def test_parts_that_cannot_be_used_cost_only_themselves(tmp_path: Path) -> None:
+def test_unusable_parts_lose_only_their_messages(tmp_path: Path) -> None:
     folder = write_log(tmp_path / "log", mixed_messages(20), "db3")
     metadata = folder / "metadata.yaml"
     name = next(folder.glob("*.db3")).name
@@ -165,7 +165,7 @@ def test_parts_that_cannot_be_used_cost_only_themselves(tmp_path: Path) -> None:
         "\x00\x01\x02",
     ],
 )
-def test_odd_metadata_is_passed_over(tmp_path: Path, text: str) -> None:
+def test_invalid_metadata_is_ignored(tmp_path: Path, text: str) -> None:
     folder = write_log(tmp_path / "log", mixed_messages(5), "db3")
     (folder / "metadata.yaml").write_text(text)
     assert len(open_log([folder]).read(["/imu"]).imus["/imu"]) == 5
@@ -180,8 +180,8 @@ def test_renamed_files_of_a_folder_are_found(tmp_path: Path) -> None:
     assert any(f"{path.name} is named in metadata.yaml but is not" in loss for loss in data.losses)
 
 
-def test_texts_that_are_no_texts_cost_their_messages(written: Write) -> None:
-    """A frame of zeros or letters of nothing would be a frame of its own."""
+def test_invalid_strings_drop_only_their_messages(written: Write) -> None:
+    """A frame name with control or invalid characters would be a frame of its own."""
     said = said_on("/vicon", count=40)
     for number, frame in enumerate(("wor\x00d", "wo\x1b[2Jd")):
         said[3 + number].message = T["TransformStamped"](
@@ -196,7 +196,7 @@ def test_texts_that_are_no_texts_cost_their_messages(written: Write) -> None:
     )
 
 
-def test_joint_positions_that_cannot_be_are_left_out_row_by_row(written: Write) -> None:
+def test_impossible_joint_positions_are_dropped_row_by_row(written: Write) -> None:
     said = [each for each in mixed_messages(60) if each.topic == "/joint_states"]
     arm = [each for each in said if len(each.message.name) == 3]
     for number, value in enumerate((float("nan"), float("inf"), 1e300, -1e12)):

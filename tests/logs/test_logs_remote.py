@@ -39,7 +39,7 @@ TOPICS = ("/imu/data", "/joint_states")
 
 @pytest.fixture(autouse=True)
 def direct(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No proxy is asked, and nobody waits long."""
+    """No proxy is used, and waiting times are short."""
     for name in ("http_proxy", "https_proxy", "all_proxy"):
         monkeypatch.delenv(name, raising=False)
         monkeypatch.delenv(name.upper(), raising=False)
@@ -70,7 +70,7 @@ def assert_same(data: LogData, expected: LogData) -> None:
 
 
 def refused(url: str, *, scan: bool = False) -> str:
-    """What is said of a file that cannot be read: one line, that shows no secret."""
+    """The error for a file that cannot be read: one line, without secrets."""
     with pytest.raises(ImucalibError) as caught:
         read(RemoteFile(url), scan=scan)
     said = str(caught.value)
@@ -87,7 +87,9 @@ def rihibot(**behaviour: Any) -> Iterator[tuple[WebServer, RemoteFile]]:
 
 
 @pytest.mark.parametrize("storage", [*BAGS, *MCAPS])
-def test_it_is_what_the_file_on_disk_is(messages: list[Said], storage: str, written: Write) -> None:
+def test_remote_file_reads_like_local_file(
+    messages: list[Said], storage: str, written: Write
+) -> None:
     path = written(messages, storage)
     with serving(path.parent) as web:
         remote = RemoteFile(web.url(path.name))
@@ -112,7 +114,7 @@ def test_only_wanted_chunks_are_read(images: Path) -> None:
         assert max(int(stop) - int(start) for start, stop in spans) < 1 << 22
 
 
-def test_what_lies_between_in_large_plain_chunks_is_not_read(tmp_path: Path) -> None:
+def test_unwanted_messages_in_large_plain_chunks_are_not_read(tmp_path: Path) -> None:
     shares: list[float] = []
     path = tmp_path / "log.mcap"
     with_images(SAMPLES / "rihibot.mcap", path, size=8 << 20, image_bytes=1 << 20, apart=False)
@@ -125,7 +127,7 @@ def test_what_lies_between_in_large_plain_chunks_is_not_read(tmp_path: Path) -> 
         assert_same(log.read(["/imu/data"]), open_log([path]).read(["/imu/data"]))
 
 
-def test_a_damaged_index_of_a_large_plain_chunk_costs_no_message(tmp_path: Path) -> None:
+def test_damaged_index_of_large_plain_chunk_loses_no_message(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with_images(SAMPLES / "rihibot.mcap", path, size=4 << 20, image_bytes=1 << 20, apart=False)
     with path.open("rb") as file:
@@ -140,7 +142,7 @@ def test_a_damaged_index_of_a_large_plain_chunk_costs_no_message(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_of_a_gigabyte_only_wanted_chunks_are_read(tmp_path: Path) -> None:
+def test_only_wanted_chunks_of_a_gigabyte_are_read(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     with_images(SAMPLES / "rihibot.mcap", path, size=1 << 30, image_bytes=1 << 20)
     assert path.stat().st_size > 1 << 30
@@ -150,7 +152,7 @@ def test_of_a_gigabyte_only_wanted_chunks_are_read(tmp_path: Path) -> None:
         assert web.sent <= 1.2 * wanted_bytes(path, TOPICS)
 
 
-def test_a_long_summary_is_one_more_read(messages: list[Said], written: Write) -> None:
+def test_long_summary_needs_one_more_read(messages: list[Said], written: Write) -> None:
     path = written(messages[:1000], "mcap-none", chunk_bytes=1)
     with serving(path.parent) as web:
         remote = RemoteFile(web.url(path.name))
@@ -174,7 +176,7 @@ def test_a_server_without_ranges_is_refused() -> None:
     assert "--allow-remote-scan" in said
 
 
-def test_a_server_without_ranges_is_read_whole_where_that_is_allowed() -> None:
+def test_server_without_ranges_is_downloaded_if_allowed() -> None:
     shares: list[float] = []
     with rihibot(ranges=False) as (_, remote):
         log = open_log([remote], scan_remote=True, progress=shares.append)
@@ -191,7 +193,7 @@ def test_a_server_without_ranges_is_read_whole_where_that_is_allowed() -> None:
 
 
 @pytest.mark.parametrize("ranges", [True, False])
-def test_what_breaks_off_is_resumed(*, ranges: bool) -> None:
+def test_interrupted_transfer_is_resumed(*, ranges: bool) -> None:
     with rihibot(break_after=10_000, fails=3, sound=1, ranges=ranges) as (web, remote):
         assert_same(read(remote, scan=True), read(SAMPLES / "rihibot.mcap"))
         assert remote.traffic.repeats == 3
@@ -202,7 +204,7 @@ def test_what_breaks_off_is_resumed(*, ranges: bool) -> None:
             assert remote.traffic.bytes == expected.traffic.bytes
 
 
-def test_a_download_that_breaks_off_again_and_again_leaves_nothing(
+def test_repeatedly_interrupted_download_leaves_no_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
@@ -248,7 +250,7 @@ def test_a_slow_server_shows_progress() -> None:
         ({"other_start": 5}, "cannot be read: the server sends other bytes than it was asked for"),
     ],
 )
-def test_errors_are_one_line(
+def test_server_errors_are_one_line(
     behaviour: dict[str, Any], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(http, "REQUEST_S" if "seconds_per_block" in behaviour else "SILENCE_S", 0.1)
@@ -258,14 +260,14 @@ def test_errors_are_one_line(
             assert len(web.asked) == 1 + http.TRIES
 
 
-def test_a_busy_server_is_asked_again() -> None:
+def test_busy_server_is_retried() -> None:
     with rihibot(status=503, fails=2, sound=2) as (_, remote):
         assert_same(read(remote), read(SAMPLES / "rihibot.mcap"))
         assert remote.traffic.repeats == 2
 
 
 @pytest.mark.parametrize("more", [1000, -1000])
-def test_a_wrong_length_is_made_up_for(more: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_content_length_is_handled(more: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """As far as the tries reach: what was promised and did not come is asked for again."""
     monkeypatch.setattr(http, "TRIES", 8)
     with rihibot(more_claimed=more) as (_, remote):
@@ -288,19 +290,19 @@ def test_a_wrong_length_is_made_up_for(more: int, monkeypatch: pytest.MonkeyPatc
         ("s3://bucket/log.mcap", "needs a package that is not installed: Install s3fs"),
     ],
 )
-def test_wrong_urls_are_one_line(url: str, words: str) -> None:
+def test_invalid_urls_are_one_line_errors(url: str, words: str) -> None:
     with rihibot() as (web, _):
         url = url.format(address=web.address)
     assert words in refused(url)
 
 
-def test_a_server_without_tls() -> None:
+def test_server_without_tls_is_one_line_error() -> None:
     with rihibot() as (web, _):
         assert "does not speak TLS" in refused(f"https://{web.address}/rihibot.mcap")
 
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes a certificate")
-def test_a_certificate_of_nobody(tmp_path: Path) -> None:
+def test_untrusted_certificate_is_refused(tmp_path: Path) -> None:
     made = ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-subj", "/CN=localhost"]
     files = ["-keyout", str(tmp_path / "key"), "-out", str(tmp_path / "certificate")]
     subprocess.run(["openssl", *made, *files], check=True, capture_output=True)
@@ -309,7 +311,7 @@ def test_a_certificate_of_nobody(tmp_path: Path) -> None:
     assert said.startswith("cannot be read: the server's certificate is not valid: check URL")
 
 
-def test_no_version_is_no_change() -> None:
+def test_missing_version_header_is_not_a_change() -> None:
     with rihibot(no_version=True) as (_, remote):
         assert_same(read(remote), read(SAMPLES / "rihibot.mcap"))
         assert remote.version == ""
@@ -345,7 +347,7 @@ def wholes(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("imu.csv", "a CSV table has no index"),
     ],
 )
-def test_a_file_without_index_is_read_whole_only_where_that_is_allowed(
+def test_file_without_index_is_downloaded_only_if_allowed(
     wholes: Path, name: str, reason: str
 ) -> None:
     with serving(wholes) as web:
@@ -356,7 +358,7 @@ def test_a_file_without_index_is_read_whole_only_where_that_is_allowed(
         assert_same(read(RemoteFile(web.url(name)), scan=True), read(wholes / name))
 
 
-def test_what_is_no_log_is_told_as_of_a_file(tmp_path: Path) -> None:
+def test_remote_non_log_is_refused_like_a_local_file(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").touch()
     (tmp_path / "words.txt").write_text("words")
     (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
@@ -367,7 +369,7 @@ def test_what_is_no_log_is_told_as_of_a_file(tmp_path: Path) -> None:
         assert refused(web.url("")).startswith("is a folder: name its .mcap or .bag files")
 
 
-def test_a_file_is_given_twice() -> None:
+def test_duplicate_remote_file_is_refused() -> None:
     with rihibot() as (web, remote), pytest.raises(ChoiceError, match="is given twice"):
         open_log([remote, RemoteFile(web.url("rihibot.mcap"))])
 
@@ -377,7 +379,7 @@ def test_a_file_is_given_twice() -> None:
 URL = "http://me:pa$$word@host:81/a%20b/log.mcap?X-Signature=geheim&token=1#part"
 
 
-def test_nothing_shows_a_secret() -> None:
+def test_no_output_shows_secrets() -> None:
     remote = RemoteFile(URL)
     for text in (str(remote), repr(remote), f"{remote}"):
         assert "host:81/a%20b/log.mcap?…" in text
@@ -387,7 +389,7 @@ def test_nothing_shows_a_secret() -> None:
     assert remote.address == URL
 
 
-def test_secrets_reach_the_server_and_nothing_else() -> None:
+def test_secrets_are_sent_only_to_the_server() -> None:
     with rihibot(asks_for="me:secret") as (web, _):
         url = web.url("rihibot.mcap?signature=hidden%2Bone", user="me:secret")
         remote = RemoteFile(url)
@@ -413,7 +415,7 @@ def test_secrets_reach_the_server_and_nothing_else() -> None:
         ("/logs/https:/host", False, ""),
     ],
 )
-def test_urls_are_told_from_paths(text: str, *, is_one: bool, name: str) -> None:
+def test_urls_are_distinguished_from_paths(text: str, *, is_one: bool, name: str) -> None:
     assert is_url(text) is is_one
     assert isinstance(path_or_url(text), RemoteFile) is is_one
     if is_one:
@@ -427,7 +429,7 @@ def test_a_file_url_is_a_path() -> None:
         path_or_url("file://[x")
 
 
-def test_no_room_for_a_temporary_copy_is_one_line(
+def test_full_temporary_disk_is_one_line_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "log.mcap").write_bytes(bytes(1000))
@@ -446,7 +448,7 @@ def test_no_room_for_a_temporary_copy_is_one_line(
                 read()
 
 
-def test_another_process_opens_a_file_of_its_own() -> None:
+def test_pickled_remote_file_opens_its_own_connection() -> None:
     with rihibot() as (_, remote):
         read(remote)
         again = pickle.loads(pickle.dumps(remote))  # noqa: S301 - our own
@@ -466,13 +468,13 @@ def memory() -> Iterator[Any]:
     system.rm("/bucket", recursive=True)
 
 
-def test_another_file_system_is_read_in_ranges_too(memory: Any) -> None:
+def test_fsspec_file_system_is_read_in_ranges(memory: Any) -> None:
     remote = RemoteFile("memory://bucket/log.mcap")
     assert_same(read(remote), read(SAMPLES / "rihibot.mcap"))
     assert 0 < remote.traffic.bytes < 0.9 * memory.size("/bucket/log.mcap")
 
 
-def test_a_file_of_another_file_system_may_change(memory: Any) -> None:
+def test_changed_fsspec_file_is_detected(memory: Any) -> None:
     remote = RemoteFile("memory://bucket/log.mcap")
     log = open_log([remote])
     memory.pipe("/bucket/log.mcap", (SAMPLES / "broad_21_cut.mcap").read_bytes())
@@ -480,7 +482,7 @@ def test_a_file_of_another_file_system_may_change(memory: Any) -> None:
         log.read(TOPICS)
 
 
-def test_without_fsspec_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_fsspec_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     from imucalib_cli import optional
 
     def missing(name: str) -> None:
@@ -495,7 +497,7 @@ def test_without_fsspec_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> N
     "password", ["pw", "p/w", "p#w", "p?w", "p@w", "p/w@#w", "p@w/w", "p::w", "/"]
 )
 @pytest.mark.parametrize("chain", ["", "zip://a.mcap::", "simplecache::zip://me:pw@x::"])
-def test_no_letter_of_a_password_is_shown(password: str, chain: str) -> None:
+def test_password_is_completely_hidden(password: str, chain: str) -> None:
     url = f"{chain}https://bob:{password}@host/a.mcap?sig=pw@w"
     for text in (without_secrets(f"at {url} it fails"), str(RemoteFile(url)), str(InputError(url))):
         assert "bob" not in text
@@ -506,7 +508,7 @@ def test_no_letter_of_a_password_is_shown(password: str, chain: str) -> None:
     assert "bob" not in str(RemoteFile("https://bob:a b@here"))
 
 
-def test_what_is_no_secret_is_shown() -> None:
+def test_url_parts_without_secrets_are_shown() -> None:
     for url in (
         "s3://bucket/user@example/log.mcap",
         "https://host:8080/a/log.mcap",

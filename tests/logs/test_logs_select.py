@@ -28,29 +28,29 @@ EMPTY = topic("/imu_empty", "sensor_msgs/Imu", count=0)
 OTHER = topic("/imu_flat", "sensor_msgs/Imu", encoding="flatbuffer")
 
 
-def test_all_imus_joints_and_tf_are_taken() -> None:
+def test_all_imus_joints_and_tf_are_selected() -> None:
     topics = [IMU, IMU2, JOINTS, JOINTS2, TF, TF_STATIC, ODOM, MOCAP, IMAGE, EMPTY, OTHER]
     found = select_topics(topics)
     assert found.imus == ("/imu", "/imu2")
     assert found.joints == ("/joint_states", "/gripper")
-    # odometry may tell how the base moves; poses without a child frame cannot by themselves
+    # odometry may give the base's motion; poses without a child frame cannot by themselves
     assert found.poses == found.unasked == ("/odom",)
     assert found.tf == ("/tf", "/tf_static")
     assert found.all == ("/imu", "/imu2", "/joint_states", "/gripper", "/odom", "/tf", "/tf_static")
 
 
-def test_single_pose_topic_is_taken_without_joints() -> None:
+def test_single_pose_topic_is_selected_without_joints() -> None:
     assert select_topics([IMU, ODOM]).poses == ("/odom",)
     assert select_topics([IMU, ODOM, TF]).tf == ("/tf",)
 
 
-def test_several_pose_topics_are_a_choice() -> None:
+def test_several_pose_topics_need_a_choice() -> None:
     with pytest.raises(ChoiceError, match=r"--pose-topic: /odom \(nav_msgs/Odometry\), /mocap"):
         select_topics([IMU, ODOM, MOCAP])
     assert select_topics([IMU, ODOM, MOCAP], pose_topics=["/mocap"]).poses == ("/mocap",)
 
 
-def test_named_topics_limit_their_kind() -> None:
+def test_named_topics_limit_only_their_kind() -> None:
     topics = [IMU, IMU2, JOINTS, JOINTS2, TF, TF_STATIC, ODOM]
     found = select_topics(topics, ["/imu2"], ["/joint_states"], ["/odom"])
     assert found.imus == ("/imu2",)
@@ -74,7 +74,7 @@ def test_wrong_name_lists_the_candidates(name: str, says: str) -> None:
         select_topics([IMU, JOINTS, IMAGE, EMPTY, OTHER], imu_topics=[name])
 
 
-def test_log_without_what_is_needed_is_refused() -> None:
+def test_log_without_required_topics_is_refused() -> None:
     with pytest.raises(InputError, match=r"no IMU .* /joint_states"):
         select_topics([JOINTS, IMAGE])
     with pytest.raises(InputError, match="no source of the robot's motion"):
@@ -94,7 +94,7 @@ def joints(name: str, *names: str) -> tuple[JointStream, ...]:
     )
 
 
-def test_joint_of_two_topics_is_a_choice() -> None:
+def test_joint_on_two_topics_needs_a_choice() -> None:
     found = {"/a": joints("/a", "elbow", "wrist"), "/b": joints("/b", "finger", "wrist")}
     with pytest.raises(ChoiceError, match=r"joint wrist comes from /a and /b.*--joint-topic"):
         check_joint_topics(found)

@@ -78,7 +78,7 @@ def _warm(package: str, k: int) -> Any:
         (True, {"little_endian": False}),
     ],
 )
-def test_low_state_is_an_imu_and_joints(
+def test_low_state_contains_imu_and_joints(
     package: str,
     slow: bool,
     written: dict[str, bool],
@@ -100,7 +100,7 @@ def test_low_state_is_an_imu_and_joints(
     np.testing.assert_array_equal(joints.header_ns, ticks)
 
 
-def test_a_counter_that_does_not_count_ms_is_no_stamp(tmp_path: Path) -> None:
+def test_counter_not_in_milliseconds_is_not_a_stamp(tmp_path: Path) -> None:
     said, _ = low_states("unitree_hg")
     for k, (_, _, message, _) in enumerate(said):
         message.tick = k
@@ -109,7 +109,7 @@ def test_a_counter_that_does_not_count_ms_is_no_stamp(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("package", ["unitree_go", "unitree_hg"])
-def test_second_imu_of_unitree(package: str, tmp_path: Path) -> None:
+def test_second_imu_of_unitree_is_read(package: str, tmp_path: Path) -> None:
     gyro = np.random.default_rng(1).normal(size=(len(TIMES), 3)).astype("f4")
     kind = f"{package}/msg/IMUState"
     said = [
@@ -145,7 +145,7 @@ def test_second_imu_of_unitree(package: str, tmp_path: Path) -> None:
     ],
     ids=["Go2", "Go2W", "H1", "G1", "H1_2", "H2"],
 )
-def test_motors_are_in_unitrees_order(
+def test_motors_are_in_unitree_order(
     names: tuple[str, ...], count: int, some: dict[int, str]
 ) -> None:
     """As the examples of unitree_sdk2_python number them."""
@@ -169,7 +169,7 @@ def arms(names: list[str], *, dtype: str = "f4") -> tuple[list[shapes.Message], 
 
 
 @pytest.mark.parametrize("slow", [False, True])
-def test_a_type_of_ones_own_is_known_by_its_fields(
+def test_custom_type_is_recognised_by_its_fields(
     slow: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if slow:
@@ -192,7 +192,9 @@ def test_a_type_of_ones_own_is_known_by_its_fields(
         ("/arm:positions[2:]=a", [2]),
     ],
 )
-def test_columns_go_before_names(columns: str, kept: list[int], tmp_path: Path) -> None:
+def test_columns_option_takes_precedence_over_names(
+    columns: str, kept: list[int], tmp_path: Path
+) -> None:
     said, position = arms(["pan", "lift", "grip"])
     data = read(shapes.write_mcap(tmp_path / "log.mcap", said), columns=columns)
     (joints,) = data.joints["/arm"]
@@ -201,7 +203,7 @@ def test_columns_go_before_names(columns: str, kept: list[int], tmp_path: Path) 
 
 
 @pytest.mark.parametrize(("numbers_of", "sign"), [("q", 1), ("dq", -1)])
-def test_columns_of_numbered_motors_leave_the_imu(
+def test_columns_of_numbered_motors_keep_the_imu(
     numbers_of: str, sign: int, tmp_path: Path
 ) -> None:
     said, numbers = low_states("unitree_hg")
@@ -224,7 +226,7 @@ def test_columns_of_numbered_motors_leave_the_imu(
         ("/arm:positions[3:1]=a", r"\[3:1\] are 0 numbers"),
     ],
 )
-def test_columns_that_are_not_understood(text: str, says: str) -> None:
+def test_invalid_columns_syntax_is_refused(text: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
         joint_columns(text)
 
@@ -237,7 +239,7 @@ def test_columns_that_are_not_understood(text: str, says: str) -> None:
         ("/arm:label=a", "mode, positions, temperature"),
     ],
 )
-def test_columns_that_are_not_there(columns: str, says: str, tmp_path: Path) -> None:
+def test_missing_columns_are_refused(columns: str, says: str, tmp_path: Path) -> None:
     said, _ = arms(["pan"])
     log = shapes.write_mcap(tmp_path / "log.mcap", said)
     with pytest.raises(ChoiceError, match=says) as caught:
@@ -253,7 +255,7 @@ def foxglove_rows() -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("encoding", ["json", "protobuf"])
-def test_foxglove_transforms_and_poses(encoding: str, tmp_path: Path) -> None:
+def test_foxglove_transforms_and_poses_are_read(encoding: str, tmp_path: Path) -> None:
     positions, quaternions = foxglove_rows()
     parts = ("sec", "nsec") if encoding == "json" else ("seconds", "nanos")
     said: list[shapes.Message] = []
@@ -293,7 +295,7 @@ def test_foxglove_transforms_and_poses(encoding: str, tmp_path: Path) -> None:
 IMU: dict[str, Any] = {"name": "/imu", "type": "sensor_msgs/Imu", "encoding": "cdr", "count": 9}
 
 
-def test_protobuf_that_is_not_installed_is_told(
+def test_missing_protobuf_package_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     message = {"name": ["pan"], "position": [1.0]}
@@ -323,7 +325,7 @@ def test_protobuf_that_is_not_installed_is_told(
         ).encode(),
     ],
 )
-def test_json_schemas_that_tell_nothing_leave_known_types(schema: bytes, tmp_path: Path) -> None:
+def test_empty_json_schemas_keep_known_types(schema: bytes, tmp_path: Path) -> None:
     imu = {
         "header": shapes.plain_header(START_NS, ("sec", "nanosec"), "imu"),
         "angular_velocity": {"z": 3, "y": 2, "x": 1},
@@ -362,7 +364,7 @@ def _two(name: str, inner: str) -> str:
         "no definition at all",
     ],
 )
-def test_hostile_definitions_do_no_harm(definition: str, tmp_path: Path) -> None:
+def test_hostile_definitions_are_handled(definition: str, tmp_path: Path) -> None:
     schema = ("acme_msgs/msg/Odd", "ros2msg", definition.encode())
     payload = b"\0\1\0\0" + b"\x01\0\0\0" * 30
     log = open_log([write_payloads(tmp_path / "log.mcap", [payload], schema, "cdr")])
@@ -370,7 +372,7 @@ def test_hostile_definitions_do_no_harm(definition: str, tmp_path: Path) -> None
         assert not any(len(each) for each in log.read(["/topic"]).joints["/topic"])
 
 
-def test_arrays_of_nothing_end(tmp_path: Path) -> None:
+def test_arrays_of_empty_structs_terminate(tmp_path: Path) -> None:
     """ROS 1 structs without fields take no bytes, so that a payload bounds no loop."""
     text = "string[] name\nfloat64[] position\nA[100] a\n" + "".join(
         f"{_SEPARATOR}MSG: acme_msgs/{name}\n{inner}"
@@ -386,7 +388,7 @@ def test_arrays_of_nothing_end(tmp_path: Path) -> None:
     assert open_log([path]).topics[0].kinds == {}
 
 
-def test_dynamic_joint_state_whose_joints_change(tmp_path: Path) -> None:
+def test_dynamic_joint_state_with_changing_joints_is_read(tmp_path: Path) -> None:
     kind, value = "control_msgs/msg/DynamicJointState", "control_msgs/msg/InterfaceValue"
 
     def message(ns: int, told: dict[str, dict[str, float]]) -> Any:
@@ -408,7 +410,7 @@ def test_dynamic_joint_state_whose_joints_change(tmp_path: Path) -> None:
     np.testing.assert_array_equal(joints.header_ns, TIMES)
 
 
-def test_every_definition_here_reads_as_rosbags_serialises() -> None:
+def test_every_definition_reads_rosbags_serialisation() -> None:
     """The fields of a definition take as many bytes as rosbags writes, whatever they mean."""
     from imucalib_cli.logs.messages.definitions import fields_of
     from imucalib_cli.logs.messages.table import MessageType

@@ -115,16 +115,16 @@ def assert_same(data: LogData, rows: Rows) -> None:
         np.testing.assert_array_equal(found[key], table, err_msg=str(key))
 
 
-def said_rows(messages: list[Said]) -> Rows:
+def rows_of_messages(messages: list[Said]) -> Rows:
     return expected_rows((each.topic, each.type, each.message, each.log_ns) for each in messages)
 
 
-def test_every_storage_reads_as_rosbags_does(
+def test_every_storage_reads_like_rosbags(
     messages: list[Said], storage: str, written: Write
 ) -> None:
     name = "log.bag" if storage.startswith("bag") else "log.mcap"
     path = written(messages, storage, name=name)
-    rows = said_rows(messages)
+    rows = rows_of_messages(messages)
     if storage != "mcap-ros1":  # which rosbags refuses
         with AnyReader([path]) as reader:
             rows = expected_rows(
@@ -154,7 +154,7 @@ def test_slow_route_agrees_with_bulk_route(
             np.testing.assert_array_equal(table, slow[key])
 
 
-def test_large_messages_between_and_among_wanted_ones(storage: str, written: Write) -> None:
+def test_large_messages_among_wanted_ones_are_handled(storage: str, written: Write) -> None:
     """Images are jumped over where they lie unpacked; messages may exceed what is read ahead."""
     rng = np.random.default_rng(3)
     names = [f"joint_{k}" for k in range(400)]
@@ -168,13 +168,13 @@ def test_large_messages_between_and_among_wanted_ones(storage: str, written: Wri
             Said("/text", "std_msgs/msg/String", T["String"](data="z" * (10 + k)), ns + 3),
         ]
     path = written(said, storage, chunk_bytes=500_000)
-    assert_same(read_all(path), said_rows(said))
+    assert_same(read_all(path), rows_of_messages(said))
     only = open_log([path]).read(["/imu"])
     assert len(only.imus["/imu"]) == 20
     assert only.losses == ()
 
 
-def test_topics_say_what_is_there(messages: list[Said], storage: str, written: Write) -> None:
+def test_topics_list_the_log_content(messages: list[Said], storage: str, written: Write) -> None:
     log = open_log([written(messages, storage)])
     topics = {topic.name: topic for topic in log.topics}
     for name, topic in topics.items():
@@ -195,7 +195,7 @@ def test_only_wanted_topics_are_read(messages: list[Said], storage: str, written
 
 
 @pytest.mark.parametrize("storage", ["mcap-zstd", "bag-lz4"])
-def test_chunks_without_wanted_topics_are_not_unpacked(
+def test_chunks_without_wanted_topics_are_not_decompressed(
     messages: list[Said], storage: str, written: Write, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(messages, storage, chunk_bytes=1000)
@@ -224,13 +224,13 @@ def test_chunks_without_wanted_topics_are_not_unpacked(
         (("bag-lz4", "a.mcap"), ("mcap-zstd", "b.bag")),
     ],
 )
-def test_files_of_one_recording_are_one_whatever_their_storages_and_names(
+def test_files_of_one_recording_are_joined_in_any_storage(
     first: tuple[str, str], second: tuple[str, str], messages: list[Said], written: Write
 ) -> None:
     half = len(messages) // 2
     parts = [written(messages[half:], *second), written(messages[:half], *first)]
     data = read_all(*parts)
-    assert_same(data, said_rows(messages))
+    assert_same(data, rows_of_messages(messages))
     assert data.losses == ()
 
 
@@ -238,13 +238,15 @@ def test_numbered_files_of_a_folder_are_one_recording(messages: list[Said], writ
     half = len(messages) // 2
     written(messages[half:], "mcap-zstd", name="split_1.mcap")
     path = written(messages[:half], "mcap-lz4", name="split_0.mcap")
-    assert_same(read_all(path.parent), said_rows(messages))
+    assert_same(read_all(path.parent), rows_of_messages(messages))
 
 
 @pytest.mark.parametrize("storage", ["db3", "mcap2", "db3-file"])
-def test_folder_can_be_told_in_any_way(messages: list[Said], storage: str, written: Write) -> None:
+def test_folder_can_be_given_in_any_form(
+    messages: list[Said], storage: str, written: Write
+) -> None:
     folder = written(messages, storage)
-    rows = said_rows(messages)
+    rows = rows_of_messages(messages)
     assert_same(read_all(folder / "metadata.yaml"), rows)
     files = [each for each in folder.iterdir() if each.name != "metadata.yaml"]
     assert_same(read_all(*files), rows)
@@ -253,24 +255,26 @@ def test_folder_can_be_told_in_any_way(messages: list[Said], storage: str, writt
 
 
 @pytest.mark.parametrize("storage", ["bag-lz4", "mcap-zstd", "db3"])
-def test_suffix_does_not_matter(
+def test_storage_is_detected_without_suffix(
     messages: list[Said], storage: str, written: Write, tmp_path: Path
 ) -> None:
     path = one_file(written(messages, storage))
-    rows = said_rows(messages)
+    rows = rows_of_messages(messages)
     for name in ("none", "a.bag.active", "b.mcap", "c.bag", "d.db3", "e.yaml"):
         shutil.copy(path, tmp_path / name)
         assert_same(read_all(tmp_path / name), rows)
 
 
-def test_folder_with_several_recordings_is_a_choice(messages: list[Said], written: Write) -> None:
+def test_folder_with_several_recordings_needs_a_choice(
+    messages: list[Said], written: Write
+) -> None:
     first = written(messages[:20], "mcap-none", name="morning.mcap")
     written(messages[:20], "bag-none", name="evening.bag")
     with pytest.raises(ChoiceError, match=r"evening\.bag, morning\.mcap"):
         open_log([first.parent])
 
 
-def test_unknown_topic_lists_those_there(messages: list[Said], written: Write) -> None:
+def test_unknown_topic_lists_available_topics(messages: list[Said], written: Write) -> None:
     log = open_log([written(messages, "mcap-none")])
     with pytest.raises(ChoiceError, match=r"no topic /nope .*/amcl, /chatter, /imu"):
         log.read(["/nope"])
@@ -280,7 +284,7 @@ def test_unknown_topic_lists_those_there(messages: list[Said], written: Write) -
         log.read(["/empty"])
 
 
-def test_texts_are_read_each_once(messages: list[Said], storage: str, written: Write) -> None:
+def test_each_text_is_read_once(messages: list[Said], storage: str, written: Write) -> None:
     described = "<robot>\n\t<!-- ° -->\n</robot>"
     said = [
         Said("/robot_description", "std_msgs/msg/String", T["String"](data=text), each.log_ns)
@@ -309,7 +313,7 @@ def _part(path: Path, start: float, storage: str = "mcap-none") -> Path:
     return write_log(path, messages, storage)
 
 
-def test_parts_of_one_recording_are_not_suspected(tmp_path: Path) -> None:
+def test_parts_of_one_recording_raise_no_warning(tmp_path: Path) -> None:
     parts = [_part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 1.4)]
     parts.append(_part(tmp_path / "c.bag", 20.0, "bag-none"))
     data = open_log(parts).read(["/imu"])
@@ -317,7 +321,7 @@ def test_parts_of_one_recording_are_not_suspected(tmp_path: Path) -> None:
     assert data.losses == open_log(parts[:1]).read(["/imu"]).losses == ()
 
 
-def test_files_that_overlap_are_told(tmp_path: Path) -> None:
+def test_overlapping_files_are_reported(tmp_path: Path) -> None:
     first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
     (told,) = open_log([second, first]).read(["/joint_states"]).losses
     assert told == (
@@ -327,7 +331,7 @@ def test_files_that_overlap_are_told(tmp_path: Path) -> None:
     assert len(open_log([first, second, again]).read(["/joint_states"]).losses) == 2
 
 
-def test_an_imu_in_two_files_at_once_is_two_imus(tmp_path: Path) -> None:
+def test_imu_in_two_overlapping_files_is_two_imus(tmp_path: Path) -> None:
     first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
     with pytest.raises(ChoiceError, match=r"b\.mcap both hold /imu over the same 0\.995 s"):
         open_log([second, first]).read(["/imu"])

@@ -93,9 +93,7 @@ def assert_pose(data: LogData, topic: str) -> None:
         ("\ufeff# t_ns, wx, wy, wz, ax, ay, az", ","),
     ],
 )
-def test_an_imu_is_known_by_the_names_of_its_columns(
-    tmp_path: Path, header: str, separator: str
-) -> None:
+def test_imu_is_recognised_by_column_names(tmp_path: Path, header: str, separator: str) -> None:
     path = write(tmp_path / "imu.csv", f"{header}\n{lines(STAMPS, VALUES, separator)}")
     data = read(path)
     assert_imu(data, "/imu")
@@ -114,7 +112,7 @@ def test_times_are_exact_in_every_unit(
     assert_imu(read(write(tmp_path / "imu.csv", f"{header}\n{lines(stamps, VALUES)}")), "/imu")
 
 
-def test_times_of_no_clear_unit_are_refused(tmp_path: Path) -> None:
+def test_times_of_ambiguous_unit_are_refused(tmp_path: Path) -> None:
     header = IMU_HEADER.replace("t_ns", "t")
     path = write(tmp_path / "imu.csv", f"{header}\n{lines(range(0, 250, 5), VALUES)}")
     with pytest.raises(InputError, match=r"imu\.csv.*5 s apart.*t_ns, t_us, t_ms or t_s"):
@@ -123,7 +121,7 @@ def test_times_of_no_clear_unit_are_refused(tmp_path: Path) -> None:
     assert np.diff(read(path).imus["/imu"].header_ns).tolist() == [5_000_000] * (COUNT - 1)
 
 
-def test_a_packed_table_that_is_refused_has_its_own_name(tmp_path: Path) -> None:
+def test_refused_compressed_table_is_named(tmp_path: Path) -> None:
     """Not that of the temporary file it was unpacked into, nor advice about another format."""
     path = tmp_path / "a.csv.zst"
     path.write_bytes(zstandard.compress(b"t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9\n20,0,0,0,0,0,9\n"))
@@ -132,7 +130,7 @@ def test_a_packed_table_that_is_refused_has_its_own_name(tmp_path: Path) -> None
     assert str(caught.value).startswith(f"{path}: its rows would be 20 s apart")
 
 
-def test_columns_may_be_named_by_the_user(tmp_path: Path) -> None:
+def test_user_can_name_columns(tmp_path: Path) -> None:
     odd = np.column_stack((VALUES[:, :3], np.full(COUNT, 36.6), VALUES[:, 3:]))
     path = write(tmp_path / "imu.csv", lines(STAMPS, odd))
     columns = ("t_ns", "gx", "gy", "gz", "-", "ax", "ay", "az")
@@ -145,14 +143,14 @@ def test_columns_may_be_named_by_the_user(tmp_path: Path) -> None:
         open_log([path], ("a", "b"))
 
 
-def test_joints_are_every_other_column(tmp_path: Path) -> None:
+def test_other_columns_are_joints(tmp_path: Path) -> None:
     path = write(tmp_path / "joints.csv", f"t_ns,shoulder,w_x\n{lines(STAMPS, VALUES[:, :2])}")
     (joints,) = read(path).joints["/joints"]
     assert joints.names == ("shoulder", "w_x")
     np.testing.assert_array_equal(joints.position, VALUES[:, :2])
 
 
-def test_one_table_may_hold_everything(tmp_path: Path) -> None:
+def test_one_table_can_contain_everything(tmp_path: Path) -> None:
     """Joined by time: a row holds one sensor, the cells of the others are empty."""
     header = f"{IMU_HEADER},temperature,joint.elbow,joint.wrist"
     rows = [header]
@@ -168,7 +166,7 @@ def test_one_table_may_hold_everything(tmp_path: Path) -> None:
     assert data.losses == ()
 
 
-def test_rows_that_are_none_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_invalid_rows_are_skipped_and_counted(tmp_path: Path) -> None:
     good = lines(STAMPS, VALUES).splitlines()
     bad = ["12,1,2,3,4,5", "x,1,2,3,4,5,6", "13,1,2,3,4,5,six", "9" * 30 + ",1,2,3,4,5,6", "nan"]
     path = write(
@@ -179,7 +177,7 @@ def test_rows_that_are_none_are_left_out_and_counted(tmp_path: Path) -> None:
     assert data.losses == ("/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",)
 
 
-def test_tum_trajectory_beside_an_imu(tmp_path: Path) -> None:
+def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:
     poses = "# timestamp tx ty tz qx qy qz qw\n" + lines(map(seconds, STAMPS.tolist()), POSES, " ")
     data = read(
         write(tmp_path / "imu.csv", f"{IMU_HEADER}\n{lines(STAMPS, VALUES)}"),
@@ -190,7 +188,7 @@ def test_tum_trajectory_beside_an_imu(tmp_path: Path) -> None:
     assert data.losses == ()
 
 
-def test_euroc_folder(tmp_path: Path) -> None:
+def test_euroc_folder_is_read(tmp_path: Path) -> None:
     """Headers as in the published data set; images and positions alone are left alone."""
     mav = tmp_path / "MH_01" / "mav0"
     write(mav / "imu0" / "data.csv", f"{EUROC_IMU}\n{lines(STAMPS, VALUES)}")
@@ -218,7 +216,7 @@ def test_a_folder_of_tables_is_one_recording(tmp_path: Path) -> None:
     assert list(data.joints) == ["/joints"]
 
 
-def test_tables_beside_a_log_are_no_part_of_it(tmp_path: Path) -> None:
+def test_tables_beside_a_log_are_ignored(tmp_path: Path) -> None:
     write(tmp_path / "notes.csv", f"{IMU_HEADER}\n{lines(STAMPS, VALUES)}")
     write_log(tmp_path / "log.mcap", mixed_messages(5), "mcap-none")
     assert [path.name for path in open_log([tmp_path]).paths] == ["log.mcap"]
@@ -227,7 +225,7 @@ def test_tables_beside_a_log_are_no_part_of_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", "t,\n", "a,b,c\n1,2,3\n", "filename,timestamp\n", "1 2 3 4 5 6 7 8\n", "{}"]
 )
-def test_other_text_is_no_log(tmp_path: Path, text: str) -> None:
+def test_other_text_is_not_a_log(tmp_path: Path, text: str) -> None:
     path = write(tmp_path / "x.csv", text)
     try:
         data = read(path)
@@ -237,7 +235,7 @@ def test_other_text_is_no_log(tmp_path: Path, text: str) -> None:
         assert not data.imus
 
 
-def test_damage_never_raises_anything_but_our_errors(tmp_path: Path) -> None:
+def test_damage_raises_only_imucalib_errors(tmp_path: Path) -> None:
     rng = random.Random(3)  # noqa: S311 - no secret
     header = f"{IMU_HEADER},joint.elbow"
     rows = np.column_stack((VALUES, VALUES[:, 0]))
@@ -261,7 +259,7 @@ def test_damage_never_raises_anything_but_our_errors(tmp_path: Path) -> None:
 
 
 class NpyFile:
-    """A format of somebody's own, as CONTRIBUTING describes one: time and six values a row."""
+    """A user-defined format, as CONTRIBUTING describes one: time and six values a row."""
 
     FORMAT = "a NumPy file"
     IS_TEXT = False
@@ -286,7 +284,7 @@ class NpyFile:
         progress(1.0)
 
 
-def test_a_format_is_one_class_and_one_name(
+def test_format_needs_one_class_and_one_registration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(logs, "READERS", [*READERS, NpyFile])

@@ -95,7 +95,7 @@ def kept(log: Log, **options: Any) -> NDArray[np.bool_]:
 
 @pytest.mark.parametrize("samples", slow_after(1, [11, 25]))
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))
-def test_the_error_is_the_papers_at_any_guess(log: Log, samples: int, seed: int) -> None:
+def test_residuals_match_the_paper_at_any_guess(log: Log, samples: int, seed: int) -> None:
     options = PaperOptions(window=WindowChoice(samples=samples), exclusion_threshold=0.0)
     instants, _, _ = filtered_instants(log.imu, log.path, options, np.eye(3), np.zeros(3))
     z = np.random.default_rng(seed).normal(size=6)
@@ -107,7 +107,9 @@ def test_the_error_is_the_papers_at_any_guess(log: Log, samples: int, seed: int)
 @pytest.mark.parametrize(
     ("residual", "samples", "most"), [("l1", 11, 2e-5), ("components", 25, 1e-6)]
 )
-def test_it_is_the_paper_restated(log: Log, residual: str, samples: int, most: float) -> None:
+def test_result_matches_restated_paper_method(
+    log: Log, residual: str, samples: int, most: float
+) -> None:
     estimate = calibrate(log, samples, residual=residual, exclusion_threshold=0.0, **NEAR)
     found = minimised(restated(log, samples), components=residual == "components")
     np.testing.assert_allclose(estimate.t_parent_imu, found[:3], atol=most)
@@ -118,13 +120,13 @@ def test_it_is_the_paper_restated(log: Log, residual: str, samples: int, most: f
     assert estimate.trusted
 
 
-def test_one_sum_per_instant_and_six_components_weigh_differently(log: Log) -> None:
+def test_l1_and_component_residuals_differ(log: Log) -> None:
     one, six = (calibrate(log, residual=kind, **NEAR) for kind in ("l1", "components"))
     assert 1e-6 < np.linalg.norm(one.t_parent_imu - six.t_parent_imu) < 5e-3
 
 
 @pytest.mark.parametrize("angle", [0.5, 1.0])
-def test_a_guess_far_off_leads_to_the_same_answer(log: Log, angle: float) -> None:
+def test_distant_guess_gives_the_same_answer(log: Log, angle: float) -> None:
     near = calibrate(log, exclusion_threshold=0.0, **NEAR)
     rng = np.random.default_rng(1)
     axis = rng.normal(size=3)
@@ -137,7 +139,7 @@ def test_a_guess_far_off_leads_to_the_same_answer(log: Log, angle: float) -> Non
 
 
 @pytest.mark.parametrize("limit", [0.15, 1.0])
-def test_exclusion_is_by_second_differences_of_the_imus_pose(limit: float) -> None:
+def test_exclusion_uses_second_differences_of_imu_pose(limit: float) -> None:
     """Position by the limit, quaternion by ten per metre times it, as the authors' have it."""
     log = make_log(MOVES)
     motion = parent_motion(MOVES, log.path.tracks[0].t)
@@ -161,7 +163,7 @@ def test_the_threshold_does_not_depend_on_the_rate() -> None:
     np.testing.assert_allclose(shares, shares[0], atol=0.01)
 
 
-def test_its_bias_grows_with_the_window_and_ours_does_not() -> None:
+def test_paper_bias_grows_with_window_unlike_ours() -> None:
     """Measured in design: 0.16, 3.3, 55 mm at windows of 5, 21 and 101 samples at 100 Hz."""
     log = make_log(replace(MOVES, seconds=14.0), imu_rate=100.0, robot_rate=100.0)
     theirs, ours = [], []
@@ -176,7 +178,7 @@ def test_its_bias_grows_with_the_window_and_ours_does_not() -> None:
     assert max(ours) < 6e-6
 
 
-def test_it_states_no_more_than_it_knows(log: Log) -> None:
+def test_paper_method_reports_no_sigma(log: Log) -> None:
     estimate = calibrate(log, **NEAR)
     assert estimate.method == "paper"
     assert estimate.covariance is None
@@ -185,20 +187,20 @@ def test_it_states_no_more_than_it_knows(log: Log) -> None:
     np.testing.assert_array_equal(estimate.gravity_world, [0, 0, -GRAVITY])
 
 
-def test_a_motion_about_one_axis_is_not_trusted() -> None:
+def test_motion_about_one_axis_is_untrusted() -> None:
     log = make_log(Moves(seconds=12.0, amplitude=(0, 0, 0, 0, 0, 1.5)))
     estimate = calibrate(log, exclusion_threshold=0.0, R_initial=log.mount.R)
     assert any("does not determine the pose" in reason for reason in estimate.distrust)
 
 
-def test_without_gravity_none_is_taken_off() -> None:
+def test_zero_gravity_is_not_subtracted() -> None:
     log = make_log(MOVES, gravity_world=np.zeros(3))
     estimate = calibrate(log, 5, gravity_norm=0.0, R_initial=log.mount.R, exclusion_threshold=0.0)
     assert np.linalg.norm(estimate.t_parent_imu - log.mount.t) < 1e-3
     np.testing.assert_array_equal(estimate.gravity_world, 0.0)
 
 
-def test_a_gap_does_not_smear(log: Log) -> None:
+def test_gap_is_excluded_and_keeps_the_result(log: Log) -> None:
     rows = (log.imu.t < 5.0) | (log.imu.t > 6.0)
     estimate = calibrate(log.kept(rows), **NEAR, exclusion_threshold=0.0)
     assert any("1 gaps" in warning for warning in estimate.warnings)
@@ -218,7 +220,7 @@ def test_an_even_window_becomes_odd_and_a_short_log_is_refused(log: Log) -> None
         calibrate(log, 1201, exclusion_threshold=1e-9)
 
 
-def test_another_minimum_is_not_trusted() -> None:
+def test_local_minimum_is_untrusted() -> None:
     log = make_log(Moves(seconds=12.0))
     upside_down = log.mount.R @ np.diag([1.0, -1.0, -1.0])
     options = PaperOptions(exclusion_threshold=0.0, R_initial=upside_down)

@@ -59,7 +59,7 @@ def browser() -> Iterator[Any]:
 
 
 class Opened:
-    """A page that is open, and what it said and asked for."""
+    """A page that is open, with its console messages and requests."""
 
     def __init__(self, browser: Any, path: Path, **options: Any) -> None:
         self.complaints: list[str] = []
@@ -119,7 +119,7 @@ COLOURED = """
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_plot_draws_marks(browser: Any, path: Path, scheme: str) -> None:
+def test_every_plot_draws_data(browser: Any, path: Path, scheme: str) -> None:
     opened = Opened(browser, path, color_scheme=scheme)
     places = opened.page.locator(".plot")
     assert places.count() >= 15
@@ -146,7 +146,7 @@ def test_the_3d_view_turns_by_keys_and_by_dragging(opened: Opened) -> None:
     assert len(set(seen)) == 3
 
 
-def test_copy_buttons_copy(opened: Opened, path: Path) -> None:
+def test_copy_buttons_copy_to_clipboard(opened: Opened, path: Path) -> None:
     (calibrated,) = outcome(path.stem).calibrated
     wanted = {
         each.command + each.render([calibrated.result])
@@ -198,7 +198,7 @@ def test_zooming_by_keys_and_mouse_moves_all_plots_over_time(opened: Opened) -> 
     assert drawn(opened, other) == before[1]
 
 
-def test_a_phone_needs_no_scrolling_sideways(browser: Any, path: Path) -> None:
+def test_page_fits_phone_width(browser: Any, path: Path) -> None:
     opened = Opened(browser, path, viewport=PHONE, device_scale_factor=2, has_touch=True)
     width = opened.page.evaluate("document.documentElement.scrollWidth")
     assert width <= PHONE["width"]
@@ -206,7 +206,7 @@ def test_a_phone_needs_no_scrolling_sideways(browser: Any, path: Path) -> None:
     opened.close()
 
 
-def test_every_control_is_reached_by_the_keyboard(opened: Opened) -> None:
+def test_every_control_is_reachable_by_keyboard(opened: Opened) -> None:
     reached = set()
     for _ in range(200):
         opened.page.keyboard.press("Tab")
@@ -214,7 +214,7 @@ def test_every_control_is_reached_by_the_keyboard(opened: Opened) -> None:
     assert {"a", "summary", "button", "svg", "div"} <= reached
 
 
-def test_a_log_axis_with_nothing_above_zero_does_not_hang(browser: Any, tmp_path: Path) -> None:
+def test_log_axis_without_positive_values_does_not_hang(browser: Any, tmp_path: Path) -> None:
     text = page_of("rihibot")
     data = data_of(text)
     for plot in data["plots"].values():
@@ -233,7 +233,7 @@ def test_a_log_axis_with_nothing_above_zero_does_not_hang(browser: Any, tmp_path
     opened.close()
 
 
-def test_it_prints(opened: Opened) -> None:
+def test_page_prints(opened: Opened) -> None:
     pdf = opened.page.pdf(format="A4")
     assert pdf.startswith(b"%PDF")
     assert len(pdf) > 50_000
@@ -241,7 +241,9 @@ def test_it_prints(opened: Opened) -> None:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("size", ["wide", "phone"])
-def test_it_looks_as_it_did(browser: Any, path: Path, scheme: str, size: str) -> None:
+def test_page_matches_reference_screenshot(
+    browser: Any, path: Path, scheme: str, size: str
+) -> None:
     """Against references that were looked at; to renew them, delete them and run this twice."""
     if path.stem != "rihibot":
         pytest.skip("one sample is enough to show the layout")

@@ -75,7 +75,7 @@ def outline(text: str) -> Outline:
 
 
 @pytest.mark.parametrize("name", slow_after(1, ["rihibot", "broad_21_cut"]))
-def test_a_page_is_whole_and_small(name: str) -> None:
+def test_page_is_complete_and_small(name: str) -> None:
     text = page_of(name)
     assert len(text.encode()) < 1.5e6  # of a minute; 3 MB are allowed for two
     found = outline(text)
@@ -87,7 +87,7 @@ def test_a_page_is_whole_and_small(name: str) -> None:
     assert "default-src 'none'" in text
 
 
-def test_a_page_tells_what_the_summary_tells(calibrated: Calibrated) -> None:
+def test_page_contains_the_summary(calibrated: Calibrated) -> None:
     result = calibrated.result
     texts = " ".join(outline(page_of("rihibot")).texts)
     assert all(field.text in texts for each in sections(result) for field in each.fields)
@@ -98,7 +98,7 @@ def test_a_page_tells_what_the_summary_tells(calibrated: Calibrated) -> None:
 
 
 @pytest.mark.parametrize("name", slow_after(1, ["rihibot", "broad_21_cut"]))
-def test_every_figure_has_its_words_and_its_plots(name: str) -> None:
+def test_every_figure_has_text_and_plots(name: str) -> None:
     (calibrated,) = outcome(name).calibrated
     made = list(
         figures(Material(result=calibrated.result, details=calibrated.estimate.details, stamps={}))
@@ -117,7 +117,7 @@ def test_every_figure_has_its_words_and_its_plots(name: str) -> None:
         assert plot["x"] == sorted(plot["x"])
 
 
-def test_what_is_drawn_is_what_was_measured(calibrated: Calibrated) -> None:
+def test_plots_show_measured_values(calibrated: Calibrated) -> None:
     details = calibrated.estimate.details
     assert details is not None
     plot = data_of(page_of("rihibot"))["plots"]["imu0-gyro-2"]
@@ -131,7 +131,7 @@ def test_what_is_drawn_is_what_was_measured(calibrated: Calibrated) -> None:
     assert (low <= high).all()
 
 
-def test_thinning_keeps_peaks_of_one_sample_and_gaps() -> None:
+def test_thinning_keeps_single_sample_peaks_and_gaps() -> None:
     rng = np.random.default_rng(0)
     series = rng.normal(size=(100_000, 3))
     series[77_777, 1] = 50.0
@@ -145,7 +145,7 @@ def test_thinning_keeps_peaks_of_one_sample_and_gaps() -> None:
     assert 30_000 in thinned(series, bins=500)
 
 
-def test_ranges_hold_every_sample() -> None:
+def test_ranges_contain_every_sample() -> None:
     rng = np.random.default_rng(1)
     t, values = np.sort(rng.uniform(0, 10, 2000)), rng.normal(size=(2000, 2))
     at = np.linspace(0.5, 9.5, 37)
@@ -163,7 +163,7 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 HOSTILE = '</script><img src=x onerror="alert(1)">\x1b[31m\u202e'
 
 
-def test_names_of_a_log_cannot_leave_their_place(calibrated: Calibrated) -> None:
+def test_names_from_the_log_are_escaped(calibrated: Calibrated) -> None:
     result = calibrated.result
     hostile = msgspec.structs.replace(
         result, transform=msgspec.structs.replace(result.transform, child=HOSTILE, parent=HOSTILE)
@@ -176,7 +176,7 @@ def test_names_of_a_log_cannot_leave_their_place(calibrated: Calibrated) -> None
     assert data_of(text)["mounts"]["imu0-mount"]["child"].startswith("</script>")
 
 
-def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy(
+def test_untrusted_result_is_marked_first_and_hides_copy_blocks(
     calibrated: Calibrated,
 ) -> None:
     result = changed(calibrated.result, distrust=["the mount moved"])
@@ -188,7 +188,7 @@ def test_an_untrusted_result_says_so_first_and_opens_nothing_to_copy(
     assert "&lt;joint" in page_of("rihibot")
 
 
-def test_a_result_alone_has_a_page_that_says_what_it_lacks(calibrated: Calibrated) -> None:
+def test_page_of_result_alone_lists_missing_details(calibrated: Calibrated) -> None:
     text = page([Material(result=calibrated.result)])
     outline(text)
     assert "--report report.html" in text
@@ -197,7 +197,7 @@ def test_a_result_alone_has_a_page_that_says_what_it_lacks(calibrated: Calibrate
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e300, 1.79e308])
-def test_numbers_beyond_all_measure_are_shown(extreme: float, calibrated: Calibrated) -> None:
+def test_extreme_numbers_are_shown(extreme: float, calibrated: Calibrated) -> None:
     result = calibrated.result
     first, *others = result.diagnostics.parameters
     assert result.std is not None
@@ -208,7 +208,7 @@ def test_numbers_beyond_all_measure_are_shown(extreme: float, calibrated: Calibr
         outline(page([Material(result=spoilt)]))
 
 
-def test_a_sensor_that_shows_no_noise_has_no_line_of_it(calibrated: Calibrated) -> None:
+def test_sensor_without_noise_has_no_noise_line(calibrated: Calibrated) -> None:
     details = calibrated.estimate.details
     assert details is not None
     silent = tuple(replace(each, own=0.0) for each in details.spectra)
@@ -217,7 +217,7 @@ def test_a_sensor_that_shows_no_noise_has_no_line_of_it(calibrated: Calibrated) 
     assert data_of(text)["plots"]["imu0-spectra-0"]["levels"] == []
 
 
-def test_two_imus_share_a_page_without_sharing_an_id(calibrated: Calibrated) -> None:
+def test_two_imus_on_a_page_have_distinct_ids(calibrated: Calibrated) -> None:
     material = Material(result=calibrated.result, details=calibrated.estimate.details, stamps={})
     found = outline(page([material, replace(material)]))
     assert len(set(found.ids)) == len(found.ids)

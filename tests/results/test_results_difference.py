@@ -55,15 +55,15 @@ def spd(rng: np.random.Generator, scale: float, n: int = 6) -> NDArray[np.float6
 
 @pytest.mark.parametrize("freedom", [1, 2, 3, 4, 5, 6])
 @pytest.mark.parametrize("value", [0.0, 1e-9, 0.3, 4.0, 25.0, 900.0, 2000.0])
-def test_chances_are_those_of_scipy(freedom: int, value: float) -> None:
+def test_probabilities_match_scipy(freedom: int, value: float) -> None:
     assert chance_of_more(value, freedom) == pytest.approx(chi2.sf(value, freedom), rel=1e-10)
 
 
-def test_without_freedom_there_is_nothing_to_exceed() -> None:
+def test_zero_degrees_of_freedom_give_probability_one() -> None:
     assert chance_of_more(3.0, 0) == 1.0
 
 
-def test_bounds_are_those_of_all_points_of_the_ellipsoid() -> None:
+def test_bounds_cover_all_points_of_the_ellipsoid() -> None:
     rng = np.random.default_rng(1)
     sphere = rng.normal(size=(200_000, 3))
     sphere /= np.linalg.norm(sphere, axis=1)[:, None]
@@ -85,7 +85,7 @@ def test_bounds_are_those_of_all_points_of_the_ellipsoid() -> None:
             assert least <= points.min() + 1e-9
 
 
-def test_bounds_far_from_zero_are_first_order_and_at_zero_the_largest_sigma() -> None:
+def test_bounds_are_first_order_far_off_and_max_sigma_at_zero() -> None:
     covariance = np.diag([1.0, 4.0, 9.0])
     u = np.array([0.6, 0.0, 0.8])
     sigma = math.sqrt(u @ covariance @ u)
@@ -96,7 +96,7 @@ def test_bounds_far_from_zero_are_first_order_and_at_zero_the_largest_sigma() ->
     assert norm_bounds(np.array([0.5, 0.0, 0.0]), covariance, 2.0)[1] > 6.0
 
 
-def test_bounds_with_nothing_uncertain_or_in_a_plane() -> None:
+def test_bounds_for_zero_or_planar_covariance() -> None:
     vector = np.array([3.0, 4.0, 0.0])
     assert norm_bounds(vector, np.zeros((3, 3)), 2.0) == (5.0, 5.0)
     # z is known exactly, so no point is nearer than z
@@ -119,7 +119,7 @@ def _by_perturbing(
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-6, 0.01, 0.5, 2.5])
-def test_the_covariance_is_that_of_perturbed_poses(angle: float) -> None:
+def test_covariance_matches_perturbed_poses(angle: float) -> None:
     rng = np.random.default_rng(int(angle * 1e6))
     R1 = Rotation.random(rng=rng)
     axis = rng.normal(size=3)
@@ -144,7 +144,7 @@ def test_the_covariance_is_that_of_perturbed_poses(angle: float) -> None:
         np.testing.assert_allclose(found.covariance, C1 + C2, rtol=1e-4)
 
 
-def test_chi_squared_is_that_of_the_whole_vector() -> None:
+def test_chi_squared_uses_the_whole_vector() -> None:
     rng = np.random.default_rng(3)
     R, C = Rotation.random(rng=rng), spd(rng, 1e-3)
     d = rng.multivariate_normal(np.zeros(6), C)
@@ -157,7 +157,7 @@ def test_chi_squared_is_that_of_the_whole_vector() -> None:
     assert test.p_value == pytest.approx(chi2.sf(test.chi2, 6))
 
 
-def test_what_one_of_the_two_does_not_know_is_no_evidence() -> None:
+def test_direction_unknown_in_one_result_is_not_tested() -> None:
     C = np.diag([1e-8, 1e-8, 100.0, 1e-10, 1e-10, 1e-10])
     first = make_pose(Rotation.identity(), [0, 0, 0.3], C, along=[0.0, 0.0, 1.0])
     second = make_pose(Rotation.identity(), [2e-4, 0, -5.0], np.eye(6) * 1e-8)
@@ -170,7 +170,7 @@ def test_what_one_of_the_two_does_not_know_is_no_evidence() -> None:
 
 
 @pytest.mark.parametrize("unknown_in", ["first", "second"])
-def test_a_turn_about_the_unknown_axis_is_none(unknown_in: str) -> None:
+def test_rotation_about_unknown_axis_is_ignored(unknown_in: str) -> None:
     """The conditional value may be anything; what it is turned by about the axis must not count."""
     z = np.array([0.0, 0.0, 1.0])
     tilt = Rotation.from_rotvec([0.03, 0.0, 0.0])
@@ -195,7 +195,7 @@ def test_a_turn_about_the_unknown_axis_is_none(unknown_in: str) -> None:
     assert len(found.translation.basis) == 0
 
 
-def test_axes_a_few_degrees_apart_are_one_and_more_are_two() -> None:
+def test_unknown_axes_a_few_degrees_apart_are_merged() -> None:
     C = np.eye(6) * 1e-8
     z, near, far = [0.0, 0.0, 1.0], [0.0, math.sin(0.02), math.cos(0.02)], [0.0, 1.0, 0.0]
     first = make_pose(Rotation.identity(), [0, 0, 0], C, about=z)
@@ -226,7 +226,7 @@ def robot(tmp_path: Path) -> Robot:
     return load_robot(path)
 
 
-def test_other_frames_carry_pose_and_covariance_along(robot: Robot) -> None:
+def test_change_of_frame_transforms_pose_and_covariance(robot: Robot) -> None:
     rng = np.random.default_rng(5)
     R, t, C = Rotation.random(rng=rng), rng.normal(size=3), spd(rng, 1e-3)
     # URDF's rpy is about fixed axes, scipy's lower case likewise
@@ -261,7 +261,7 @@ def test_other_frames_carry_pose_and_covariance_along(robot: Robot) -> None:
         ("imu_lnk", "plate", "did you mean 'imu_link'"),
     ],
 )
-def test_frames_that_cannot_be_exchanged(child: str, parent: str, words: str, robot: Robot) -> None:
+def test_unrelated_frames_are_refused(child: str, parent: str, words: str, robot: Robot) -> None:
     pose = make_pose(Rotation.identity(), [0, 0, 0], np.eye(6), parent="plate")
     with pytest.raises(ChoiceError, match=words):
         pose.of_child(child, robot).seen_from(parent, robot)

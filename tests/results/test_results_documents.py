@@ -163,7 +163,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
 
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("write", [to_yaml, to_json])
-def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any) -> None:
+def test_documents_match_schema_and_read_back_equal(variant: str, write: Any) -> None:
     document = to_document(make_result(**VARIANTS[variant]))
     text = write([document])
     SCHEMA.validate(document)
@@ -172,7 +172,7 @@ def test_documents_obey_the_schema_and_read_back_equal(variant: str, write: Any)
     assert to_document(again) == document
 
 
-def test_when_it_was_recorded_is_read_from_any_writer() -> None:
+def test_recording_time_is_read_from_any_writer() -> None:
     """Also from one that leaves the quotes out, which makes of the text a date."""
     text = to_yaml([make_result()])
     assert "start: '2026-05-04T09:15:02.250000Z'" in text
@@ -184,7 +184,7 @@ def test_when_it_was_recorded_is_read_from_any_writer() -> None:
         read_results(text.replace("2026-05-04T", "last week, "), "result.yaml")
 
 
-def test_keys_stand_in_the_order_of_the_contract() -> None:
+def test_keys_are_in_schema_order() -> None:
     told = "schema status transform partial covariance std time_offset accel_bias gyro_bias"
     keys = [*told.split(), "gravity_world", "diagnostics", "provenance"]
     assert list(to_document(make_result(unobservable=(UP,)))) == keys
@@ -198,7 +198,7 @@ def test_keys_stand_in_the_order_of_the_contract() -> None:
         (ROLL, [-0.0225, 0.1, 1e-5], [-0.0225, 0.1, 1e-5]),
     ],
 )
-def test_what_is_not_determined_is_null(direction: Any, translation: Any, place: Any) -> None:
+def test_undetermined_values_are_null(direction: Any, translation: Any, place: Any) -> None:
     """Of a translation every component that it touches, a rotation as a whole."""
     document = to_document(make_result(unobservable=(direction,)))
     assert document["status"] == "untrusted"
@@ -224,14 +224,14 @@ def test_std_and_rotation_agree_with_scipy() -> None:
     assert document["transform"]["rotation_xyzw"][3] >= 0
 
 
-def test_vectors_stand_on_one_line_in_yaml() -> None:
+def test_yaml_vectors_are_on_one_line() -> None:
     text = to_yaml([to_document(make_result(unobservable=(UP,)))])
     assert "  translation: [-0.0225, 0.1, null]\n" in text
     assert "\n- [" in text.split("covariance:")[1]
     assert "&id" not in text
 
 
-def test_several_imus_are_a_stream_or_an_array() -> None:
+def test_several_imus_are_a_yaml_stream_or_json_array() -> None:
     pair = [make_result(), make_result(unobservable=(UP,))]
     documents = [to_document(calibration) for calibration in pair]
     assert len(list(yaml.safe_load_all(to_yaml(documents)))) == 2
@@ -254,7 +254,7 @@ def test_floats_survive_yaml_and_json(value: float) -> None:
 
 
 @pytest.mark.parametrize("written", ["1e-05", "1E-5", "1.0e-05", "0.00001"])
-def test_numbers_of_other_writers_are_numbers(written: str) -> None:
+def test_numbers_written_by_other_tools_are_read(written: str) -> None:
     text = to_yaml([to_document(make_result())]).replace("1.0e-05", written)
     assert written in text
     (again,) = read_results(text, "x")
@@ -277,7 +277,7 @@ def test_numbers_of_other_writers_are_numbers(written: str) -> None:
         ("schema: 1\nstatus: ok\ntransform: 3", "transform should be a mapping"),
     ],
 )
-def test_bad_files_give_one_line(text: str, part: str) -> None:
+def test_bad_files_give_one_line_errors(text: str, part: str) -> None:
     with pytest.raises(InputError, match=rf"^bad.yaml: .*{re.escape(part)}.*\Z") as caught:
         read_results(text, "bad.yaml")
     assert "\n" not in str(caught.value)
@@ -303,7 +303,7 @@ def test_findings_keep_their_codes_and_values() -> None:
     assert [each["message"] for each in document["findings"]] == messages
 
 
-def test_sentences_of_results_without_codes_are_read() -> None:
+def test_results_without_finding_codes_are_read() -> None:
     """As versions wrote them that had no findings."""
     document = to_document(make_result())
     del document["diagnostics"]["findings"]
@@ -320,9 +320,7 @@ def test_sentences_of_results_without_codes_are_read() -> None:
 
 
 @pytest.mark.parametrize(("findings", "known"), [((), 5), (DOUBTS, 0)], ids=["ok", "contradicted"])
-def test_known_directions_are_computed_where_they_were_not_written(
-    findings: Any, known: int
-) -> None:
+def test_missing_known_directions_are_computed(findings: Any, known: int) -> None:
     """A sigma that something contradicts makes no direction known."""
     result = make_result(unobservable=(UP,), findings=findings)
     document = to_document(result)
@@ -330,7 +328,7 @@ def test_known_directions_are_computed_where_they_were_not_written(
     assert result_from(document, "f") == result
 
 
-def test_a_finding_of_a_later_version_is_told_as_it_was() -> None:
+def test_finding_of_a_later_version_is_kept_verbatim() -> None:
     document = to_document(make_result())
     document["diagnostics"]["findings"] = [
         {"code": "imu.sings", "severity": "warning", "values": {"hz": 440}, "message": "it sings"}
@@ -340,7 +338,7 @@ def test_a_finding_of_a_later_version_is_told_as_it_was() -> None:
     assert (told.code, told.message) == ("imu.sings", "it sings")
 
 
-def test_values_that_are_too_deep_are_an_input_error() -> None:
+def test_too_deeply_nested_values_are_an_input_error() -> None:
     document = to_document(make_result(findings=DOUBTS))
     for share in ([[[[1]]]], [[[[[1]]]]]):
         document["diagnostics"]["findings"][0]["values"] = {"share": share}
@@ -415,7 +413,7 @@ VALUE = "a number or a text or a list or null"
         ("time_offset seconds", False, "seconds should be a number, not False"),
         ("diagnostics nominal translation 2", math.inf, f"translation[2] {FINITE}, not inf"),
         ("status", "ok", "status is ok", {"unobservable": (UP,)}),
-        # nobody would hear of reasons whose findings are gone: decisions rest on findings
+        # reasons without findings would be lost: decisions use the findings
         ("diagnostics findings", [], NOT_OF_FINDINGS),
         ("diagnostics findings 0 severity", "fatal", "should be note or untrusted or warning"),
         ("diagnostics findings 0 severity", "warning", NOT_OF_FINDINGS),
@@ -424,7 +422,7 @@ VALUE = "a number or a text or a list or null"
     ],
     ids=lambda edit: f"{edit[0]} = {str(edit[1])[:9]}",
 )
-def test_what_was_edited_and_cannot_be_is_refused(edit: tuple[Any, ...]) -> None:
+def test_inconsistent_edits_are_refused(edit: tuple[Any, ...]) -> None:
     place, value, part, *more = edit
     changes = {"findings": DOUBTS} if "findings" in place else (more or [{}])[0]
     document = to_document(make_result(**changes))
@@ -437,7 +435,7 @@ def test_what_was_edited_and_cannot_be_is_refused(edit: tuple[Any, ...]) -> None
         read_results(yaml.safe_dump(document), "edited.yaml")
 
 
-def test_half_a_character_is_an_input_error() -> None:
+def test_lone_surrogate_is_an_input_error() -> None:
     """JSON and YAML can name it, UTF-8 cannot write it."""
     document = to_document(make_result())
     document["diagnostics"]["notes"]["unit"] = "\ud800"
@@ -449,7 +447,7 @@ def test_half_a_character_is_an_input_error() -> None:
 
 
 @pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2, math.pi / 2 - 1e-8, 1.5707])
-def test_our_own_angles_agree_with_our_quaternion_even_in_gimbal_lock(pitch: float) -> None:
+def test_angles_agree_with_quaternion_in_gimbal_lock(pitch: float) -> None:
     for roll, yaw in ((0.0, 0.0), (1.0, -2.0), (math.pi, math.pi)):
         R = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
         text = to_yaml([to_document(make_result(R_parent_imu=R))])
@@ -468,7 +466,7 @@ TINY = Tolerance(translation=1e-9)
         (UNEVEN, Tolerance(rotation=1.1e-4)),
     ],
 )
-def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tolerance) -> None:
+def test_sigma_within_requirement_stays_trusted(changes: Any, asked: Tolerance) -> None:
     assert require(make_estimate(**changes), "wrist_3_link", asked).trusted
 
 
@@ -508,7 +506,7 @@ def test_a_sigma_within_what_is_required_stays_trusted(changes: Any, asked: Tole
     ],
     ids=["longer", "faster", "unobservable", "no sigma", "nan", "by a hair"],
 )
-def test_require_distrusts_a_sigma_that_is_too_large_and_advises(
+def test_sigma_above_requirement_is_untrusted_with_advice(
     changes: Any, asked: Tolerance, said: str
 ) -> None:
     (sentence,) = require(make_estimate(**changes), "wrist_3_link", asked).distrust
@@ -528,7 +526,7 @@ def test_distance_matches_scipy_near_and_far() -> None:
 T_TRUE = np.vstack([np.column_stack([R_TRUE.as_matrix(), [-0.0225, 0.1, 1e-5]]), [0, 0, 0, 1]])
 
 
-def test_every_form_of_the_pose_is_the_same_pose() -> None:
+def test_all_output_formats_give_the_same_pose() -> None:
     texts = {name: each.render([make_result()]) for name, each in FORMATS.items()}
     words = texts["tf"].split()
     named = {words[i][2:]: words[i + 1] for i in range(0, len(words), 2)}
@@ -565,7 +563,7 @@ def renamed(result: Result, child: str) -> Result:
     )
 
 
-def test_forms_of_several_imus_keep_them_apart() -> None:
+def test_output_formats_separate_several_imus() -> None:
     results = [renamed(make_result(), child) for child in ("imu-a", "imu_a", "9")]
     root = ET.fromstring(f'<r xmlns:xacro="x">{FORMATS["xacro"].render(results)}</r>')
     names = [each.attrib["name"] for each in root]
@@ -575,7 +573,7 @@ def test_forms_of_several_imus_keep_them_apart() -> None:
         assert len(list(yaml.safe_load_all(FORMATS[form].render(results)))) == 3
 
 
-def test_a_name_runs_nothing_in_a_launch_file_or_a_shell() -> None:
+def test_names_execute_nothing_in_launch_file_or_shell() -> None:
     evil = renamed(make_result(), "$(command 'id')\nrm -rf \\")
     node = ET.fromstring(FORMATS["launch"].render([evil]))
     assert "\\$(command" in node.attrib["args"]
@@ -596,12 +594,12 @@ def test_untrusted_poses_are_refused_without_force() -> None:
 
 
 @pytest.mark.parametrize("which", ["result", "comparison"])
-def test_the_published_schema_is_that_of_the_tree(which: Any) -> None:
+def test_published_schema_matches_the_code(which: Any) -> None:
     """To write it again: imucalib schema result > docs/result.schema.json."""
     assert (ROOT / f"docs/{which}.schema.json").read_text() == schema_of(which)
 
 
-def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
+def test_summary_directions_are_inverse_to_each_other() -> None:
     text = summarise(make_result())
     assert next(line for line in text.splitlines() if "±" in line) == "  ± is 1 sigma"
     positions = [_numbers(line) for line in text.splitlines() if line.startswith("    xyz ")]
@@ -617,7 +615,7 @@ def test_the_summary_gives_both_directions_and_they_undo_each_other() -> None:
     np.testing.assert_allclose(_numbers(example.group(1)), expected, atol=5.1e-5)
 
 
-def test_every_field_of_the_list_is_in_the_summary() -> None:
+def test_every_listed_field_is_in_the_summary() -> None:
     result = make_result(unobservable=(UP,), findings=(warning(TEXT, text="it creaks"),))
     listed = sections(result)
     assert len({section.title for section in listed}) == len(listed)
@@ -660,7 +658,7 @@ def _numbers(text: str) -> list[float]:
     return [float(word) for word in re.findall(r"-?\d+\.\d+", text)]
 
 
-def test_the_summary_says_what_is_not_known() -> None:
+def test_summary_lists_unknowns() -> None:
     text = summarise(make_result(unobservable=(UP, ROLL), findings=DOUBTS))
     assert "UNTRUSTED" in text
     far = make_result(unobservable=(replace(ROLL, std=math.pi),))

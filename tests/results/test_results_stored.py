@@ -1,4 +1,4 @@
-"""Results that earlier versions wrote: of the sample log, before the keys that the name says."""
+"""Results of earlier versions, of the sample log: from before the keys in the file name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SAMPLES = Path(__file__).parents[2] / "sample_data"
 
 
 @pytest.mark.parametrize("path", STORED, ids=lambda path: path.stem)
-def test_every_key_of_an_old_result_is_read_and_kept(path: Path) -> None:
+def test_every_key_of_an_old_result_is_kept(path: Path) -> None:
     text = path.read_text()
     (result,) = read_results(text, path.name)
     _assert_kept(yaml.safe_load(text), to_document(result))
@@ -43,7 +43,9 @@ def _assert_kept(old: object, new: object) -> None:
         ("without_parameters", 0, "not moved: imu_link in wrist_3_link has not moved"),
     ],
 )
-def test_old_results_still_answer(name: str, code: int, words: str, imucalib: Imucalib) -> None:
+def test_old_results_can_be_compared_and_verified(
+    name: str, code: int, words: str, imucalib: Imucalib
+) -> None:
     """The sample's URDF has the IMU turned by 1 degree."""
     (path,) = (each for each in STORED if each.stem == name)
     assert words in imucalib("diff", path, path, code=code).err
@@ -52,7 +54,7 @@ def test_old_results_still_answer(name: str, code: int, words: str, imucalib: Im
         assert "the rotation is off by 1.0" in err
 
 
-def test_a_reason_without_a_code_is_known_as_a_requirement_or_as_a_contradiction() -> None:
+def test_old_reasons_are_classified_as_requirement_or_text() -> None:
     (result,) = read_results(STORED[1].read_text(), STORED[1].name)
     codes = {each.code for each in result.diagnostics.findings if each.severity == "untrusted"}
     assert STORED[1].stem == "without_codes"

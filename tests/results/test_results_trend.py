@@ -1,4 +1,4 @@
-"""Whether, when and how far a mount moved, by draws of which that is known."""
+"""Whether, when and how far a mount moved, from random draws with known answer."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def series(values: Any, covariances: Any) -> Series:
 
 
 def false_alarms(seeds: range, count: int, scatter: tuple[float, float]) -> int:
-    """Of mounts that stand still: how many are told to move, drift or have an odd recording."""
+    """How many unmoved mounts are reported as moved, drifting or with an odd recording."""
     alarms = 0
     for seed in seeds:
         recordings = series(*drawn(seed, count, scatter=scatter))
@@ -45,7 +45,7 @@ def false_alarms(seeds: range, count: int, scatter: tuple[float, float]) -> int:
 
 
 @pytest.mark.parametrize("scatter", slow_after(1, ["some", "none", "much"]))
-def test_a_mount_that_stands_still_gives_no_alarm(scatter: str) -> None:
+def test_unmoved_mount_gives_no_alarm(scatter: str) -> None:
     """The criterion is stated to give fewer than one false alarm in a thousand."""
     assert false_alarms(range(60), 12, SCATTERS[scatter]) == 0
 
@@ -53,13 +53,13 @@ def test_a_mount_that_stands_still_gives_no_alarm(scatter: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("scatter", SCATTERS)
 @pytest.mark.parametrize("count", [4, 6, 20])
-def test_false_alarms_are_fewer_than_stated(count: int, scatter: str) -> None:
+def test_false_alarm_rate_is_below_stated_rate(count: int, scatter: str) -> None:
     """At one in a thousand two in 120 have a chance of 1 %; docs/options.md has 400 of each."""
     assert false_alarms(range(1000, 1120), count, SCATTERS[scatter]) <= 1
 
 
 @pytest.mark.parametrize("scatter", ["none", "some"])
-def test_a_move_after_recording_12_of_20_is_found_there(scatter: str) -> None:
+def test_move_after_recording_12_of_20_is_located(scatter: str) -> None:
     for seed in range(5):
         values, C = drawn(seed, 20, scatter=SCATTERS[scatter], moves=[(12, MOVE)])
         given = named(values, C)
@@ -80,7 +80,7 @@ def test_a_move_after_recording_12_of_20_is_found_there(scatter: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_sigma_of_a_move_is_true_where_recordings_scatter() -> None:
+def test_sigma_of_a_move_is_correct_with_scatter() -> None:
     squared = []
     for seed in range(40):
         answer = trend(named(*drawn(seed, 24, scatter=SCATTERS["some"], moves=[(12, 3 * MOVE)])))
@@ -90,7 +90,7 @@ def test_the_sigma_of_a_move_is_true_where_recordings_scatter() -> None:
     assert 1.8 < np.mean(squared) < 4.5  # 3, and 40 draws of it
 
 
-def test_several_moves_and_back_again() -> None:
+def test_several_moves_and_return_are_found() -> None:
     moves = [(6, MOVE), (13, SECOND), (16, -MOVE - SECOND)]
     answer = trend(named(*drawn(1, 22, moves=moves)))
     assert [each.mount for each in answer.recordings] == [1] * 6 + [2] * 7 + [3] * 3 + [4] * 6
@@ -98,7 +98,7 @@ def test_several_moves_and_back_again() -> None:
     assert first.translation == pytest.approx(last.translation, abs=3e-4)
 
 
-def test_a_recording_that_stands_alone_is_odd_and_no_move() -> None:
+def test_single_outlier_is_odd_and_not_a_move() -> None:
     values, C = drawn(2, 20, scatter=SCATTERS["some"])
     values[7] += 5 * MOVE
     given = named(values, C)
@@ -111,7 +111,7 @@ def test_a_recording_that_stands_alone_is_odd_and_no_move() -> None:
 
 
 @pytest.mark.parametrize(("place", "which"), [(19, "the last"), (0, "the first")])
-def test_at_an_end_nobody_can_tell_an_odd_recording_from_a_move(place: int, which: str) -> None:
+def test_outlier_at_an_end_gives_verdict_unknown(place: int, which: str) -> None:
     values, C = drawn(3, 20)
     values[place] += MOVE
     answer = trend(named(values, C))
@@ -120,7 +120,7 @@ def test_at_an_end_nobody_can_tell_an_odd_recording_from_a_move(place: int, whic
     assert "another recording will show which" in answer.reason
 
 
-def test_a_drift_is_no_move_and_has_its_rate() -> None:
+def test_drift_is_not_a_move_and_has_a_rate() -> None:
     values, C = drawn(4, 20, scatter=SCATTERS["some"])
     values += np.outer(np.arange(20) / 19.0, 3 * MOVE)
     values[5, 2] += 0.02
@@ -135,7 +135,7 @@ def test_a_drift_is_no_move_and_has_its_rate() -> None:
     assert "moves steadily: by 6." in answer.reason
 
 
-def test_a_mount_put_on_the_other_way_round_is_one_move() -> None:
+def test_reversed_mount_is_one_move() -> None:
     """Half a turn: its rotation vector has two signs."""
     values, C = drawn(5, 12)
     values[6:, 3:] = [
@@ -146,7 +146,7 @@ def test_a_mount_put_on_the_other_way_round_is_one_move() -> None:
     assert change.rotation.difference_deg == pytest.approx(180.0, abs=0.1)
 
 
-def test_what_a_tolerance_allows_is_no_alarm() -> None:
+def test_change_within_tolerance_gives_no_alarm() -> None:
     given = named(*drawn(6, 20, moves=[(12, MOVE)]))
     wide = Tolerance(translation=5e-3, rotation=0.01)
     narrow = replace(wide, translation=1e-3)
@@ -158,7 +158,7 @@ def test_what_a_tolerance_allows_is_no_alarm() -> None:
     assert trend(given, replace(wide, translation=2e-3)).verdict == "unknown"
 
 
-def test_recordings_of_one_time_have_no_drift() -> None:
+def test_recordings_with_equal_times_have_no_drift() -> None:
     """As simulated logs have it."""
     values, C = drawn(12, 8)
     values += np.outer(np.arange(8), MOVE)
@@ -169,7 +169,7 @@ def test_recordings_of_one_time_have_no_drift() -> None:
     assert [each.file for each in trend(given).odd] == ["99.yaml"]
 
 
-def test_recordings_that_are_too_few() -> None:
+def test_too_few_recordings_are_reported() -> None:
     values, C = drawn(7, 3)
     assert trend(named(values, C)[:1]).verdict == "unknown"
     assert trend(named(values, C)).verdict == "not moved"
@@ -182,8 +182,8 @@ def test_recordings_that_are_too_few() -> None:
     )
 
 
-def test_results_that_tell_nothing_are_left_out_and_named() -> None:
-    """Also where the first ones hold what the others do not."""
+def test_uninformative_results_are_excluded_and_named() -> None:
+    """Also if the first ones fix components that the others do not."""
     values, C = drawn(8, 8)
     given = named(values, C)
     fixed = C[0].copy()
@@ -211,7 +211,7 @@ def test_results_that_tell_nothing_are_left_out_and_named() -> None:
     assert reasons["d.yaml"] == f"it is of the same log as {given[2][0]}"
 
 
-def test_axes_that_are_held_say_nothing() -> None:
+def test_fixed_axes_are_ignored() -> None:
     """The sigma of what --fix holds is zero."""
     values, C = drawn(9, 12, moves=[(6, MOVE)])
     values[:, 2], C[:, 2], C[:, :, 2] = 0.0, 0.0, 0.0
@@ -222,7 +222,7 @@ def test_axes_that_are_held_say_nothing() -> None:
     assert answer.mounts[0].covariance[2] == [0.0] * 6
 
 
-def test_results_without_a_time_are_taken_as_given() -> None:
+def test_results_without_time_keep_given_order() -> None:
     values, C = drawn(10, 12, moves=[(6, MOVE)])
     given = named(values, C)
     given[3] = (given[3][0], result(3, values[3], C[3], recorded=None))
@@ -238,7 +238,7 @@ def test_results_without_a_time_are_taken_as_given() -> None:
     )
 
 
-def test_recordings_at_once_are_told_and_in_the_order_of_their_names() -> None:
+def test_simultaneous_recordings_are_reported_and_sorted_by_name() -> None:
     """Numbers in names count as numbers, as of day1 to day12."""
     values, C = drawn(12, 12)
     given = [
@@ -256,7 +256,7 @@ def test_recordings_at_once_are_told_and_in_the_order_of_their_names() -> None:
     assert not trend(apart).warnings  # as parts of a log that share their ends
 
 
-def test_what_was_before_a_day_is_left_out() -> None:
+def test_results_before_a_date_are_left_out() -> None:
     values, C = drawn(10, 12, moves=[(6, MOVE)])
     given = named(values, C)
     assert trend(given).verdict == "moved"
@@ -269,8 +269,8 @@ def test_what_was_before_a_day_is_left_out() -> None:
     assert answer.order == "recording time"
 
 
-def test_a_line_through_a_recording_that_alone_tells_its_slope_leaves_nothing_of_it() -> None:
-    """All but one of one time: that one has no residual, and nothing is gained without it."""
+def test_recording_that_alone_defines_drift_is_not_odd() -> None:
+    """All but one have the same time: that one has no residual, and excluding it gains nothing."""
     values, _ = drawn(14, 9, moves=[(8, MOVE)])
     exact = np.tile(np.eye(6) * 2.0**-24, (9, 1, 1))  # so that nothing is lost by rounding
     found = find_line(replace(series(values, exact), times=np.array([0.0] * 8 + [1.0])))
@@ -279,7 +279,7 @@ def test_a_line_through_a_recording_that_alone_tells_its_slope_leaves_nothing_of
     assert np.isfinite(found.score)
 
 
-def test_another_urdf_at_a_move_is_told() -> None:
+def test_urdf_change_at_a_move_is_reported() -> None:
     values, C = drawn(11, 12, moves=[(6, MOVE)])
     given = named(values, C)
     source = given[0][1].provenance.urdf

@@ -1,4 +1,4 @@
-"""The rules of ``verify`` and ``diff``: their rates in noise, and what withholds an answer."""
+"""The rules of ``verify`` and ``diff``: error rates in noise, reasons for unknown verdicts."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def moved(first: Result, second: Result, within: Tolerance | None = None) -> Dif
         (0.5, 1e-4, "no"),
     ],
 )
-def test_two_sigma_on_either_side_of_the_tolerance_decide(
+def test_verdict_needs_two_sigma_from_tolerance(
     part: str, off: float, sigma: float, verdict: str
 ) -> None:
     key, place = {"translation": ("shift", slice(3)), "rotation": ("turn", slice(3, 6))}[part]
@@ -78,7 +78,7 @@ def test_two_sigma_on_either_side_of_the_tolerance_decide(
     assert (found.verdict, getattr(found, part).verdict) == (verdict, verdict)
 
 
-def test_near_zero_the_largest_sigma_counts_not_the_one_along_the_difference() -> None:
+def test_small_difference_is_judged_by_the_largest_sigma() -> None:
     pancake = np.diag([1e-6, 1e-14, 1e-14] + [1e-12] * 3)
     almost_right = found_at([0.0, 1e-6, 0.0], covariance=pancake)
     assert answer(almost_right, Tolerance(translation=1.9e-3, rotation=1e-3)).verdict == "unknown"
@@ -96,9 +96,7 @@ def _covariance(rng: np.random.Generator, smallest: float) -> NDArray[np.float64
 @pytest.mark.parametrize(
     ("tolerance", "ceiling"), [(30.0, 0.035), (5.0, 0.05), (1.0, 0.09), (0.01, 0.06)]
 )
-def test_a_pose_at_the_edge_of_what_is_allowed_is_seldom_called_wrong(
-    tolerance: float, ceiling: float
-) -> None:
+def test_pose_at_the_tolerance_is_rarely_judged_wrong(tolerance: float, ceiling: float) -> None:
     """The worst case: all of the tolerance is used up. In units of the largest sigma."""
     rng = np.random.default_rng(11)
     trials, wrong, right = 800, 0, 0
@@ -122,7 +120,7 @@ def test_a_pose_at_the_edge_of_what_is_allowed_is_seldom_called_wrong(
 
 
 @pytest.mark.slow
-def test_mounts_that_did_not_move_alarm_once_in_a_hundred() -> None:
+def test_false_alarm_rate_of_unmoved_mounts_is_one_percent() -> None:
     rng = np.random.default_rng(13)
     root = rng.normal(scale=[[1e-3]] * 3 + [[1e-4]] * 3, size=(6, 6))
     noise = root @ root.T
@@ -137,7 +135,7 @@ def test_mounts_that_did_not_move_alarm_once_in_a_hundred() -> None:
     assert 2 <= alarms <= 20
 
 
-def test_a_move_of_many_sigma_is_seen_and_told() -> None:
+def test_move_of_many_sigma_is_detected_and_described() -> None:
     first, second = found_at(), found_at([0.0, 3e-3, 0.0])
     found = moved(first, second)
     assert found.verdict == "moved"
@@ -150,14 +148,14 @@ def test_a_move_of_many_sigma_is_seen_and_told() -> None:
         assert moved(first, second, within).verdict == verdict
 
 
-def test_no_significant_difference_says_what_it_would_not_have_seen() -> None:
+def test_not_moved_verdict_states_detection_limit() -> None:
     found = moved(found_at(), found_at([1e-6, 0.0, 0.0]))
     assert found.verdict == "not moved"
     assert "it moved by no more than 0.029 mm and 0.00016 deg" in found.reason
 
 
 @pytest.mark.parametrize("distrust", ["segments disagree", "the time offset may lie beyond"])
-def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None:
+def test_self_contradicting_result_gives_unknown(distrust: str) -> None:
     for shift in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0]):
         doubtful = found_at(shift, findings=(untrusted(TEXT, text=distrust),))
         for found, place in ((answer(doubtful), ""), (moved(found_at(), doubtful), "b.yaml: ")):
@@ -166,7 +164,7 @@ def test_a_result_that_contradicts_itself_answers_nothing(distrust: str) -> None
             assert why in found.reason
 
 
-def test_a_sigma_above_what_was_required_still_answers() -> None:
+def test_sigma_above_requirement_still_gives_a_verdict() -> None:
     far = make_estimate(t_parent_imu=T_TOLD + np.array([0.5, 0.0, 0.0]), covariance=SMALL)
     demanding = make_result(estimate=require(far, "wrist_3_link", Tolerance(translation=1e-9)))
     assert demanding.status == "untrusted"
@@ -186,7 +184,7 @@ def _widened(*directions: UnobservableDirection) -> NDArray[np.float64]:
     return np.asarray(covariance)
 
 
-def test_an_unknown_translation_withholds_yes_but_not_no() -> None:
+def test_unknown_translation_prevents_yes_but_not_no() -> None:
     """UP: nothing is known along z of the parent."""
     blind: dict[str, Any] = {"covariance": _widened(UP), "unobservable": (UP,)}
     right = answer(found_at([0.0, 0.0, 0.0], **blind))
@@ -201,13 +199,13 @@ def test_an_unknown_translation_withholds_yes_but_not_no() -> None:
         assert answer(found_at(shift, turn, **blind)).verdict == verdict
 
 
-def test_a_direction_called_unknown_is_never_right_however_wide_the_tolerance() -> None:
+def test_unknown_direction_never_gives_yes_for_any_tolerance() -> None:
     loose = replace(UP, std=0.06)
     found = found_at(covariance=_widened(loose), unobservable=(loose,))
     assert answer(found, Tolerance(translation=1.0, rotation=1.0)).verdict == "unknown"
 
 
-def test_an_unknown_rotation_withholds_what_hangs_on_it() -> None:
+def test_unknown_rotation_prevents_verdicts_that_depend_on_it() -> None:
     """ROLL: nothing is known about x of the parent, so no lever arm either."""
     free = replace(ROLL, std=None)
     blind: dict[str, Any] = {"covariance": _widened(free), "unobservable": (free,)}
@@ -222,7 +220,7 @@ def test_an_unknown_rotation_withholds_what_hangs_on_it() -> None:
         assert answer(found_at(shift, turn, **blind)).verdict == verdict
 
 
-def test_unknown_directions_of_either_result_cannot_be_told_to_have_moved() -> None:
+def test_unknown_directions_are_never_judged_moved() -> None:
     blind = found_at([0.0, 0.0, 4.0], covariance=_widened(UP), unobservable=(UP,))
     found = moved(found_at(), blind)
     assert found.verdict == "unknown"
@@ -235,7 +233,7 @@ def test_unknown_directions_of_either_result_cannot_be_told_to_have_moved() -> N
     assert "b.yaml: --method paper states no sigma: use --method matched" in nothing.reason
 
 
-def test_a_method_without_sigma_cannot_answer() -> None:
+def test_method_without_sigma_gives_unknown() -> None:
     found = answer(found_at([0.5, 0.0, 0.0], covariance=None, method="paper"))
     assert found.verdict == "unknown"
     assert "--method paper states no sigma" in found.reason
@@ -243,7 +241,7 @@ def test_a_method_without_sigma_cannot_answer() -> None:
     assert answer(found_at(covariance=partly)).verdict == "unknown"
 
 
-def test_the_sentence_of_a_no_has_the_figures() -> None:
+def test_sentence_of_a_no_contains_the_figures() -> None:
     found = answer(found_at([3e-3, 0.0, -4e-3], [0.0, 0.0, math.radians(1.0)]))
     assert found.verdict == "no"
     assert (
@@ -254,14 +252,14 @@ def test_the_sentence_of_a_no_has_the_figures() -> None:
     assert found.rotation.difference_deg == pytest.approx(1.0)
 
 
-def test_an_ignored_component_counts_as_right() -> None:
+def test_ignored_component_counts_as_correct() -> None:
     off = found_at([0.5, 0.0, 0.0])
     found = verify(off, TOLD, TIGHT, ignored=frozenset({0}))
     assert (found.verdict, found.ignored, found.translation.difference_mm) == ("yes", ("tx",), 0.0)
     assert verify(off, TOLD, TIGHT, ignored=frozenset({1})).verdict == "no"
 
 
-def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
+def test_rotation_by_half_a_turn_is_wrong() -> None:
     for angle in (math.pi, math.pi - 1e-9, 3.0):
         found = answer(found_at(turn=[0.0, angle, 0.0], covariance=SMALL * 1e4))
         assert found.verdict == "no"
@@ -277,7 +275,7 @@ def test_a_rotation_by_half_a_turn_is_plainly_wrong() -> None:
         (None, None, True),
     ],
 )
-def test_results_of_the_same_samples_are_told_and_of_other_parts_of_the_log_not(
+def test_shared_samples_are_reported_but_other_log_parts_not(
     first: Any, second: Any, *, is_said: bool
 ) -> None:
     def of_part(part: Any) -> Result:
@@ -290,7 +288,7 @@ def test_results_of_the_same_samples_are_told_and_of_other_parts_of_the_log_not(
         assert ["computed from the same log" in each for each in said] == [True] * is_said
 
 
-def test_what_was_told_to_the_estimator_is_no_finding() -> None:
+def test_given_components_are_listed_in_the_reason() -> None:
     known = found_at(options={"pose.std": "inf inf 0 inf inf 0.01"})
     found = answer(known)
     assert found.verdict == "yes"
@@ -298,7 +296,7 @@ def test_what_was_told_to_the_estimator_is_no_finding() -> None:
     assert "given beforehand" not in answer(found_at()).reason
 
 
-def test_more_motion_is_no_advice_where_the_model_sets_sigma() -> None:
+def test_model_limited_sigma_does_not_advise_more_motion() -> None:
     wide = np.diag([1e-6] * 3 + [1e-12] * 3)
     assert "record longer" in answer(found_at(covariance=wide)).reason
     found = found_at(covariance=wide)

@@ -38,11 +38,11 @@ if TYPE_CHECKING:
         (-0.0001, 0.01, "0.000 ± 0.010"),
     ],
 )
-def test_digits_are_those_that_sigma_earns(value: float, std: float, text: str) -> None:
+def test_digits_are_rounded_to_sigma(value: float, std: float, text: str) -> None:
     assert with_std(value, std) == text
 
 
-def test_without_sigma_the_text_says_so() -> None:
+def test_text_states_missing_sigma() -> None:
     for std in (None, 0.0, float("inf"), float("nan")):
         assert with_std(1.5, std, default=2) == "1.50 (no sigma)"
 
@@ -64,13 +64,13 @@ def test_without_sigma_the_text_says_so() -> None:
         (float("inf"), 2, "inf"),
     ],
 )
-def test_plain_decimals_where_they_read_well(value: float, count: int, text: str) -> None:
+def test_moderate_numbers_use_plain_decimals(value: float, count: int, text: str) -> None:
     assert figures(value, count) == text
 
 
 @settings(deadline=None)
 @given(value=st.floats(-1e8, 1e8).filter(lambda x: abs(x) > 1e-8), count=st.sampled_from([2, 3]))
-def test_figures_are_the_rounding_of_the_format(value: float, count: int) -> None:
+def test_figures_match_format_rounding(value: float, count: int) -> None:
     # half a unit of the last figure; which way a tie goes does not matter
     assert float(figures(value, count)) == pytest.approx(value, rel=0.5001 * 10.0 ** (1 - count))
 
@@ -84,7 +84,7 @@ def test_a_printed_sigma_is_within_five_percent_or_one_digit(std: float) -> None
     assert decimals(std) < 0 or len(digits) <= 2
 
 
-def test_a_file_is_written_whole_with_the_umask(tmp_path: Path) -> None:
+def test_file_is_written_atomically_with_umask(tmp_path: Path) -> None:
     target = tmp_path / "out.yaml"
     write_whole(target, "a: ü\r\n")
     assert target.read_bytes() == "a: ü\r\n".encode()
@@ -98,7 +98,7 @@ def test_a_file_is_written_whole_with_the_umask(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_a_failed_write_leaves_the_old_file_and_no_rubbish(
+def test_failed_write_keeps_old_file_and_no_temporary_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = tmp_path / "out.yaml"
@@ -123,14 +123,14 @@ def test_a_link_is_kept_and_its_target_replaced(tmp_path: Path) -> None:
     assert target.read_text() == "new"
 
 
-def test_folders_and_devices(tmp_path: Path) -> None:
+def test_folders_are_refused_and_devices_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is a folder"):
         write_whole(tmp_path, "text")
     write_whole(Path("/dev/null"), "text")
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
 
 
-def test_what_several_imus_have_alike_is_said_once() -> None:
+def test_findings_common_to_several_imus_are_printed_once() -> None:
     def of(child: str, *findings: Finding) -> Result:
         return make_result(child=child, findings=findings)
 
@@ -150,7 +150,7 @@ def test_what_several_imus_have_alike_is_said_once() -> None:
     assert str(findings_of(results[1:2])[0]).startswith("warning: an accel")
 
 
-def test_notes_of_one_imu_are_all_said() -> None:
+def test_all_notes_of_one_imu_are_printed() -> None:
     notes = [
         note("imu.joined", gyro=f"/{n}", accel="/a", fast="/a", slow="/s", rate=1) for n in "pq"
     ]

@@ -66,9 +66,7 @@ def file(content: bytes, tmp_path: Path) -> Path:
     return path
 
 
-def test_what_is_read_is_what_was_written(
-    file: Path, content: bytes, calibrated: Calibrated
-) -> None:
+def test_statistics_read_back_equal(file: Path, content: bytes, calibrated: Calibrated) -> None:
     assert len(content) < MOST
     read, before = read_statistics(file), calibrated.estimate.statistics
     assert before is not None
@@ -84,7 +82,7 @@ def test_what_is_read_is_what_was_written(
     assert statistics_bytes(read.result, read.statistics) == content
 
 
-def test_the_parts_of_the_log_are_those_of_the_report(file: Path, calibrated: Calibrated) -> None:
+def test_log_parts_match_the_report(file: Path, calibrated: Calibrated) -> None:
     details, covariance = calibrated.estimate.details, calibrated.estimate.covariance
     assert details is not None
     assert details.stretches is not None
@@ -98,7 +96,7 @@ def test_the_parts_of_the_log_are_those_of_the_report(file: Path, calibrated: Ca
     np.testing.assert_allclose(found.std_so_far[-1], details.stretches.std_so_far[-1])
 
 
-def test_the_command_says_the_same_again_of_a_file_and_of_a_list_from_stdin(
+def test_command_reproduces_result_from_file_and_stdin_list(
     file: Path, calibrated: Calibrated, combine: Imucalib
 ) -> None:
     first = calibrated.result
@@ -114,7 +112,7 @@ def test_the_command_says_the_same_again_of_a_file_and_of_a_list_from_stdin(
         assert again["diagnostics"]["combined"] is None
 
 
-def test_a_result_finds_its_statistics_under_the_names_of_a_batch(
+def test_statistics_are_found_under_batch_names(
     file: Path, calibrated: Calibrated, combine: Imucalib
 ) -> None:
     result = file.with_name("log.imu_link.yaml")
@@ -124,7 +122,7 @@ def test_a_result_finds_its_statistics_under_the_names_of_a_batch(
     assert found["transform"]["child"] == calibrated.result.child
 
 
-def test_an_imu_that_cannot_be_solved_stops_no_other(
+def test_unsolvable_imu_does_not_stop_the_others(
     file: Path, calibrated: Calibrated, combine: Imucalib
 ) -> None:
     source = calibrated.result.provenance
@@ -139,7 +137,7 @@ def test_an_imu_that_cannot_be_solved_stops_no_other(
     assert "different URDFs" in seen.err
 
 
-def test_what_cannot_be_used_of_a_folder_stops_no_other(file: Path, combine: Imucalib) -> None:
+def test_unusable_files_in_folder_do_not_stop_the_others(file: Path, combine: Imucalib) -> None:
     """An archive of something else is passed over, a damaged one is an error beside the result."""
     np.savez(file.with_name("weights.npz"), layer=np.eye(3))
     damaged = file.with_name("damaged.npz")
@@ -157,7 +155,7 @@ def test_what_cannot_be_used_of_a_folder_stops_no_other(file: Path, combine: Imu
     assert "no statistics in it" in combine(file.parent, code=1).err
 
 
-def test_other_priors_need_no_log(file: Path, combine: Imucalib) -> None:
+def test_priors_can_change_without_the_log(file: Path, combine: Imucalib) -> None:
     known = "-0.0225 0.1 0 3.14159265 0 1.57079633"
     said = combine(file, "--initial", known, "--prior-std", "tz=1mm", "--robot", "exact").out
     options = yaml.safe_load(said)["provenance"]["options"]
@@ -184,9 +182,7 @@ def _without(content: bytes, name: str) -> bytes:
 
 
 @pytest.mark.parametrize("name", ["header", "information", "widened", "accel_density"])
-def test_a_file_with_something_missing_is_told_in_one_line(
-    name: str, content: bytes, tmp_path: Path
-) -> None:
+def test_incomplete_file_is_one_line_error(name: str, content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     path.write_bytes(_without(content, name))
     with pytest.raises(InputError, match="damaged or has no statistics"):
@@ -194,7 +190,7 @@ def test_a_file_with_something_missing_is_told_in_one_line(
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_a_damaged_file_is_told_in_one_line(seed: int, content: bytes, tmp_path: Path) -> None:
+def test_damaged_file_is_one_line_error(seed: int, content: bytes, tmp_path: Path) -> None:
     rng = np.random.default_rng(seed)
     data = bytearray(content)
     for place in rng.integers(0, len(data), 20).tolist():

@@ -78,9 +78,7 @@ TRICKY = b"""<?xml version="1.0"?>
         ),
     ],
 )
-def test_the_origin_alone_is_changed_however_it_is_written(
-    before: bytes, after: bytes | None
-) -> None:
+def test_only_the_origin_is_changed_in_any_notation(before: bytes, after: bytes | None) -> None:
     head, tail = TRICKY.split(b"ORIGIN")
     changed = replace_origin(head + before + tail, "imu", XYZ, RPY)
     assert changed.startswith(head)
@@ -90,7 +88,7 @@ def test_the_origin_alone_is_changed_however_it_is_written(
     assert_origin_is(changed, "imu")
 
 
-def test_a_missing_origin_is_inserted_with_the_indentation_of_its_neighbours() -> None:
+def test_missing_origin_is_inserted_with_matching_indentation() -> None:
     urdf = (
         b'<robot name="r">\r\n  <link name="a"/>\r\n  <link name="b"/>\r\n  <joint name="imu" '
         b'type="fixed">\r\n\t <!-- c -->\r\n\t <parent link="a"/>\r\n\t <child link="b"/>\r\n'
@@ -112,7 +110,7 @@ def test_a_missing_origin_is_inserted_with_the_indentation_of_its_neighbours() -
         ("cp1252", b"", "windows-1252"),
     ],
 )
-def test_encodings_and_byte_order_marks_stay(codec: str, bom: bytes, declared: str) -> None:
+def test_encodings_and_byte_order_marks_are_kept(codec: str, bom: bytes, declared: str) -> None:
     head = f'<?xml version="1.0" encoding="{declared}"?>\n<robot name="Häß">\n<!-- üé -->'
     text = (
         head + '<link name="a"/><link name="ö"/><joint type="fixed" name="ö"><parent link="a"/>'
@@ -126,7 +124,7 @@ def test_encodings_and_byte_order_marks_stay(codec: str, bom: bytes, declared: s
     assert_origin_is(changed, "ö")
 
 
-def test_surrogate_pairs_of_utf_16_do_not_shift_the_place() -> None:
+def test_utf_16_surrogate_pairs_do_not_shift_the_edit() -> None:
     text = (
         '<robot name="r"><!-- \N{ROBOT FACE} --><link name="a"/><link name="b"/><joint name="j" '
         'type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
@@ -177,7 +175,7 @@ def documents(draw: st.DrawFn) -> tuple[bytes, bytes, bytes, str]:
 
 @given(documents(), st.tuples(numbers, numbers, numbers), st.tuples(numbers, numbers, numbers))
 @settings(max_examples=80, deadline=None)
-def test_every_other_byte_of_any_urdf_stays(
+def test_every_other_byte_of_any_urdf_is_kept(
     document: tuple[bytes, bytes, bytes, str], xyz: Triple, rpy: Triple
 ) -> None:
     before, tag, after, joint = document
@@ -203,7 +201,7 @@ def test_every_other_byte_of_any_urdf_stays(
         (b'<robot xmlns:xacro="x"><xacro:imu/></robot>', "'imu' is made by a macro of xacro"),
     ],
 )
-def test_what_cannot_be_edited_is_refused(urdf: bytes, said: str) -> None:
+def test_uneditable_urdf_is_refused(urdf: bytes, said: str) -> None:
     with pytest.raises(InputError, match=said):
         replace_origin(urdf, "imu", XYZ, RPY)
 
@@ -253,9 +251,7 @@ def test_apply_refuses_a_parent_that_moves_relative_to_the_joints(robot: Robot) 
 @pytest.mark.parametrize(
     ("child", "named"), [("new_imu", "new_imu"), ("arm", "arm_imu"), ("base", "base_imu")]
 )
-def test_a_missing_joint_comes_with_a_snippet_that_can_be_pasted(
-    robot: Robot, child: str, named: str
-) -> None:
+def test_missing_joint_error_has_a_snippet_to_paste(robot: Robot, child: str, named: str) -> None:
     R = Rotation.from_euler("xyz", RPY).as_matrix()
     with pytest.raises(MissingJointError) as caught:
         joint_for(robot, "arm", child, R, np.array(XYZ))

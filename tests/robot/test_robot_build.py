@@ -82,7 +82,7 @@ def arm_plate(shoulder: Floats) -> RigidTransform:
 SHOULDER = np.array([0.3, -1.0, 2.0, 0.7])
 
 
-def test_a_mimic_joint_follows_the_joint_it_names() -> None:
+def test_mimic_joint_follows_its_joint() -> None:
     path = joint_path(ROBOT, "plate", [joints("/j", slide=T, shoulder=SHOULDER)])
     assert (path.world, path.parent) == ("base", "plate")
     assert_path_is(path, arm_plate(SHOULDER))
@@ -90,7 +90,7 @@ def test_a_mimic_joint_follows_the_joint_it_names() -> None:
     assert kinds == [FixedStep, JointStep, FixedStep, JointStep, FixedStep]
 
 
-def test_a_mimic_joint_logged_without_its_model_drives_itself() -> None:
+def test_logged_mimic_joint_without_its_source_uses_own_values() -> None:
     path = joint_path(ROBOT, "lower", [joints("/j", elbow=SHOULDER)], world="upper")
     assert_path_is(path, shift(0.4, 0, 0) * turn("y", SHOULDER))
 
@@ -109,7 +109,7 @@ def test_a_path_may_start_at_any_link() -> None:
     assert [track.name for track in path.tracks] == ["/a", "/b"]
 
 
-def test_the_publisher_with_most_of_the_needed_joints_drives() -> None:
+def test_publisher_with_most_needed_joints_is_used() -> None:
     wrong = np.zeros(COUNT)
     tracks = [joints("/shoulder_only", shoulder=wrong), joints("/all", slide=T, shoulder=SHOULDER)]
     path = joint_path(ROBOT, "plate", tracks, world="tail")
@@ -128,7 +128,7 @@ def test_the_publisher_with_most_of_the_needed_joints_drives() -> None:
         ([joints("/j", shoulder=np.full(COUNT, np.nan))], "/j: joint 'shoulder' .*not finite"),
     ],
 )
-def test_joints_the_log_lacks_are_told_with_what_it_has(tracks: list[Track], said: str) -> None:
+def test_missing_joints_are_reported_with_available_ones(tracks: list[Track], said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
         joint_path(ROBOT, "plate", tracks)
     assert "\n" not in str(caught.value)
@@ -142,19 +142,19 @@ def test_joints_the_log_lacks_are_told_with_what_it_has(tracks: list[Track], sai
         (("houlder", "lide"), "without the prefix 's' .'lide'.: take it off the URDF"),
     ],
 )
-def test_names_that_differ_by_one_end_are_told_so(names: tuple[str, ...], told: str) -> None:
+def test_joint_names_differing_by_affix_are_reported(names: tuple[str, ...], told: str) -> None:
     track = joints("/joint_states", **dict.fromkeys(names, T))
     with pytest.raises(InputError, match=f"no position of joints .* {told}.*--joint-topic$"):
         joint_path(ROBOT, "plate", [track], world="tail")
 
 
-def test_floating_joints_on_the_way_ask_for_a_pose_stream() -> None:
+def test_floating_joint_in_path_asks_for_a_pose_stream() -> None:
     floating = parse_robot(ARM.replace('"prismatic"', '"floating"').encode(), "arm.urdf")
     with pytest.raises(InputError, match=r"joint 'slide' is floating.*--pose-topic"):
         joint_path(floating, "tail", [joints("/j", slide=T)])
 
 
-def test_frames_are_passed_up_and_down_from_the_root_by_default() -> None:
+def test_path_from_root_passes_frames_in_both_directions() -> None:
     map_odom, T_map_odom = moving("map", "odom", 1)
     odom_base, T_odom_base = moving("odom", "base", 2)
     base_mast, T_base_mast = standing("base", "mast", 3)
@@ -170,20 +170,20 @@ def test_frames_are_passed_up_and_down_from_the_root_by_default() -> None:
     assert [type(step) for step in path.steps] == [PoseStep, PoseStep]
 
 
-def test_fixed_joints_of_the_urdf_fill_gaps_of_the_frames() -> None:
+def test_fixed_urdf_joints_fill_gaps_between_frames() -> None:
     world_lower, T_world_lower = moving("world", "lower", 5)
     path = frame_path([world_lower], "plate", robot=ROBOT)
     assert path.world == "world"
     assert_path_is(path, T_world_lower * shift(0, 0, 0.1) * turn("z", 1.0))
 
 
-def test_a_static_transform_sent_twice_is_one() -> None:
+def test_repeated_static_transform_is_one() -> None:
     edge, T_a_b = standing("a", "b", 6)
     again, _ = standing("a", "b", 6)
     assert_path_is(frame_path([edge, again], "b"), T_a_b)
 
 
-def test_two_sources_of_one_pose_are_a_choice_only_where_they_matter() -> None:
+def test_two_sources_of_a_pose_need_a_choice_only_on_the_path() -> None:
     a_b, T_a_b = moving("a", "b", 7)
     first, _ = moving("b", "c", 8, "/odom")
     second, _ = moving("x", "c", 9, "/mocap")
@@ -200,7 +200,7 @@ def broken(edge: Edge, column: slice, value: float) -> Edge:
     return replace(edge, track=replace(edge.track, values=values))
 
 
-def test_edges_that_give_no_path_are_told() -> None:
+def test_edges_without_a_path_are_reported() -> None:
     a_b, _ = moving("a", "b", 10)
     b_a, _ = moving("b", "a", 11)
     x_y, _ = moving("x", "y", 12)
@@ -224,7 +224,7 @@ def test_edges_that_give_no_path_are_told() -> None:
             frame_path(edges, "b")
 
 
-def test_a_moving_base_carries_the_joints() -> None:
+def test_joints_move_with_the_base() -> None:
     odom_base, T_odom_base = moving("odom", "base", 13)
     repeated, _ = moving("base", "upper", 14)  # robot_state_publisher
     edges = [repeated, odom_base]
@@ -237,7 +237,7 @@ def test_a_moving_base_carries_the_joints() -> None:
     assert_path_is(path, T_odom_base * arm_plate(SHOULDER))
 
 
-def test_motion_capture_of_any_link_is_a_base() -> None:
+def test_motion_capture_of_any_link_can_be_the_base() -> None:
     mocap_marker, T_mocap_marker = moving("mocap", "marker", 15)
     marker_upper, T_marker_upper = standing("marker", "upper", 16)
     edges = [mocap_marker, marker_upper]
@@ -248,14 +248,14 @@ def test_motion_capture_of_any_link_is_a_base() -> None:
     assert_path_is(path, T_mocap_marker * T_marker_upper * base_upper.inv())
 
 
-def test_a_robot_that_stands_has_no_base() -> None:
+def test_standing_robot_has_no_moving_base() -> None:
     repeated, _ = moving("base", "upper", 17)
     bolted, _ = standing("map", "base", 18)
     elsewhere, _ = moving("map", "ball", 19)
     assert find_base([repeated, bolted, elsewhere], ROBOT) is None
 
 
-def test_several_bases_are_a_choice() -> None:
+def test_several_bases_need_a_choice() -> None:
     edges = [moving("odom", "base", 20, "/odom")[0], moving("mocap", "plate", 21, "/mocap")[0]]
     with pytest.raises(
         ChoiceError, match="'base' in 'odom' by /odom, 'plate' in 'mocap' by /mocap"
@@ -263,7 +263,7 @@ def test_several_bases_are_a_choice() -> None:
         find_base(edges, ROBOT)
 
 
-def test_a_path_on_which_nothing_moves_is_still() -> None:
+def test_path_without_motion_is_still() -> None:
     still = np.full(COUNT, 0.3)
     assert is_still(joint_path(ROBOT, "plate", [joints("/j", slide=T, shoulder=still)]))
     assert not is_still(joint_path(ROBOT, "plate", [joints("/j", slide=still, shoulder=T)]))

@@ -56,7 +56,7 @@ T_wrist_cam = transform((0.0, 0.5, 0.0), (-1.0, 0.0, 0.2))
         ("", "plate", None, ("plate", "imu", ""), None),
     ],
 )
-def test_parent_child_and_nominal(
+def test_mount_has_parent_child_and_nominal_pose(
     frame_id: str,
     parent: str | None,
     imu_link: str | None,
@@ -90,14 +90,14 @@ def test_an_unknown_frame_asks_for_the_parent_and_lists_the_links(frame_id: str)
         ("imu_link", None, "--parent imu_link is the IMU's own frame .* such as plate"),
     ],
 )
-def test_links_that_cannot_be_used_are_answered_with_others(
+def test_unusable_links_are_refused_with_alternatives(
     parent: str | None, imu_link: str | None, said: str
 ) -> None:
     with pytest.raises(ChoiceError, match=said):
         find_mount(ROBOT, "imu_link", parent, imu_link)
 
 
-def test_links_with_a_moving_joint_between_are_not_rigid() -> None:
+def test_links_joined_by_a_moving_joint_are_not_rigid() -> None:
     assert rigid_transform(ROBOT, "base", "cam") is None
     assert rigid_transform(ROBOT, "cam", "cam") is not None
     floating = parse_robot(URDF.replace('"revolute"', '"floating"').encode(), "r.urdf")

@@ -29,13 +29,13 @@ JOINTS = ("pan", "lift", "wrist_roll")
         (("finger",), JOINTS, "", ()),
     ],
 )
-def test_prefixes(
+def test_joint_names_match_with_prefixes(
     names: tuple[str, ...], known: tuple[str, ...], hints: str, expected: tuple[str, ...]
 ) -> None:
     assert prefixes(names, known, hints) == expected
 
 
-def test_either_side_may_have_the_prefix() -> None:
+def test_prefix_may_be_on_either_side() -> None:
     assert names_in_urdf(("l_pan", "x"), JOINTS, "l_") == {"l_pan": "pan"}
     assert names_in_urdf(("pan", "x"), ("l_pan", "r_pan"), "l_") == {"pan": "l_pan"}
     # a name that is there already is not taken twice

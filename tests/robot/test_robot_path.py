@@ -89,7 +89,7 @@ def by_us(
         ("panda", "panda_rightfinger"),
     ],
 )
-def test_arms_are_where_pinocchio_puts_them(file: str, tip: str) -> None:
+def test_arm_poses_match_pinocchio(file: str, tip: str) -> None:
     source = DATA / f"{file}.urdf"
     robot = load_robot(source)
     values = positions(robot, 200, seed=1)
@@ -139,18 +139,18 @@ def _words(numbers: tuple[float, ...]) -> str:
 
 @given(random_urdf(), st.integers(0, 1000))
 @settings(max_examples=60, deadline=None)
-def test_random_trees_are_where_pinocchio_puts_them(tree: tuple[str, str, str], seed: int) -> None:
+def test_random_tree_poses_match_pinocchio(tree: tuple[str, str, str], seed: int) -> None:
     urdf, world, tip = tree
     robot = parse_robot(urdf.encode(), "robot.urdf")
     values = positions(robot, 3, seed)
     R, p = by_us(robot, values, world, tip, seed)
-    # pinocchio is told every joint: without its mimic option a mimic joint is an ordinary one.
+    # pinocchio gets every joint: without its mimic option a mimic joint is an ordinary one.
     R_expected, p_expected = by_pinocchio(urdf, values, world, tip)
     np.testing.assert_allclose(R - R_expected[: len(R)], 0.0, atol=1e-9)
     np.testing.assert_allclose(p - p_expected[: len(p)], 0.0, atol=1e-9)
 
 
-def test_pose_steps_and_their_inverses_are_scipys_products() -> None:
+def test_pose_steps_and_inverses_match_scipy() -> None:
     rng = np.random.default_rng(5)
     count = 5000  # more than one block
     first, second = (Rotation.random(count, rng=rng) for _ in range(2))

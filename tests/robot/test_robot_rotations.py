@@ -41,13 +41,13 @@ def rotvecs(draw: st.DrawFn) -> Floats:
 
 
 @given(rotvecs())
-def test_exponential_is_scipys(rotvec: Floats) -> None:
+def test_exponential_matches_scipy(rotvec: Floats) -> None:
     expected = Rotation.from_rotvec(rotvec).as_matrix()
     np.testing.assert_allclose(rotations.matrix_from_rotvec(rotvec), expected, atol=1e-15)
 
 
 @given(rotvecs())
-def test_logarithm_and_angle_are_scipys_up_to_the_sign_of_a_half_turn(rotvec: Floats) -> None:
+def test_logarithm_and_angle_match_scipy_up_to_half_turn_sign(rotvec: Floats) -> None:
     R = Rotation.from_rotvec(rotvec).as_matrix()
     found = rotations.rotvec_from_matrix(R)
     angle = np.linalg.norm(rotvec)
@@ -60,7 +60,7 @@ def test_logarithm_and_angle_are_scipys_up_to_the_sign_of_a_half_turn(rotvec: Fl
 
 
 @given(rotvecs(), st.floats(0.01, 100.0))
-def test_quaternion_is_scipys_with_w_not_negative(rotvec: Floats, scale: float) -> None:
+def test_quaternion_matches_scipy_with_non_negative_w(rotvec: Floats, scale: float) -> None:
     rotation = Rotation.from_rotvec(rotvec)
     found = rotations.quaternion_from_matrix(rotation.as_matrix())
     expected = rotation.as_quat()
@@ -72,13 +72,13 @@ def test_quaternion_is_scipys_with_w_not_negative(rotvec: Floats, scale: float) 
 
 
 @given(roll_pitch_yaw)
-def test_rpy_to_matrix_is_scipys_fixed_axes(rpy: tuple[float, float, float]) -> None:
+def test_rpy_to_matrix_matches_scipy_fixed_axes(rpy: tuple[float, float, float]) -> None:
     expected = Rotation.from_euler("xyz", rpy).as_matrix()
     np.testing.assert_allclose(rotations.matrix_from_rpy(rpy), expected, atol=1e-15)
 
 
 @given(roll_pitch_yaw)
-def test_matrix_to_rpy_gives_the_matrix_back_even_at_gimbal_lock(
+def test_matrix_to_rpy_round_trips_at_gimbal_lock(
     rpy: tuple[float, float, float],
 ) -> None:
     R = Rotation.from_euler("xyz", rpy).as_matrix()
@@ -89,7 +89,7 @@ def test_matrix_to_rpy_gives_the_matrix_back_even_at_gimbal_lock(
 
 @given(roll_pitch_yaw.filter(lambda rpy: abs(np.cos(rpy[1])) > 1e-3))
 @settings(max_examples=50)
-def test_matrix_to_rpy_is_scipys_away_from_gimbal_lock(rpy: tuple[float, float, float]) -> None:
+def test_matrix_to_rpy_matches_scipy_away_from_gimbal_lock(rpy: tuple[float, float, float]) -> None:
     R = Rotation.from_euler("xyz", rpy).as_matrix()
     difference = rotations.rpy_from_matrix(R) - Rotation.from_matrix(R).as_euler("xyz")
     wrapped = (difference + np.pi) % (2.0 * np.pi) - np.pi
@@ -109,7 +109,7 @@ def test_skew_is_the_cross_product() -> None:
     np.testing.assert_allclose((rotations.skew(v) @ u[..., None])[..., 0], np.cross(v, u))
 
 
-def test_every_function_takes_stacks_of_any_shape() -> None:
+def test_every_function_accepts_stacks_of_any_shape() -> None:
     rng = np.random.default_rng(1)
     rotvec = rng.normal(size=(2, 5, 3))
     R = rotations.matrix_from_rotvec(rotvec)
@@ -132,7 +132,7 @@ def test_every_function_takes_stacks_of_any_shape() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=25)
-def test_nearest_rotation_is_scipys(seed: int) -> None:
+def test_nearest_rotation_matches_scipy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     M = Rotation.random(rng=rng).as_matrix() + 0.3 * rng.normal(size=(3, 3))
     found = rotations.nearest_rotation(M)

@@ -108,7 +108,7 @@ def bc(rest: str, kind: str = "revolute") -> str:
     ],
     ids=itertools.count(),
 )
-def test_faults_are_told_in_one_line_with_file_and_element(text: str | bytes, said: str) -> None:
+def test_fault_is_one_line_with_file_and_element(text: str | bytes, said: str) -> None:
     with pytest.raises(InputError, match=said) as caught:
         read(text)
     told = str(caught.value)
@@ -117,7 +117,7 @@ def test_faults_are_told_in_one_line_with_file_and_element(text: str | bytes, sa
     assert len(told) < 2000
 
 
-def test_several_faults_are_told_at_once_with_their_lines() -> None:
+def test_several_faults_are_listed_with_line_numbers() -> None:
     bad = "\n".join(joint(f"j{k}", "bogus", "a", "b") for k in range(5))
     with pytest.raises(InputError, match=r"line 2: .*; line 3: .*; line 4: .*; and 2 more faults"):
         read(robot(LINKS + "\n" + bad))
@@ -129,13 +129,13 @@ def test_size_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
         read(robot(LINKS + AB + BC))
 
 
-def test_a_missing_file_or_a_folder_is_told(tmp_path: Path) -> None:
+def test_missing_file_or_folder_is_reported(tmp_path: Path) -> None:
     for source in (tmp_path / "none.urdf", tmp_path):
         with pytest.raises(InputError, match="cannot be read"):
             load_robot(source)
 
 
-def test_what_is_not_kinematics_does_not_matter() -> None:
+def test_elements_without_kinematics_are_ignored() -> None:
     noise = """
     <link name="d"><inertial><mass value="heavy"/><inertia ixx="?"/></inertial>
       <visual><geometry><mesh filename="package://none/x.dae" scale="$(arg s)"/></geometry></visual>
@@ -151,7 +151,7 @@ def test_what_is_not_kinematics_does_not_matter() -> None:
     assert loaded.root == "a"
 
 
-def test_defaults_and_values_are_as_the_specification_has_them() -> None:
+def test_defaults_and_values_follow_the_specification() -> None:
     rest = (
         '<origin rpy="0 0 1.5707963267948966" xyz="1 2 3"/><axis xyz="0 3 4"/>'
         '<mimic joint="ab" multiplier="-2" offset="0.5"/>'
@@ -174,7 +174,7 @@ def test_utf_16_is_read() -> None:
     assert read(text.encode("utf-16")).links == ("a", "b", "c")
 
 
-def test_route_goes_up_and_down_past_the_common_link() -> None:
+def test_route_passes_the_common_link() -> None:
     panda = load_robot(DATA / "panda.urdf")
     route = panda.route("panda_leftfinger", "panda_rightfinger")
     assert [(joint.name, upwards) for joint, upwards in route] == [
@@ -194,7 +194,7 @@ def test_loading_is_silent_and_lazy() -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_who_imports_yourdfpy_beside_us_has_all_of_it() -> None:
+def test_yourdfpy_imported_by_user_is_complete() -> None:
     load_robot(DATA / "panda.urdf")
     model = yourdfpy.URDF.load(str(DATA / "panda.urdf"), load_meshes=False)
     assert isinstance(model.scene, trimesh.Scene)
@@ -209,7 +209,7 @@ def test_who_imports_yourdfpy_beside_us_has_all_of_it() -> None:
     )
 )
 @settings(max_examples=150, deadline=None)
-def test_damaged_files_are_read_or_refused_never_a_traceback(
+def test_damaged_files_give_no_traceback(
     damage: list[tuple[int, int, bytes]],
 ) -> None:
     data = (DATA / "panda.urdf").read_bytes()
@@ -248,7 +248,9 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
         load_robot(path)
 
 
-def test_without_xacro_its_command_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_xacro_error_names_its_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
     path = tmp_path / "robot.urdf.xacro"
     path.write_text(XACRO)
@@ -262,13 +264,13 @@ def test_a_urdf_may_come_from_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
     assert load_robot(Path("-")).links == ("a",)
 
 
-def test_a_mimic_of_no_joint_moves_by_itself() -> None:
+def test_mimic_of_missing_joint_moves_independently() -> None:
     """As in published URDFs of hands; only a path through such a joint needs its position."""
     for mimic in ('<mimic joint="no"/>', "<mimic/>"):
         assert read(bc(mimic)).joint_by_name["bc"].mimic is None
 
 
-def test_xacro_finds_packages_in_the_folders_about_it(tmp_path: Path) -> None:
+def test_xacro_finds_packages_in_surrounding_folders(tmp_path: Path) -> None:
     """As in the sources of a workspace, where nothing is installed."""
     pytest.importorskip("xacro")
     parts, arm = tmp_path / "src" / "parts", tmp_path / "src" / "arm" / "urdf"
@@ -284,7 +286,7 @@ def test_xacro_finds_packages_in_the_folders_about_it(tmp_path: Path) -> None:
     before = dict(sys.modules)
     assert load_robot(top).links == ("a", "b", "c")
     assert {name for name in sys.modules if "ament" in name} <= set(before)
-    # a package's name is what its manifest says, whatever its folder is called
+    # a package's name is that in its manifest, whatever its folder is called
     (parts / "package.xml").write_text("<package><name>acme_parts</name></package>")
     top.write_text(text.format("acme_parts"))
     assert load_robot(top).links == ("a", "b", "c")
@@ -326,7 +328,7 @@ def test_too_many_elements_are_refused(where: str) -> None:
     assert "more than 200000 elements" in refusal(where.format("<a/>" * 250_000))
 
 
-def test_long_chains_and_long_mimicry_are_read_in_time() -> None:
+def test_long_joint_and_mimic_chains_are_read_quickly() -> None:
     assert refusal(chain(1500)) == ""
     assert refusal(chain(1500, inside='<mimic joint="j{k}"/>')) == ""
     ring = chain(1500, inside='<mimic joint="j{k}"/>').replace(

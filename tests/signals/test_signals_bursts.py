@@ -1,4 +1,4 @@
-"""Arrivals made from ticks that the test knows, by models of drivers, buses and networks."""
+"""Arrivals made from known ticks, by models of drivers, buses and networks."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _timed(stamps: Floats, values: Floats) -> BurstTiming:
 
 
 def _off(spread: BurstTiming, t: Floats) -> Floats:
-    """Error of the ticks but for the delay, which nobody can know."""
+    """Error of the ticks except for the delay, which is unobservable."""
     off = spread.t - t
     return np.asarray(off - np.median(off))
 
@@ -55,7 +55,7 @@ def test_even_ticks_behind_bursts_are_found(rate: float, batch: int, *, same: bo
 
 @pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])
 @pytest.mark.parametrize("batch", [1, 5, 10])
-def test_one_message_in_a_hundred_may_be_lost(rate: float, batch: int) -> None:
+def test_one_percent_message_loss_is_tolerated(rate: float, batch: int) -> None:
     rng = np.random.default_rng(int(rate) + batch)
     t = np.arange(int(60 * rate)) / rate
     kept = rng.random(len(t)) >= 0.01
@@ -71,7 +71,7 @@ def test_one_message_in_a_hundred_may_be_lost(rate: float, batch: int) -> None:
         assert spread.period == pytest.approx(1 / rate, rel=1e-4)
 
 
-def test_losses_are_counted_where_arrivals_betray_the_period() -> None:
+def test_losses_are_counted_if_arrivals_show_the_period() -> None:
     rng = np.random.default_rng(4)
     t = np.arange(15_000) / 125.0
     kept = rng.random(len(t)) >= 0.01
@@ -92,7 +92,7 @@ def test_a_pause_of_the_log_keeps_its_length() -> None:
     assert np.diff(spread.t).max() == pytest.approx(3.0, abs=0.02)
 
 
-def test_stamps_without_bursts_are_left_alone() -> None:
+def test_stamps_without_bursts_are_unchanged() -> None:
     rng = np.random.default_rng(6)
     t = np.arange(8000) / 200.0
     pairs = np.repeat(np.arange(4000) * 0.01, 2)  # values belong to their stamps
@@ -125,9 +125,7 @@ def _changing(*parts: tuple[float, float]) -> Floats:
     ],
 )
 @pytest.mark.parametrize("jitter", [0.0, 2e-4])
-def test_a_rate_that_changes_is_no_burst(
-    parts: tuple[tuple[float, float], ...], jitter: float
-) -> None:
+def test_rate_change_is_not_a_burst(parts: tuple[tuple[float, float], ...], jitter: float) -> None:
     t = _changing(*parts)
     t = np.sort(t + np.random.default_rng(0).normal(0.0, jitter, len(t)))
     found = rate_stretches(t)
@@ -138,7 +136,7 @@ def test_a_rate_that_changes_is_no_burst(
 
 @pytest.mark.parametrize("batch", [1, 5, 10])
 @pytest.mark.parametrize("seed", range(4))
-def test_bursts_losses_and_holes_are_no_change_of_rate(batch: int, seed: int) -> None:
+def test_bursts_losses_and_gaps_are_not_a_rate_change(batch: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     t = np.arange(6000) / 200.0
     assert rate_stretches(_arrivals(t, rng, batch=batch)) == ()

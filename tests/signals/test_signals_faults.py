@@ -55,7 +55,7 @@ def _turning(log: Log) -> Turning:
 
 @pytest.mark.parametrize("quanta", [(0.0, 0.0), MPU, WIDE, COARSE])
 @pytest.mark.parametrize("densities", [(0.0, 0.0), INDUSTRIAL, MEMS])
-def test_a_sound_sensor_is_not_blamed(
+def test_healthy_sensor_has_no_fault(
     clean: Log, densities: tuple[float, float], quanta: tuple[float, float]
 ) -> None:
     log = _sensed(clean, densities, quanta)
@@ -65,7 +65,7 @@ def test_a_sound_sensor_is_not_blamed(
     assert _turning(log).held_robot() == []
 
 
-def test_rates_of_turning_agree_whatever_the_mount(clean: Log) -> None:
+def test_rotation_rates_agree_for_any_mount(clean: Log) -> None:
     turning = _turning(_sensed(clean, MEMS, (0.0, 0.0)))
     assert turning.lag == pytest.approx(0.2, abs=0.01)
     assert turning.ratio is not None
@@ -78,7 +78,7 @@ def test_rates_of_turning_agree_whatever_the_mount(clean: Log) -> None:
 @pytest.mark.parametrize(
     ("densities", "quanta"), [(MEMS, (0.0, 0.0)), (INDUSTRIAL, WIDE), (INDUSTRIAL, COARSE)]
 )
-def test_a_sensor_that_freezes_in_motion_is_found(
+def test_sensor_frozen_in_motion_is_found(
     clean: Log, densities: tuple[float, float], quanta: tuple[float, float]
 ) -> None:
     imu = _sensed(clean, densities, quanta).imu
@@ -96,7 +96,7 @@ def test_a_sensor_that_freezes_in_motion_is_found(
             assert fault.rows.sum() < 1.5 * (end - first)
 
 
-def test_an_axis_that_freezes_alone_is_found(clean: Log) -> None:
+def test_single_frozen_axis_is_found(clean: Log) -> None:
     imu = _sensed(clean, MEMS, WIDE).imu
     gyro = imu.gyro.copy()
     gyro[2000:2300, 1] = gyro[2000, 1]
@@ -109,7 +109,7 @@ def test_an_axis_that_freezes_alone_is_found(clean: Log) -> None:
 @pytest.mark.parametrize(
     ("densities", "quanta"), [(MEMS, WIDE), (INDUSTRIAL, WIDE), (MEMS, (0, 0))]
 )
-def test_flat_tops_are_found_on_both_sides(
+def test_saturation_is_found_on_both_sides(
     clean: Log, densities: tuple[float, float], quanta: tuple[float, float]
 ) -> None:
     imu = _sensed(clean, densities, quanta).imu
@@ -119,13 +119,13 @@ def test_flat_tops_are_found_on_both_sides(
     (fault,) = sensor_faults(log.imu, _turning(log))
     assert (fault.sensor, fault.kind) == ("gyro", "saturated")
     clipped = (np.abs(gyro) == limit).any(axis=1)
-    # What a quiet sensor says for a moment at its limit may as well be its own.
+    # A short reading of a quiet sensor at its limit may be real.
     assert fault.rows.sum() >= (1.0 if densities is MEMS else 0.8) * clipped.sum()
     assert not fault.rows[~clipped].any()
     assert set(np.abs(fault.value)) == {limit}
 
 
-def test_an_accelerometer_at_its_limit_is_found(clean: Log) -> None:
+def test_saturated_accelerometer_is_found(clean: Log) -> None:
     imu = _sensed(clean, MEMS, WIDE).imu
     limit = float(np.percentile(np.abs(imu.accel[:, 0]), 97))
     accel = imu.accel.copy()
@@ -148,7 +148,7 @@ def _struck(quantum: float = 0.0, seed: int = 4) -> Floats:
 
 
 @pytest.mark.parametrize("quantum", [0.0, 8 * 9.80665 / 32768])
-def test_peaks_that_are_cut_off_in_one_or_two_samples_are_found(quantum: float) -> None:
+def test_clipped_peaks_of_one_or_two_samples_are_found(quantum: float) -> None:
     accel = _struck(quantum)
     limit = 8 * 9.80665
     cut = np.clip(accel, -limit, limit)
@@ -164,7 +164,7 @@ def test_peaks_that_are_cut_off_in_one_or_two_samples_are_found(quantum: float) 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.3, 0.9, 1.0, 1.5, 4.0])
 @pytest.mark.parametrize("motion", ["rest", "swing", "postures", "strikes", "turns"])
-def test_the_largest_value_of_a_sound_sensor_is_no_limit(motion: str, quantum: float) -> None:
+def test_largest_value_of_healthy_sensor_is_not_a_limit(motion: str, quantum: float) -> None:
     """Quanta of so many standard deviations of the noise."""
     rng = np.random.default_rng(6)
     t = np.arange(20_000) / 200.0
@@ -196,7 +196,7 @@ def test_a_steady_rotation_is_not_saturation() -> None:
     assert (fault.sensor, fault.kind, fault.axes) == ("gyro", "saturated", "z")
 
 
-def test_dead_axes_are_told_from_axes_at_rest() -> None:
+def test_dead_axes_are_distinguished_from_axes_at_rest() -> None:
     rng = np.random.default_rng(3)
     values = rng.normal(size=(2000, 3)) * (0.01, 0.0, 0.01)
     assert dead_axes(values) == "y"
@@ -206,7 +206,7 @@ def test_dead_axes_are_told_from_axes_at_rest() -> None:
     assert dead_axes(_rounded(planar, 0.01)) == ""
 
 
-def test_no_window_crosses_rows_that_are_left_out() -> None:
+def test_windows_do_not_cross_excluded_rows() -> None:
     t, zeros = np.arange(2000) / 1000.0, np.zeros((2000, 3))
     rows = np.zeros(2000, dtype=bool)
     rows[500:503] = True  # 3 ms: alone it would be bridged
@@ -217,7 +217,7 @@ def test_no_window_crosses_rows_that_are_left_out() -> None:
     assert len(gap_breaks(t[~out])) == 1
 
 
-def test_a_robot_that_stands_still_alone_is_found(clean: Log) -> None:
+def test_frozen_robot_stream_is_found(clean: Log) -> None:
     (track,) = clean.path.tracks
     values = track.values.copy()
     values[1500:2100] = values[1500]
@@ -230,14 +230,14 @@ def test_a_robot_that_stands_still_alone_is_found(clean: Log) -> None:
     assert held[-1][1] == pytest.approx(10.5, abs=0.1)
 
 
-def test_clocks_that_do_not_match_are_no_fault_of_the_robot(clean: Log) -> None:
+def test_clock_mismatch_is_not_a_frozen_robot(clean: Log) -> None:
     imu = clean.noisy(3).imu
     turning = compare_turning(imu.t + 4.7, imu.gyro, Trajectory.of(clean.path), 1.0)
     assert turning.held_robot() == []
 
 
-def test_a_robot_that_hardly_moves_is_not_taken_for_one_that_is_held(clean: Log) -> None:
-    """Where nearly all rates are alike, their correlation says nothing."""
+def test_slow_robot_is_not_a_frozen_robot(clean: Log) -> None:
+    """Where nearly all rates are alike, their correlation has no information."""
     imu = clean.noisy(3).imu
     turning = compare_turning(imu.t, imu.gyro, Trajectory.of(clean.path), 1.0)
     derived = np.full_like(turning.derived, 0.1)
@@ -248,8 +248,8 @@ def test_a_robot_that_hardly_moves_is_not_taken_for_one_that_is_held(clean: Log)
     assert replace(turning, derived=derived, measured=measured).held_robot() == []
 
 
-def test_a_gentle_flat_top_is_saturation_only_at_a_known_range() -> None:
-    """It ends so gently that the values do not tell."""
+def test_smooth_clipping_is_saturation_only_at_known_range() -> None:
+    """It ends so gradually that the values do not show it."""
     t, top, quantum = np.arange(4000) / 200.0, 2 * 9.80665, MPU[1]
     # Barely beyond the range, so that the slope before the flat top is that of any motion.
     swing = 1.004 * top * np.sin(2 * np.pi * 0.5 * t)
@@ -267,7 +267,7 @@ def test_a_gentle_flat_top_is_saturation_only_at_a_known_range() -> None:
 
 
 def _imu(gyro: float = 0.1, accel: float = 9.8, *, share: float = 1.0) -> ImuSamples:
-    """A level IMU of which a share of the rows says these values instead."""
+    """A level IMU of which a share of the rows has these values instead."""
     count = 1000
     stream = ImuSamples(
         topic="/imu",
@@ -290,7 +290,7 @@ def _imu(gyro: float = 0.1, accel: float = 9.8, *, share: float = 1.0) -> ImuSam
         ({"accel": -1.01e5, "share": 0.6}, "accel is beyond 100000 m/s² in 600 of 1000"),
     ],
 )
-def test_values_of_no_imu_are_refused(values: dict[str, float], says: str) -> None:
+def test_impossible_imu_values_are_refused(values: dict[str, float], says: str) -> None:
     with pytest.raises(InputError) as caught:
         refuse_impossible(_imu(**values))
     assert str(caught.value).startswith(f"/imu: {says}")
@@ -299,7 +299,7 @@ def test_values_of_no_imu_are_refused(values: dict[str, float], says: str) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spike", [1e7, 1e160, 1e300])
-def test_impossible_spikes_end_in_a_result_or_a_sentence(
+def test_impossible_spikes_give_a_result_or_an_error_message(
     spike: float, log_writer: LogWriter, arm_urdf: Path
 ) -> None:
     log_writer.imu(seconds=8.0).joints(seconds=8.0)

@@ -20,7 +20,7 @@ def _signal(t: Floats) -> tuple[Floats, Floats]:
     return np.sin(3 * t[:, None] + phases), 5 * np.cos(2 * t[:, None] + phases)
 
 
-def test_samples_on_a_constant_rate_are_copied() -> None:
+def test_samples_at_constant_rate_are_copied() -> None:
     t = 12.5 + np.arange(2000) / 200.0
     rng = np.random.default_rng(0)
     gyro, accel = rng.normal(size=(2, 2000, 3))
@@ -56,7 +56,7 @@ def test_jittered_samples_are_interpolated_at_their_stamps() -> None:
     np.testing.assert_allclose(grid.accel[inner], accel[inner], atol=10 * EXACT_SECONDS)
 
 
-def test_rows_in_a_gap_are_not_usable_and_those_beside_it_clean() -> None:
+def test_rows_in_a_gap_are_unusable_and_neighbours_clean() -> None:
     t = np.arange(4000) / 200.0
     kept = (t <= 5.0) | (t >= 6.3)
     gyro, accel = _signal(t)
@@ -67,7 +67,7 @@ def test_rows_in_a_gap_are_not_usable_and_those_beside_it_clean() -> None:
     np.testing.assert_array_equal(grid.accel[kept], accel[kept])
 
 
-def test_beside_a_gap_jittered_samples_are_not_mixed_across() -> None:
+def test_jittered_samples_are_not_mixed_across_a_gap() -> None:
     rng = np.random.default_rng(4)
     t = np.arange(4000) / 200.0 + rng.uniform(-1e-3, 1e-3, 4000)
     t = t[(t <= 5.0) | (t >= 6.3)]
@@ -81,7 +81,7 @@ def test_beside_a_gap_jittered_samples_are_not_mixed_across() -> None:
 
 
 @pytest.mark.parametrize("refine", [2, 5])
-def test_a_finer_grid_keeps_the_samples_and_fills_in(refine: int) -> None:
+def test_finer_grid_keeps_samples_and_interpolates_between(refine: int) -> None:
     t = np.arange(1000) / 100.0
     gyro, accel = _signal(t)
     grid = imu_grid(t, gyro, accel, refine)
@@ -91,7 +91,7 @@ def test_a_finer_grid_keeps_the_samples_and_fills_in(refine: int) -> None:
     assert len(grid.usable) == 999 * refine + 1
 
 
-def test_stamps_that_reach_over_years_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stamps_spanning_years_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half of the samples are stamped with the time since boot: no grid of terabytes."""
     t, values = np.arange(1000) / 100, np.zeros((1000, 3))
     t[500:] += 1.7e9

@@ -14,7 +14,7 @@ from imucalib_cli.signals.interpolate import lagrange
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 4, 6, 8]))
 @settings(deadline=None, max_examples=40)
-def test_polynomials_come_back_at_irregular_knots(seed: int, points: int) -> None:
+def test_polynomials_are_reproduced_at_irregular_knots(seed: int, points: int) -> None:
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.3, 1.0, 40))
     unit = Polynomial(rng.uniform(-1, 1, points), domain=[t[0], t[-1]])
@@ -24,7 +24,7 @@ def test_polynomials_come_back_at_irregular_knots(seed: int, points: int) -> Non
     np.testing.assert_allclose(found, np.stack([unit(at), 3.0 - 2.0 * unit(at)], axis=1), atol=1e-9)
 
 
-def test_the_polynomial_is_the_one_through_the_nearest_samples() -> None:
+def test_polynomial_passes_through_the_nearest_samples() -> None:
     rng = np.random.default_rng(2)
     t = np.cumsum(rng.uniform(0.5, 1.5, 30))
     values = rng.normal(size=(30, 2))
@@ -35,7 +35,7 @@ def test_the_polynomial_is_the_one_through_the_nearest_samples() -> None:
         np.testing.assert_allclose(lagrange(t, values, np.array([at]))[0], expected, atol=1e-10)
 
 
-def test_samples_themselves_come_back_exactly() -> None:
+def test_samples_are_reproduced_exactly() -> None:
     rng = np.random.default_rng(3)
     t = 1.7e9 + np.cumsum(rng.uniform(0.004, 0.006, 50))
     values = rng.normal(size=(50, 3))
@@ -50,7 +50,7 @@ def _three_stretches() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return t, values, np.array([10, 22])
 
 
-def test_no_polynomial_reaches_over_a_break() -> None:
+def test_polynomials_do_not_cross_a_break() -> None:
     t, values, breaks = _three_stretches()
     inside = np.concatenate(
         [np.linspace(t[a], t[b - 1], 57) for a, b in ((0, 10), (10, 22), (22, 33))]
@@ -61,18 +61,18 @@ def test_no_polynomial_reaches_over_a_break() -> None:
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-8)
 
 
-def test_the_first_sample_after_a_break_is_itself() -> None:
+def test_first_sample_after_a_break_is_reproduced() -> None:
     t, values, breaks = _three_stretches()
     np.testing.assert_array_equal(lagrange(t, values, t[breaks], breaks=breaks), values[breaks])
 
 
-def test_a_short_series_takes_the_points_it_has() -> None:
+def test_short_series_uses_available_points() -> None:
     t = np.array([0.0, 1.0, 3.0])
     found = lagrange(t, (t**2)[:, None], np.array([2.0]))
     assert found[0, 0] == pytest.approx(4.0)
 
 
-def test_far_into_a_gap_values_stay_those_of_a_smooth_series() -> None:
+def test_values_deep_in_a_gap_stay_bounded() -> None:
     t, _, breaks = _three_stretches()
     angle = 0.3 * t
     quaternion = np.stack([np.sin(angle / 2), 0 * t, 0 * t, np.cos(angle / 2)], axis=1)

@@ -40,7 +40,7 @@ def filters(draw: st.DrawFn) -> tuple[int, int, int]:
 
 @given(filters())
 @settings(deadline=None, max_examples=60)
-def test_coefficients_are_scipys(spec: tuple[int, int, int]) -> None:
+def test_coefficients_match_scipy(spec: tuple[int, int, int]) -> None:
     samples, degree, order = spec
     expected = savgol_coeffs(samples, degree, deriv=order, use="dot")
     h = savitzky_golay(samples, degree, order)
@@ -49,14 +49,14 @@ def test_coefficients_are_scipys(spec: tuple[int, int, int]) -> None:
 
 
 @pytest.mark.parametrize("spec", [(4, 2, 1), (3, 3, 1), (5, 1, 2)])
-def test_a_filter_that_does_not_exist_is_refused(spec: tuple[int, int, int]) -> None:
+def test_impossible_filter_is_refused(spec: tuple[int, int, int]) -> None:
     with pytest.raises(ValueError, match="no filter"):
         savitzky_golay(*spec)
 
 
 @given(filters())
 @settings(deadline=None, max_examples=30)
-def test_kernel_has_unit_area_and_lives_on_the_window(spec: tuple[int, int, int]) -> None:
+def test_kernel_has_unit_area_within_the_window(spec: tuple[int, int, int]) -> None:
     samples, degree, order = spec
     half = samples // 2
     h = savitzky_golay(samples, degree, order)
@@ -72,7 +72,7 @@ def test_kernel_has_unit_area_and_lives_on_the_window(spec: tuple[int, int, int]
     )
 
 
-def test_kernel_of_the_central_difference_is_a_box_and_of_the_second_a_hat() -> None:
+def test_kernels_of_central_differences_are_a_box_and_a_hat() -> None:
     s = np.linspace(-0.99, 0.99, 41)
     central = np.array([-0.5, 0.0, 0.5])
     np.testing.assert_allclose(peano_kernel(s, central, 1), 0.5, atol=1e-15)
@@ -121,7 +121,7 @@ def test_weights_integrate_cubics_against_the_kernel_exactly(
     weights = quadrature_weights(h, order)
     assert weights.shape == (samples + 2 * MARGIN,)
     assert weights.sum() == pytest.approx(1.0, abs=1e-9)
-    # The d-th derivative of a polynomial of degree 3 + d is a cubic, and D f knows its mean.
+    # The d-th derivative of a polynomial of degree 3 + d is a cubic, and D f gives its mean.
     unit = Polynomial(np.random.default_rng(seed).uniform(-1, 1, 4 + order))
     f = unit(Polynomial([0.0, 1.0 / half]))
     derived = h @ f(np.arange(-half, half + 1))
@@ -131,7 +131,7 @@ def test_weights_integrate_cubics_against_the_kernel_exactly(
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_what_is_left_is_quadrature_of_fourth_order(order: int) -> None:
+def test_remaining_error_is_fourth_order_quadrature(order: int) -> None:
     seconds, centre, rate = 0.2, 0.37, 9.0
     lefts = []
     for half in (10, 20, 40):
@@ -149,7 +149,7 @@ def test_what_is_left_is_quadrature_of_fourth_order(order: int) -> None:
 @pytest.mark.parametrize(
     "first", [np.arange(0, 80, 7), np.array([3, 4, 9, 50, 88]), np.array([5]), np.arange(0)]
 )
-def test_sums_where_wanted_are_the_convolution_there(first: NDArray[np.intp]) -> None:
+def test_selected_sums_match_full_convolution(first: NDArray[np.intp]) -> None:
     rng = np.random.default_rng(1)
     values, weights = rng.normal(size=(100, 3)), rng.normal(size=11)
     whole = np.stack([np.convolve(v, weights[::-1], mode="valid") for v in values.T], axis=1)

@@ -31,7 +31,7 @@ def _lag(reference: Floats, series: Floats, most: int, usable: Bools | None = No
 
 @given(st.integers(-200, 200), st.integers(0, 1000))
 @settings(deadline=None, max_examples=40)
-def test_shifts_of_either_sign_are_found(shift: int, seed: int) -> None:
+def test_positive_and_negative_shifts_are_found(shift: int, seed: int) -> None:
     reference, series = _series(seed, 1500, shift)
     lag = _lag(reference, series, 200)
     assert lag.samples == shift
@@ -40,7 +40,7 @@ def test_shifts_of_either_sign_are_found(shift: int, seed: int) -> None:
     assert lag.at_edge == (abs(shift) == 200)
 
 
-def test_holes_with_garbage_in_them_do_not_matter() -> None:
+def test_garbage_in_gaps_is_ignored() -> None:
     reference, series = _series(1, 1500, -37)
     usable = np.ones((2, 1500), dtype=bool)
     usable[0, 300:450] = usable[1, 900:1100] = False
@@ -59,14 +59,14 @@ def test_noise_does_not_move_the_peak() -> None:
     assert 0.8 < lag.correlation < 1.0
 
 
-def test_a_shift_beyond_the_search_is_no_clear_peak_or_at_the_edge() -> None:
+def test_shift_beyond_search_has_no_clear_peak_or_is_at_edge() -> None:
     assert _lag(*_series(4, 3000, 300), 200).correlation < 0.5
     t = np.linspace(-1, 1, 800)
     lag = _lag(np.exp(-((t / 0.2) ** 2)), np.exp(-(((t - 0.3) / 0.2) ** 2)), 60)
     assert (lag.samples, lag.at_edge) == (60, True)
 
 
-def test_a_constant_has_no_lag() -> None:
+def test_constant_series_has_no_lag() -> None:
     reference, _ = _series(5, 500, 0)
     assert best_lag(reference, np.full(500, 2.0), np.ones((2, 500), dtype=bool), 50) is None
     nothing = np.zeros((2, 500), dtype=bool)

@@ -40,7 +40,7 @@ def joints(values: Floats) -> Track:
     ],
     ids=["exact", "noise", "steps of the encoder", "glitch", "drift", "no values"],
 )
-def test_what_does_not_move(values: Floats) -> None:
+def test_still_track_is_not_moving(values: Floats) -> None:
     assert not track_moves(joints(values))
 
 
@@ -49,14 +49,14 @@ def test_what_does_not_move(values: Floats) -> None:
     [0.5 * np.sin(T), 0.005 * np.sin(2 * np.pi * 8.0 * T), 0.001 * np.sin(2 * np.pi * 8.0 * T)],
     ids=["plainly", "shaken", "shaken a little"],
 )
-def test_what_moves(values: Floats) -> None:
+def test_moving_track_is_moving(values: Floats) -> None:
     track = joints(values + RNG.normal(0.0, 1e-4, len(T)))
     assert track_moves(track)
     assert track_moves(track, large=True) == (np.ptp(values) > 0.005)
 
 
 @pytest.mark.parametrize(("turn", "shift", "moves"), [(0, 0, 0), (0.2, 0, 1), (0, 0.02, 1)])
-def test_poses_turn_and_shift(turn: float, shift: float, moves: int) -> None:
+def test_rotating_and_shifting_poses_are_moving(turn: float, shift: float, moves: int) -> None:
     turned = Rotation.from_rotvec(np.outer(turn * np.sin(T) + 2.0, [0.0, 0.6, 0.8]))
     quaternion = turned.as_quat() * np.where(RNG.random(len(T)) < 0.5, -1.0, 1.0)[:, None]
     position = np.outer(shift * np.sin(T), [1.0, 0.0, 0.0])
@@ -65,7 +65,7 @@ def test_poses_turn_and_shift(turn: float, shift: float, moves: int) -> None:
     assert track_moves(Track(name="/p", kind="pose", t=T, values=values)) == bool(moves)
 
 
-def test_a_static_log_says_only_that(
+def test_static_log_reports_only_missing_motion(
     log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log_writer.imu().joints()
@@ -80,7 +80,7 @@ def test_a_static_log_says_only_that(
         assert (out, err) == ("", "error: the robot does not move in this log\n")
 
 
-def test_a_parent_that_does_not_move_is_another_matter(
+def test_still_parent_of_a_moving_robot_is_reported(
     log_writer: LogWriter, arm_urdf: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The log's other joints move: the parent or the URDF is in question."""

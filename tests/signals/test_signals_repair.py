@@ -54,7 +54,7 @@ def _estimate(mended: Repaired) -> Estimate:
     return replace(estimate, findings=(*mended.findings, *estimate.findings))
 
 
-def _see_right(estimate: Estimate, log: Log, most: float = 1.5e-3) -> None:
+def _assert_close_to_truth(estimate: Estimate, log: Log, most: float = 1.5e-3) -> None:
     """The error passes chi-squared of six, and sigmas are at most ``most``, m."""
     assert estimate.trusted, estimate.distrust
     solved = beside(estimate, log.mount)
@@ -78,7 +78,7 @@ def _is_as_read(mended: Repaired, log: Log) -> bool:
     return all(np.array_equal(*pair) for pair in pairs)
 
 
-def test_a_sound_log_passes_untouched() -> None:
+def test_healthy_log_is_unchanged() -> None:
     mended = _repaired(_log())
     assert mended.findings == ()
     assert _is_as_read(mended, _log())
@@ -97,17 +97,19 @@ def test_a_sound_log_passes_untouched() -> None:
         ],
     ),
 )
-def test_units_and_sign_are_mended_and_said(gyro: float, accel: float, says: list[str]) -> None:
+def test_units_and_sign_are_corrected_and_reported(
+    gyro: float, accel: float, says: list[str]
+) -> None:
     log = _scaled(gyro, accel)
     estimate = _estimate(_repaired(log))
-    _see_right(estimate, log)
+    _assert_close_to_truth(estimate, log)
     assert len(estimate.warnings) == len(says)
     for words, warning in zip(says, estimate.warnings, strict=True):
         assert words in warning
 
 
-def test_a_slow_gyroscope_in_degrees_is_known_by_the_robot() -> None:
-    """Below 40, the largest rate in rad/s there is, nothing but the kinematics tells."""
+def test_slow_gyroscope_in_degrees_is_found_from_robot_motion() -> None:
+    """Below 40, the largest rate in rad/s there is, only the kinematics determine the unit."""
     slow = make_log(Moves(seconds=20.0, move=8.0)).noisy(1)
     assert np.abs(slow.imu.gyro).max() * _DEG < 40.0
     mended = _repaired(slow.with_imu(slow.imu.t, slow.imu.gyro * _DEG, slow.imu.accel))
@@ -115,7 +117,7 @@ def test_a_slow_gyroscope_in_degrees_is_known_by_the_robot() -> None:
     np.testing.assert_allclose(mended.samples.gyro, slow.imu.gyro, rtol=1e-12)
 
 
-def test_units_that_the_user_states_count() -> None:
+def test_units_given_by_user_are_used() -> None:
     log = _scaled(_DEG, -1 / _G)
     mended = _repaired(log, units=Units(accel="g", gyro="deg/s", sign="down"))
     assert mended.findings == ()
@@ -123,7 +125,7 @@ def test_units_that_the_user_states_count() -> None:
     assert _is_as_read(_repaired(log, Units(accel="m/s2", gyro="rad/s", sign="up")), log)
 
 
-def test_other_norms_of_gravity_are_units_too() -> None:
+def test_other_gravity_norms_are_recognised_as_units() -> None:
     moon = 1.62 / _G
     assert _repaired(_scaled(accel=moon), gravity=1.62).findings == ()
     in_g = _repaired(_scaled(accel=moon / _G), gravity=1.62)
@@ -133,7 +135,7 @@ def test_other_norms_of_gravity_are_units_too() -> None:
 
 
 @pytest.mark.parametrize("per_degree", [5.0, 16.4, 131.0, 1.0 / 0.00875])
-def test_raw_counts_are_recognised_by_the_robots_rate(per_degree: float) -> None:
+def test_raw_counts_are_recognised_from_robot_rate(per_degree: float) -> None:
     """Least significant bits per degree per second of data sheets, and a factor of no gyroscope."""
     says = r"gyro reads [\d.,]+ ± [\d.]+ times the rate at which the robot turns"
     with pytest.raises(InputError, match=says) as caught:
@@ -149,24 +151,24 @@ def test_raw_counts_are_recognised_by_the_robots_rate(per_degree: float) -> None
     assert caught.value.topic == "/imu"
 
 
-def test_a_gyroscope_converted_twice_is_recognised() -> None:
+def test_doubly_converted_gyroscope_is_recognised() -> None:
     log = _scaled(gyro=1.0 / _DEG)
     mended = _repaired(log)
     assert [each.code for each in mended.findings] == ["imu.gyro_unit_converted"]
     np.testing.assert_allclose(mended.samples.gyro, _log().imu.gyro, rtol=1e-12)
-    _see_right(_estimate(mended), log)
+    _assert_close_to_truth(_estimate(mended), log)
     assert _is_as_read(_repaired(log, units=Units(gyro="rad/s")), log)
 
 
-def test_joint_positions_in_degrees_are_not_laid_to_the_gyroscope() -> None:
+def test_joint_positions_in_degrees_are_not_a_gyroscope_unit() -> None:
     log = _log()
     mended = _repaired(_with_track(log, values=np.degrees(log.path.tracks[0].values)))
     assert mended.gyro_unit == "rad/s"
     assert _is_as_read(mended, log)
 
 
-def test_another_link_than_told_is_no_unit() -> None:
-    """The IMU hardly turns while the link it is said to be on does."""
+def test_wrong_link_is_not_a_unit_error() -> None:
+    """The IMU barely turns while its stated link does."""
     log = _log()
     rng = np.random.default_rng(0)
     still = rng.normal(0.0, 0.002, log.imu.gyro.shape) + 0.003 * log.imu.gyro[:, [0]]
@@ -175,7 +177,7 @@ def test_another_link_than_told_is_no_unit() -> None:
 
 
 @pytest.mark.parametrize("rates", slow_after(1, [((100.0, 200.0),), ((200.0, 100.0),)]))
-def test_a_rate_that_changes_within_the_log_is_told_and_kept(rates: tuple[float, float]) -> None:
+def test_rate_change_within_the_log_is_reported_and_kept(rates: tuple[float, float]) -> None:
     first, second = rates
     t = np.concatenate([np.arange(0.0, 15.0, 1.0 / first), np.arange(15.0, 30.0, 1.0 / second)])
     log = make_log(Moves(seconds=30.0), imu_t=t, time_offset=0.02).noisy(2)
@@ -184,10 +186,10 @@ def test_a_rate_that_changes_within_the_log_is_told_and_kept(rates: tuple[float,
     assert told.code == "stamps.rate_changes"
     assert told.values["rates"] == pytest.approx(rates, rel=1e-3)
     np.testing.assert_array_equal(mended.samples.t, log.imu.t)
-    _see_right(_estimate(mended), log)
+    _assert_close_to_truth(_estimate(mended), log)
 
 
-def test_gravity_that_was_taken_off_is_refused_and_asked_for() -> None:
+def test_removed_gravity_is_refused_with_advice() -> None:
     flat = _scaled(accel=0.01)
     with pytest.raises(InputError, match=r"does not contain gravity.*--gravity none"):
         _repaired(flat)
@@ -205,7 +207,7 @@ def test_gravity_that_was_taken_off_is_refused_and_asked_for() -> None:
         ((1, 1, 1), (0, 1, 0), "accel x z reads 0, 0 from first message to last"),
     ],
 )
-def test_a_sensor_that_is_not_there_is_refused(
+def test_missing_sensor_is_refused(
     gyro: tuple[int, ...], accel: tuple[int, ...], says: str
 ) -> None:
     with pytest.raises(InputError) as caught:
@@ -213,7 +215,7 @@ def test_a_sensor_that_is_not_there_is_refused(
     assert str(caught.value).startswith(f"/imu: {says}")
 
 
-def test_a_dead_axis_of_a_sensor_without_noise_is_told_by_the_motion() -> None:
+def test_dead_axis_without_noise_is_found_from_motion() -> None:
     log = make_log(Moves(seconds=20.0))
     assert _repaired(log).findings == ()
     deaf = replace(log.imu, accel=log.imu.accel * (1, 1, 0))
@@ -225,12 +227,12 @@ def test_a_dead_axis_of_a_sensor_without_noise_is_told_by_the_motion() -> None:
     assert not _estimate(mended).trusted
 
 
-def test_a_frozen_stretch_is_left_out_and_a_sensor_that_died_makes_the_rest_untrusted() -> None:
+def test_frozen_stretch_is_excluded_and_dead_sensor_is_untrusted() -> None:
     log = _log()
     gyro, accel = log.imu.gyro.copy(), log.imu.accel.copy()
     gyro[2100:2500], accel[2100:2500] = gyro[2100], accel[2100]
     estimate = _estimate(_repaired(log.with_imu(log.imu.t, gyro, accel)))
-    _see_right(estimate, log)
+    _assert_close_to_truth(estimate, log)
     assert [w.split(" is ")[1][:9] for w in estimate.warnings] == ["frozen at", "frozen at"]
     assert "in 400 samples between 10.55 and 12.55 s" in estimate.warnings[0]
     gyro[2100:], accel[2100:] = gyro[2100], accel[2100]
@@ -238,11 +240,11 @@ def test_a_frozen_stretch_is_left_out_and_a_sensor_that_died_makes_the_rest_untr
     assert "of the rotation is in samples that were left out as frozen or saturated" in reason
 
 
-def test_flat_tops_are_left_out() -> None:
+def test_saturated_samples_are_excluded() -> None:
     log = _log()
     clipped = log.with_imu(log.imu.t, np.clip(log.imu.gyro, -1.3, 1.3), log.imu.accel)
     estimate = _estimate(_repaired(clipped))
-    _see_right(estimate, log)
+    _assert_close_to_truth(estimate, log)
     (warning,) = estimate.warnings
     assert "is saturated at -1.3, 1.3 rad/s" in warning
     # Absorbed instead, they bend the answer.
@@ -251,20 +253,20 @@ def test_flat_tops_are_left_out() -> None:
     assert bent > 1.5 * np.linalg.norm(rotation_error(estimate.R_parent_imu, log.mount.R))
 
 
-def test_a_robot_that_falls_silent_is_left_out() -> None:
+def test_silent_stretch_of_robot_is_excluded() -> None:
     log = _log()
     values = log.path.tracks[0].values.copy()
     values[2000:2600] = values[2000]
     estimate = _estimate(_repaired(_with_track(log, values=values)))
-    _see_right(estimate, log)
+    _assert_close_to_truth(estimate, log)
     assert "/joint_states: stands still from 10.0 to 1" in estimate.warnings[0]
     values[2000:] = values[2000]
     (reason,) = reasons(_repaired(_with_track(log, values=values)).findings)
     assert "while the robot's stream stood still" in reason
 
 
-def test_another_joint_that_moves_proves_the_publisher_alive() -> None:
-    """The arm stands still on a base that is turned by hand: the gripper goes on."""
+def test_moving_gripper_joint_keeps_still_arm_samples() -> None:
+    """The arm does not move on a base that is turned by hand, but the gripper does."""
     log = _log()
     (track,) = log.path.tracks
     values = np.hstack([track.values, np.sin(track.t)[:, None]])
@@ -285,7 +287,7 @@ def _arrive(t: Floats, seed: int, *, batch: int, drops: float) -> tuple[NDArray[
     ("batch", "drops"),
     slow_after(1, [(5, 0.01), (1, 0.01), (5, 0.0), (1, 0.0), (10, 0.0), (10, 0.01)]),
 )
-def test_bursts_of_both_streams_give_the_same_answer(batch: int, drops: float) -> None:
+def test_bursts_in_both_streams_keep_the_result(batch: int, drops: float) -> None:
     log = _log()
     kept, stamps = _arrive(log.imu.t, 1, batch=batch, drops=drops)
     (track,) = log.path.tracks
@@ -296,19 +298,19 @@ def test_bursts_of_both_streams_give_the_same_answer(batch: int, drops: float) -
     assert [words.split(":")[0] for words in told] == ["/imu", "/joint_states"]
     assert all("stamps come in bursts" in words for words in told)
     # A single message lost among jittering ones cannot be placed.
-    _see_right(_estimate(mended), log, most=4e-3 if batch == 1 and drops else 1.5e-3)
+    _assert_close_to_truth(_estimate(mended), log, most=4e-3 if batch == 1 and drops else 1.5e-3)
 
 
-def test_numbers_that_are_none_are_counted() -> None:
+def test_non_finite_numbers_are_counted() -> None:
     log = _log()
     values = log.path.tracks[0].values.copy()
     values[::500, 2] = np.nan
     estimate = _estimate(_repaired(_with_track(log, values=values)))
-    _see_right(estimate, log)
+    _assert_close_to_truth(estimate, log)
     assert "/joint_states: left out 12 messages that are not finite" in estimate.warnings[0]
 
 
-def test_a_sign_that_no_motion_tells_is_left_to_the_user() -> None:
+def test_unobservable_sign_is_left_to_the_user() -> None:
     """Turned about one point, an IMU with its sign reversed sits on the other side, as well."""
     t = np.arange(0.0, 20.0, 0.005)
     motion = parent_motion(Moves(seconds=20.0), t)
@@ -335,7 +337,7 @@ def test_a_sign_that_no_motion_tells_is_left_to_the_user() -> None:
     np.testing.assert_allclose(_estimate(told).t_parent_imu, mount.t, atol=2e-3)
 
 
-def test_much_shows_without_kinematics() -> None:
+def test_faults_are_found_without_kinematics() -> None:
     log = _log()
     imu = replace(log.imu, topic="/imu", gyro=np.clip(log.imu.gyro, -1.3, 1.3))
     assert [each.message[:12] for each in check_alone(imu)] == ["/imu: gyro x"]
@@ -349,7 +351,7 @@ def test_much_shows_without_kinematics() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [0.2, 0.5, 0.97])
 @pytest.mark.parametrize("bursts", [1, 8])
-def test_junk_that_comes_at_once_is_no_sample(at: float, bursts: int) -> None:
+def test_simultaneous_junk_messages_are_not_samples(at: float, bursts: int) -> None:
     """As ticks, those messages would move the time offset by 0.1 s each ten of them."""
     log = _log()
     samples = len(log.imu.t)
@@ -369,4 +371,4 @@ def test_junk_that_comes_at_once_is_no_sample(at: float, bursts: int) -> None:
     codes = [each.code for each in mended.findings]
     assert codes == ["stamps.surplus", "imu.samples_left_out"]
     assert estimate.time_offset == pytest.approx(0.05, abs=2e-4)
-    _see_right(estimate, log)
+    _assert_close_to_truth(estimate, log)

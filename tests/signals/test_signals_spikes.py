@@ -93,7 +93,7 @@ def _strikes(n: int = 30000, rate: float = 500.0) -> Floats:
     ],
     ids=["noise", "corners", "noisy corners", "long event", "garbage", "vibration", "strikes"],
 )
-def test_a_sound_signal_has_next_to_no_spikes(
+def test_healthy_signal_has_almost_no_spikes(
     values: Callable[[], Floats], floor: float, most: int
 ) -> None:
     assert find_spikes(values(), floor).sum() <= most
@@ -110,7 +110,7 @@ def test_spikes_between_strikes_are_found(share: float, size: float, least: floa
     assert (found & ~spiked).sum() <= 20  # of a hundred strikes, some thousand samples
 
 
-def test_deviation_is_blind_to_cubics_and_as_large_as_said_for_noise() -> None:
+def test_deviation_is_zero_for_cubics_and_known_for_noise() -> None:
     x = np.linspace(-1, 1, 300)
     cubic = np.stack([x**3 - x, 2 * x**2 + 1], axis=1)
     np.testing.assert_allclose(deviation_from_neighbours(cubic)[2:-2], 0.0, atol=1e-13)
@@ -132,7 +132,7 @@ def _moving(rate: float, *, noise: float = 1e-4, jitter: float = 0.0) -> tuple[F
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 500.0])
 @pytest.mark.parametrize("jitter", [0.0, 0.6])
-def test_leaps_are_found_and_nothing_else(rate: float, jitter: float) -> None:
+def test_only_jumps_are_found(rate: float, jitter: float) -> None:
     t, values = _moving(rate, jitter=jitter)
     placed = np.array([3, 40, 42, 200, 201 + 10, len(t) - 4])
     assert not find_glitches(t, values, 0.01).any()
@@ -142,7 +142,7 @@ def test_leaps_are_found_and_nothing_else(rate: float, jitter: float) -> None:
         np.testing.assert_array_equal(np.flatnonzero(find_glitches(t, spoilt, 0.01)), placed)
 
 
-def test_holes_corners_and_steps_are_no_leaps() -> None:
+def test_gaps_corners_and_steps_are_not_jumps() -> None:
     t, values = _moving(50.0)
     keep = np.ones(len(t), dtype=bool)
     keep[np.random.default_rng(1).choice(len(t), 60, replace=False)] = False
@@ -154,13 +154,13 @@ def test_holes_corners_and_steps_are_no_leaps() -> None:
     assert not find_glitches(t, values + (t > 10.0)[:, None] * 0.3, 0.01).any()
 
 
-def test_coarse_encoders_and_noise_are_no_leaps() -> None:
+def test_coarse_encoders_and_noise_are_not_jumps() -> None:
     t, values = _moving(50.0, noise=0.005)
     assert find_glitches(t, values, 0.01).mean() < 0.002
     assert not find_glitches(t, np.round(values / 0.01) * 0.01, 0.01).any()
 
 
-def test_motion_too_quick_for_its_rate_is_no_leap() -> None:
+def test_fast_motion_at_low_rate_is_not_a_jump() -> None:
     """Quintic moves of half a second seen 15 times a second: lively, and sound."""
     rng = np.random.default_rng(4)
     t = np.arange(0.0, 60.0, 1.0 / 15.0)

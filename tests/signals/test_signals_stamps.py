@@ -17,7 +17,7 @@ from imucalib_cli.signals.timing.stamps import (
 Floats = NDArray[np.float64]
 
 
-def test_rows_come_in_order_once_and_finite() -> None:
+def test_rows_are_sorted_unique_and_finite() -> None:
     t = np.array([0.0, 0.1, 0.1, 0.3, 0.2, np.nan, 0.4, 0.5, 0.5, 0.6])
     values = np.arange(20.0).reshape(10, 2)
     values[6, 1] = np.inf
@@ -29,11 +29,11 @@ def test_rows_come_in_order_once_and_finite() -> None:
 
 
 @pytest.mark.parametrize("t", [np.zeros(0), np.full(3, np.nan)])
-def test_nothing_usable_is_no_error(t: Floats) -> None:
+def test_no_usable_rows_is_not_an_error(t: Floats) -> None:
     assert len(tidy_rows(t, np.zeros((len(t), 3))).rows) == 0
 
 
-def test_a_gap_is_longer_than_three_intervals_and_ten_milliseconds() -> None:
+def test_gap_is_longer_than_three_intervals_and_ten_ms() -> None:
     slow = np.r_[np.arange(10) * 0.1, 0.9 + 0.29 + np.arange(10) * 0.1]
     assert gap_limit(slow) == pytest.approx(0.3)
     assert len(gap_breaks(slow)) == 0
@@ -78,19 +78,19 @@ def test_ticks_behind_jitter_are_found(jitter: float, dropouts: float) -> None:
     assert np.sqrt(ticks.mean_variance) == pytest.approx(jitter / np.sqrt(len(true)), rel=0.05)
 
 
-def test_ticks_of_a_clock_that_drifts_are_followed() -> None:
+def test_ticks_of_a_drifting_clock_are_followed() -> None:
     true, stamps = _jittered(2, jitter=5e-4, drift=1e-3, dropouts=0.02)
     assert np.sqrt(np.mean((_ticks(stamps).t - true) ** 2)) < 5e-4 / 8
 
 
-def test_a_stamp_so_late_that_its_tick_is_taken_gets_the_next() -> None:
+def test_very_late_stamp_gets_the_next_tick() -> None:
     true, stamps = _jittered(3, jitter=3e-4)
     stamps[4000] += 0.0035
     assert stamps[4000] < stamps[4001]
     assert np.abs(_ticks(stamps).t - true).max() < 1e-4
 
 
-def test_a_gap_of_whole_seconds_does_not_lose_count() -> None:
+def test_gap_of_whole_seconds_keeps_tick_count() -> None:
     true, stamps = _jittered(4, jitter=5e-4)
     kept = (true < 11.0) | (true > 14.2)
     assert np.abs(_ticks(stamps[kept]).t - true[kept]).max() < 1e-4
@@ -108,11 +108,11 @@ def _wandering(step: float) -> Floats:
         np.round(_jittered(5, jitter=0.0)[0] * 1e6) / 1e6,
         _wandering(2e-5),
         _wandering(2e-4),
-        # a transport that delivers four samples at a time: the stamps say nothing about each
+        # a transport that delivers four samples at a time: the stamps do not give the time of each
         np.repeat(np.arange(1500) * 0.02, 4) + np.tile([0.0, 1e-5, 2e-5, 3e-5], 1500),
         _jittered(7, jitter=5e-4, n=100)[1],
     ],
     ids=["exact", "rounded", "timer wanders a little", "timer wanders", "bursts", "too few"],
 )
-def test_stamps_without_a_constant_clock_behind_jitter_have_no_ticks(stamps: Floats) -> None:
+def test_stamps_without_a_constant_clock_have_no_ticks(stamps: Floats) -> None:
     assert constant_rate_ticks(stamps) is None

@@ -11,7 +11,7 @@ START = 1_700_000_000_000_000_000
 COUNTS = ("gaps", "duplicates", "backwards", "zeros", "bursts")
 
 
-def test_each_fault_is_counted_and_regular_stamps_have_none() -> None:
+def test_each_stamp_fault_is_counted() -> None:
     stamps = START + np.arange(1000) * 5_000_000
     sound = stamp_health(stamps)
     assert sound.duration == pytest.approx(4.995)
@@ -29,7 +29,7 @@ def test_each_fault_is_counted_and_regular_stamps_have_none() -> None:
     assert [getattr(health, name) for name in COUNTS] == [1] * 5
 
 
-def test_jitter_is_that_of_the_intervals() -> None:
+def test_jitter_is_computed_from_intervals() -> None:
     rng = np.random.default_rng(1)
     intervals = rng.normal(0.01, 0.001, size=20_000)
     stamps = START + (np.cumsum(intervals) * 1e9).astype(np.int64)
@@ -37,7 +37,7 @@ def test_jitter_is_that_of_the_intervals() -> None:
 
 
 @pytest.mark.parametrize("apart", [0, 1000])
-def test_the_rate_of_bunched_stamps_is_that_of_the_messages(apart: int) -> None:
+def test_rate_of_bunched_stamps_is_the_message_rate(apart: int) -> None:
     index = np.arange(2000)
     health = stamp_health(START + index // 10 * 50_000_000 + index % 10 * apart)
     assert health.rate_hz == pytest.approx(200, rel=0.01)
@@ -63,7 +63,7 @@ T = np.arange(0.0, 60.0, 0.01)
         (T[abs(T - 25.0) > 5.0], "missing for 10 of the 60 s of the log, the longest time from 20"),
     ],
 )
-def test_a_stream_that_is_not_there_is_named(t: np.ndarray, words: str) -> None:
+def test_missing_stream_is_named(t: np.ndarray, words: str) -> None:
     (told,) = missing_parts({"/imu": t, "/joint_states": T})
     assert told.message.startswith(f"/imu is {words}")
     # an epoch's stray stamp does not hide it, nor make more of it
@@ -71,7 +71,7 @@ def test_a_stream_that_is_not_there_is_named(t: np.ndarray, words: str) -> None:
     assert again.message == told.message
 
 
-def test_what_is_lost_here_and_there_or_slow_is_there() -> None:
+def test_lossy_or_slow_stream_is_not_missing() -> None:
     rng = np.random.default_rng(0)
     lossy = T[rng.random(len(T)) < 0.5]
     slow = T[::100]  # 1 Hz

@@ -28,7 +28,7 @@ def _pose_path(t: Floats, values: Floats) -> KinematicPath:
     return KinematicPath(world="w", parent="f", steps=(PoseStep(track=0),), tracks=(track,))
 
 
-def test_quaternions_of_either_sign_are_one_motion() -> None:
+def test_quaternion_sign_does_not_change_motion() -> None:
     rng = np.random.default_rng(0)
     t = np.arange(1000) / 100.0
     values = _pose_values(t)
@@ -55,7 +55,7 @@ def _joint_path(*tracks: tuple[Floats, Floats]) -> KinematicPath:
     )
 
 
-def test_covered_is_where_every_track_has_samples() -> None:
+def test_coverage_needs_samples_of_every_track() -> None:
     a = np.arange(0, 10.0, 0.01)
     b = np.arange(1.0, 8.0, 0.02)
     a = a[(a < 3.0) | (a > 3.5)]
@@ -74,7 +74,7 @@ def test_covered_is_where_every_track_has_samples() -> None:
     np.testing.assert_allclose(p[:, 1], np.cos(covered), atol=1e-8)
 
 
-def test_every_stamp_is_covered_and_gives_its_own_sample() -> None:
+def test_every_stamp_is_covered_and_gives_its_sample() -> None:
     t = np.arange(0, 10.0, 0.01)
     t = t[(t < 3.0) | (t > 4.5)]
     rng = np.random.default_rng(2)
@@ -95,7 +95,7 @@ def test_a_stretch_too_short_to_interpolate_is_not_covered() -> None:
     np.testing.assert_allclose(p[covered, 0], np.sin(at[covered]), atol=1e-3)
 
 
-def test_disordered_rows_are_put_right() -> None:
+def test_disordered_rows_are_sorted() -> None:
     t = np.arange(200) / 50.0
     values = _pose_values(t)
     order = np.r_[np.arange(100), 101, 100, 100, np.arange(102, 200)]
@@ -104,7 +104,7 @@ def test_disordered_rows_are_put_right() -> None:
     np.testing.assert_allclose(np.abs(np.sum(tidy.values[:, 3:] * values[:, 3:], axis=1)), 1.0)
 
 
-def test_ticks_take_the_place_of_jittered_stamps_when_asked() -> None:
+def test_ticks_replace_jittered_stamps_on_request() -> None:
     rng = np.random.default_rng(3)
     true = np.arange(4000) / 100.0
     stamps = true + rng.normal(scale=5e-4, size=4000)
@@ -127,7 +127,7 @@ def test_too_few_samples_are_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize("kind", ["imu", "joints"])
-def test_other_stamps_are_as_if_the_track_were_cleaned_with_them(
+def test_replaced_stamps_equal_cleaning_with_them(
     kind: Literal["imu", "joints"],
 ) -> None:
     rng = np.random.default_rng(3)
@@ -148,22 +148,22 @@ ANGLE = np.stack([4.0 * np.sin(0.7 * T), 0.3 * np.cos(T), 0.8 * T], axis=1)
 
 
 @pytest.mark.parametrize("lowest", [-np.pi, 0.0])
-def test_wrapped_joints_go_on(lowest: float) -> None:
+def test_wrapped_joints_are_made_continuous(lowest: float) -> None:
     wrapped = np.mod(ANGLE - lowest, 2.0 * np.pi) + lowest
     assert np.abs(np.diff(wrapped, axis=0)).max() > 6.0
     track = Track(name="joints", kind="joints", t=T, values=wrapped, names=("a", "b", "c"))
     for result in (continuous("joints", wrapped), clean_track(track).values):
-        # Nobody can know by how many turns the first row is off.
+        # The number of turns of the first row is unobservable.
         np.testing.assert_allclose(result - result[0], ANGLE - ANGLE[0], atol=1e-12)
 
 
-def test_noise_at_the_end_of_the_turn_is_no_motion() -> None:
+def test_noise_at_the_wrap_angle_is_not_motion() -> None:
     rest = np.random.default_rng(1).normal(scale=1e-4, size=(500, 1))
     result = continuous("joints", np.mod(rest, 2.0 * np.pi))
     assert np.ptp(result) < 1e-3
 
 
-def test_degrees_turns_that_are_counted_and_glitches_stay() -> None:
+def test_degrees_multi_turns_and_glitches_are_unchanged() -> None:
     degrees = np.degrees(3.0 * np.sin(12.0 * T[::8]))[:, None]
     assert np.abs(np.diff(degrees, axis=0)).max() > 6.0
     assert continuous("joints", degrees) is degrees

@@ -35,14 +35,14 @@ def turning(ratio: float, *, scatter: float = 0.01, correlation: float = 0.99) -
     ("ratio", "unit"),
     [(1.0, "rad/s"), (1.2, "rad/s"), (DEG, "deg/s"), (1.0 / DEG, "rad/s converted twice")],
 )
-def test_known_ratios_are_taken_for_their_unit(ratio: float, unit: str) -> None:
+def test_known_ratios_give_their_unit(ratio: float, unit: str) -> None:
     found = gyro_factor(resting(G), turning(ratio), "auto", most_angle=2.0)
     assert found.unit == unit
     assert found.value == pytest.approx(1.0 / KNOWN_RATIOS[unit].ratio)
     assert (found.finding is None) == (unit == "rad/s")
 
 
-def test_joints_that_turn_many_times_are_rather_in_degrees() -> None:
+def test_joints_with_many_turns_are_in_degrees() -> None:
     found = gyro_factor(resting(G), turning(1.0 / DEG), "auto", most_angle=60.0)
     assert (found.unit, found.value, found.finding) == ("rad/s", 1.0, None)
 
@@ -56,15 +56,13 @@ def test_joints_that_turn_many_times_are_rather_in_degrees() -> None:
         (8.0, {"scatter": 0.4}),
     ],
 )
-def test_rates_that_agree_poorly_or_in_no_constant_factor_show_no_unit(
-    ratio: float, differs: dict[str, float]
-) -> None:
+def test_poorly_matching_rates_give_no_unit(ratio: float, differs: dict[str, float]) -> None:
     found = gyro_factor(resting(G), turning(ratio, **differs), "auto", most_angle=2.0)
     assert (found.unit, found.finding) == ("rad/s", None)
 
 
 @pytest.mark.parametrize("ratio", [8.0, 286.5, 0.1])
-def test_another_constant_factor_is_told_with_its_deviation(ratio: float) -> None:
+def test_unknown_constant_factor_is_reported_with_deviation(ratio: float) -> None:
     with pytest.raises(InputError, match=r"times the rate .* belongs to no known unit") as caught:
         gyro_factor(resting(G), turning(ratio, scatter=0.05), "auto", most_angle=2.0)
     finding = caught.value.finding
@@ -81,7 +79,7 @@ def test_another_constant_factor_is_told_with_its_deviation(ratio: float) -> Non
     ("ratio", "stated"),
     [(1.0, "deg/s"), (DEG, "rad/s"), (1.0 / DEG, "rad/s"), (1.0 / DEG, "deg/s")],
 )
-def test_a_gyro_unit_stated_against_the_motion_is_named(ratio: float, stated: GyroUnit) -> None:
+def test_gyro_unit_contradicting_motion_is_reported(ratio: float, stated: GyroUnit) -> None:
     found = gyro_factor(resting(G), turning(ratio), stated, most_angle=2.0)
     assert [each.code for each in found.contradicted] == ["imu.gyro_unit_contradicted"]
     assert found.unit == stated
@@ -91,12 +89,12 @@ def test_a_gyro_unit_stated_against_the_motion_is_named(ratio: float, stated: Gy
 
 
 @pytest.mark.parametrize(("ratio", "stated"), [(1.1, "rad/s"), (DEG, "deg/s"), (8.0, "deg/s")])
-def test_a_gyro_unit_that_nothing_contradicts_is_taken(ratio: float, stated: GyroUnit) -> None:
+def test_uncontradicted_gyro_unit_is_used(ratio: float, stated: GyroUnit) -> None:
     assert gyro_factor(resting(G), turning(ratio), stated, most_angle=2.0).finding is None
 
 
 @pytest.mark.parametrize(("reads", "stated"), [(G, "g"), (1.0, "m/s2"), (1.0, "mg"), (1000.0, "g")])
-def test_an_accel_unit_stated_against_gravity_is_named(reads: float, stated: AccelUnit) -> None:
+def test_accel_unit_contradicting_gravity_is_reported(reads: float, stated: AccelUnit) -> None:
     found = accel_factor(resting(reads), stated, gravity=G)
     (wrong,) = found.contradicted
     assert f"accel at rest is {reads:.4g}" in wrong.message
@@ -108,9 +106,7 @@ def test_an_accel_unit_stated_against_gravity_is_named(reads: float, stated: Acc
     ("reads", "stated", "gravity"),
     [(G, "m/s2", G), (1.0, "g", G), (5.0, "g", G), (1.0, "m/s2", 0.0)],
 )
-def test_an_accel_unit_that_nothing_contradicts_is_taken(
-    reads: float, stated: AccelUnit, gravity: float
-) -> None:
+def test_uncontradicted_accel_unit_is_used(reads: float, stated: AccelUnit, gravity: float) -> None:
     assert accel_factor(resting(reads), stated, gravity=gravity).finding is None
 
 
@@ -125,7 +121,7 @@ def resting(norm: float) -> ImuSamples:
 
 
 @pytest.mark.parametrize(("size", "unit"), [(1.0, "m/s²"), (0.02, "m/s², no gravity")])
-def test_an_imu_that_is_never_still_is_not_judged_as_if_it_were(size: float, unit: str) -> None:
+def test_never_resting_imu_keeps_its_accel_unit(size: float, unit: str) -> None:
     """A foot's force varies by more than gravity, and its mean over a step is larger."""
     t = np.arange(6000) / 200.0
     push = 6.5 + 8.0 * np.sin(2.0 * np.pi * 1.7 * t)
@@ -134,7 +130,7 @@ def test_an_imu_that_is_never_still_is_not_judged_as_if_it_were(size: float, uni
     assert guess_units(walking).accel_unit == unit
 
 
-def test_an_imu_at_rest_of_half_of_gravity_has_no_known_unit() -> None:
+def test_imu_at_rest_with_half_gravity_has_unknown_unit() -> None:
     assert guess_units(resting(0.5 * G)).accel_unit == "unknown"
 
 
@@ -174,7 +170,7 @@ def test_units_are_guessed_at_rest(
     assert all("/imu" in each for each in guess.warnings)
 
 
-def test_rest_is_found_though_most_is_motion_and_messages_come_in_bursts() -> None:
+def test_rest_is_found_in_motion_and_bursts() -> None:
     sound = shaken(1.0, 1.0)
     index = np.arange(len(sound))
     bunched = replace(sound, t=(index // 10 + 1) * 0.1 + index % 10 * 1e-9)
@@ -182,5 +178,5 @@ def test_rest_is_found_though_most_is_motion_and_messages_come_in_bursts() -> No
         assert guess_units(samples).accel_at_rest == pytest.approx(9.81, abs=0.02)
 
 
-def test_units_of_no_samples_are_unknown() -> None:
+def test_units_without_samples_are_unknown() -> None:
     assert guess_units(resting(G).at(np.arange(0))).accel_unit == "unknown"

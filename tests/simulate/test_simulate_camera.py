@@ -40,7 +40,7 @@ def images(recording: Recording) -> CameraRecord:
     return camera(recording)
 
 
-def test_camera_is_where_pinocchio_says(recording: Recording, images: CameraRecord) -> None:
+def test_camera_pose_matches_pinocchio(recording: Recording, images: CameraRecord) -> None:
     model: Any = pin.buildModelFromXML(urdf_text(RIHIBOT))
     data = model.createData()
     frame = model.getFrameId("camera_optical_frame")
@@ -56,7 +56,7 @@ def test_camera_is_where_pinocchio_says(recording: Recording, images: CameraReco
     assert np.ptp(images.p_world_camera, axis=0).min() > 0.1  # m: it does move
 
 
-def test_corners_are_opencvs_projection(images: CameraRecord) -> None:
+def test_corners_match_opencv_projection(images: CameraRecord) -> None:
     for i in range(0, len(images.t), 20):
         R = images.R_world_camera[i].T @ images.R_world_target
         t = images.R_world_camera[i].T @ (images.p_world_target - images.p_world_camera[i])
@@ -66,7 +66,7 @@ def test_corners_are_opencvs_projection(images: CameraRecord) -> None:
         np.testing.assert_allclose(images.corners[i][seen], expected[seen, 0], atol=1e-9)
 
 
-def test_distortion_is_opencvs() -> None:
+def test_distortion_matches_opencv() -> None:
     lens = replace(CAMERA.intrinsics, distortion=(-0.28, 0.07, 2e-4, -1e-4))
     points = np.random.default_rng(1).uniform([-0.5, -0.3, 0.8], [0.5, 0.3, 1.5], (50, 3))
     expected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, np.array(lens.distortion))
@@ -74,7 +74,7 @@ def test_distortion_is_opencvs() -> None:
     assert np.isnan(project(lens, np.array([0.1, 0.1, -1.0]))).all()  # behind the camera
 
 
-def test_grid_points_are_in_kalibrs_order() -> None:
+def test_grid_points_are_in_kalibr_order() -> None:
     """Numbers by hand from the drawing in Kalibr's GridCalibrationTargetAprilgrid.cpp."""
     points = target_points(CAMERA.target)
     size, pitch = 0.055, 0.055 * 1.3
@@ -96,7 +96,7 @@ def test_pattern_is_in_view_and_upright(images: CameraRecord) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_motion_is_lively_within_limits_and_keeps_the_pattern_in_view() -> None:
+def test_motion_is_rich_within_limits_and_pattern_in_view() -> None:
     whole = record(RIHIBOT, PhysicsOptions(imu_rate=50.0, robot_rate=50.0), camera=CAMERA)
     tags = np.isfinite(camera(whole).corners[..., 0]).sum(axis=1) / 4
     assert len(tags) == 1481
@@ -111,7 +111,7 @@ def test_the_whole_motion_is_lively_within_limits_and_keeps_the_pattern_in_view(
     assert (whole.imu.accel.std(axis=0) > 0.9).all()  # m/s², along every axis
 
 
-def test_a_tag_is_seen_whole_or_not_at_all() -> None:
+def test_partially_visible_tags_are_not_seen() -> None:
     near = replace(CAMERA, target=replace(CAMERA.target, xyz=(-0.976, 0.1, 0.064)))
     seen = camera(record(RIHIBOT, PhysicsOptions(duration=3.0), camera=near))
     tags = np.isfinite(seen.corners[..., 0]).reshape(-1, 6, 2, 6, 2)
@@ -122,7 +122,7 @@ def test_a_tag_is_seen_whole_or_not_at_all() -> None:
     assert (found <= [1275.0, 715.0]).all()
 
 
-def test_the_back_of_the_board_shows_nothing() -> None:
+def test_back_of_the_board_is_not_seen() -> None:
     x, y, z = CAMERA.target.rpy
     behind = replace(
         CAMERA, target=replace(CAMERA.target, rpy=(x, y, z + np.pi), xyz=(-0.6, 0.55, 0.064))
@@ -131,7 +131,7 @@ def test_the_back_of_the_board_shows_nothing() -> None:
     assert np.isnan(seen.corners).all()
 
 
-def test_noise_and_offset_are_what_was_asked_for(recording: Recording) -> None:
+def test_noise_and_offset_match_the_request(recording: Recording) -> None:
     noise = NoiseOptions(corner_noise=0.2, camera_offset=-0.015)
     one, again, other = (camera(corrupt(recording, noise, seed)) for seed in (3, 3, 4))
     clean = camera(recording)
@@ -143,7 +143,7 @@ def test_noise_and_offset_are_what_was_asked_for(recording: Recording) -> None:
     np.testing.assert_array_equal(one.t, clean.t)
 
 
-def test_without_a_camera_nothing_changes(recording: Recording) -> None:
+def test_camera_does_not_change_the_other_streams(recording: Recording) -> None:
     options = PhysicsOptions(duration=12.0, imu_rate=100.0, robot_rate=100.0)
     plain = record(RIHIBOT, options)
     assert plain.camera is None
@@ -153,7 +153,7 @@ def test_without_a_camera_nothing_changes(recording: Recording) -> None:
     np.testing.assert_array_equal(without.imu.accel, with_camera.imu.accel)
 
 
-def test_mount_is_the_papers() -> None:
+def test_mount_matches_the_paper() -> None:
     link, R, p = camera_mount(RIHIBOT, "camera_optical_frame")
     assert link == "wrist_3_link"
     np.testing.assert_allclose(p, [0.0225, 0.1, 0.0])
@@ -164,7 +164,7 @@ def test_mount_is_the_papers() -> None:
     np.testing.assert_allclose(R[:, 2], [1.0, 0.0, 0.0], atol=1e-12)  # x of camera_link
 
 
-def test_wrong_cameras_say_what_is_wrong() -> None:
+def test_wrong_camera_error_names_the_fault() -> None:
     barbot = load_system("barbot")
     with pytest.raises(ChoiceError, match="no camera for barbot: choose rihibot"):
         load_camera("barbot", barbot)

@@ -43,7 +43,7 @@ def command(tmp_path: Path, imucalib: Imucalib) -> Command:
     return Command(tmp_path, imucalib)
 
 
-def test_words_go_to_stderr_and_stdout_stays_empty(tmp_path: Path, command: Command) -> None:
+def test_messages_go_to_stderr_and_stdout_stays_empty(tmp_path: Path, command: Command) -> None:
     urdf = tmp_path / "robot.urdf"
     out, err = command("rihibot --urdf", urdf)
     assert out == ""
@@ -70,7 +70,7 @@ def test_the_first_stamp_has_a_date(command: Command) -> None:
     assert "--start 1969: expected a " in command("rihibot --start 1969", code=2).err
 
 
-def test_units_of_options_become_si(command: Command) -> None:
+def test_option_units_are_converted_to_si(command: Command) -> None:
     document = command.truth(
         "rihibot --accel-noise-ug 300 --gyro-noise-deg 0.014 --time-offset -42ms "
         "--stamp-jitter 300us --delay 0.002 --step 0.5ms --base-tilt-deg",
@@ -85,7 +85,7 @@ def test_units_of_options_become_si(command: Command) -> None:
     assert physics["step"] == 5e-4
 
 
-def test_single_options_win_over_the_grade(command: Command) -> None:
+def test_single_options_override_the_grade(command: Command) -> None:
     truth = command.truth("barbot --grade mems --spikes 0.1 --gyro-bias", "1e-3 0 -2e-3")
     noise = truth["settings"]["noise"]
     assert noise["gyro_bias"] == [0.001, 0.0, -0.002]
@@ -93,7 +93,7 @@ def test_single_options_win_over_the_grade(command: Command) -> None:
     assert noise["spikes"] == 0.1
 
 
-def test_an_imu_has_a_name_and_single_options_win(command: Command) -> None:
+def test_imu_model_sets_noise_and_single_options_override(command: Command) -> None:
     words = "rihibot --imu-model BMI088 --gyro-noise 0.1 --accel-range 9.5"
     assert "cut off at the sensor's range" in command(words).err
     truth = command.truth(words)
@@ -113,7 +113,7 @@ def test_joint_orders_have_names(command: Command, order: str, first: str | None
     assert (names[0] if names else None) == first
 
 
-def test_a_user_may_give_a_system_of_their_own(tmp_path: Path, command: Command) -> None:
+def test_user_system_file_is_accepted(tmp_path: Path, command: Command) -> None:
     own = configured(tmp_path, "barbot", lambda raw: raw.update(name="mine"))
     assert command.truth("--config", own)["settings"]["system"]["name"] == "mine"
 
@@ -140,7 +140,7 @@ def test_a_user_may_give_a_system_of_their_own(tmp_path: Path, command: Command)
         ("walker --bandwidth -5", 1, "must be between 0 and 2000 Hz, half the rate of the steps"),
     ],
 )
-def test_wrong_usage_is_one_line_and_a_code(
+def test_usage_error_is_one_line_with_exit_code(
     tmp_path: Path, command: Command, words: str, code: int, said: str
 ) -> None:
     out, err = command(words, code=code)
@@ -150,7 +150,7 @@ def test_wrong_usage_is_one_line_and_a_code(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_not_there_is_not_made(tmp_path: Path, imucalib: Imucalib) -> None:
+def test_missing_folder_is_not_created(tmp_path: Path, imucalib: Imucalib) -> None:
     missing = tmp_path / "missing"
     for places in (["-o", missing / "x.mcap"], ["-o", tmp_path / "x.bag", "--urdf", missing / "u"]):
         out, err = imucalib("simulate", "barbot", *SHORT, *places, code=1)
@@ -162,7 +162,7 @@ def test_a_folder_that_is_not_there_is_not_made(tmp_path: Path, imucalib: Imucal
         assert list(tmp_path.iterdir()) == []
 
 
-def test_log_and_urdf_are_two_files(tmp_path: Path) -> None:
+def test_log_and_urdf_need_two_files(tmp_path: Path) -> None:
     log = tmp_path / "same.mcap"
     with pytest.raises(ChoiceError, match="would be written twice: name two files"):
         simulate(load_system("rihibot"), log, urdf=log)

@@ -46,7 +46,7 @@ def dh_flange(q: NDArray[np.float64]) -> NDArray[np.float64]:
     return T
 
 
-def test_the_urdf_is_the_makers_arm() -> None:
+def test_urdf_matches_the_manufacturer_arm() -> None:
     model: Any = pin.buildModelFromXML(urdf_text(load_system("rihibot")))
     data = model.createData()
     rng = np.random.default_rng(0)
@@ -58,7 +58,7 @@ def test_the_urdf_is_the_makers_arm() -> None:
     assert model.existFrame("camera_link")
 
 
-def test_the_papers_mounts_are_the_truth() -> None:
+def test_mounts_of_the_paper_are_the_truth() -> None:
     rihibot, barbot = load_system("rihibot"), load_system("barbot")
     assert rihibot.imu.xyz == (-0.0225, 0.1, 0.0)
     assert rihibot.imu.rpy == pytest.approx((np.pi, 0.0, np.pi / 2))
@@ -67,7 +67,7 @@ def test_the_papers_mounts_are_the_truth() -> None:
     assert (rihibot.gravity, barbot.gravity) == (9.80665, 0.0)
 
 
-def test_builtin_systems_are_found_and_nothing_else() -> None:
+def test_only_builtin_systems_are_found() -> None:
     assert system_names() == ["barbot", "rihibot", "walker"]
     with pytest.raises(ChoiceError, match="choose barbot, rihibot, walker"):
         load_system("imu_grades")
@@ -75,7 +75,7 @@ def test_builtin_systems_are_found_and_nothing_else() -> None:
         load_grade("tactical")
 
 
-def test_the_package_carries_configs_and_every_folder_of_code() -> None:
+def test_package_contains_configs_and_all_code() -> None:
     project = (ROOT / "pyproject.toml").read_text()
     init = (path.parent for path in (ROOT / "imucalib_cli").rglob("__init__.py"))
     folders = {".".join(path.relative_to(ROOT).parts) for path in init}
@@ -84,7 +84,7 @@ def test_the_package_carries_configs_and_every_folder_of_code() -> None:
     assert '"imucalib_cli.configs" = "configs"' in project
 
 
-def test_a_user_may_give_a_system_of_their_own(tmp_path: Path) -> None:
+def test_user_system_file_is_accepted(tmp_path: Path) -> None:
     change = {"duration": 7, "gravity": "1e-2"}
     system = load_system(configured(tmp_path, "barbot", lambda raw: raw.update(change)))
     assert isinstance(system, SystemConfig)
@@ -107,9 +107,7 @@ def test_a_user_may_give_a_system_of_their_own(tmp_path: Path) -> None:
         ({"free_body": GONE}, "state one of arm, free_body and legged"),
     ],
 )
-def test_faults_are_named_with_their_key(
-    tmp_path: Path, change: dict[str, Any], words: str
-) -> None:
+def test_config_errors_name_their_key(tmp_path: Path, change: dict[str, Any], words: str) -> None:
     def apply(raw: dict[str, Any]) -> None:
         raw.update(change)
         for key, value in change.items():
@@ -122,7 +120,7 @@ def test_faults_are_named_with_their_key(
     assert "\n" not in str(caught.value)
 
 
-def test_an_arm_needs_a_number_for_every_joint(tmp_path: Path) -> None:
+def test_arm_needs_a_value_for_every_joint(tmp_path: Path) -> None:
     short = configured(tmp_path, "rihibot", lambda raw: raw["arm"]["moves"][3]["to_deg"].pop())
     with pytest.raises(InputError, match="need 6 numbers, one a joint"):
         load_system(short)
@@ -132,7 +130,9 @@ def test_an_arm_needs_a_number_for_every_joint(tmp_path: Path) -> None:
     ("content", "words"),
     [("a: [", "not YAML"), ("5", "no keys and values"), ("\xff", "not"), (None, "No such file")],
 )
-def test_files_that_are_no_system_say_so(tmp_path: Path, content: str | None, words: str) -> None:
+def test_files_without_a_system_are_refused(
+    tmp_path: Path, content: str | None, words: str
+) -> None:
     path = tmp_path / "mine.yaml"
     if content is not None:
         path.write_bytes(content.encode("latin-1"))
@@ -141,7 +141,7 @@ def test_files_that_are_no_system_say_so(tmp_path: Path, content: str | None, wo
 
 
 @pytest.mark.parametrize(("log", "name"), [("rihibot.mcap", "rihibot"), ("barbot.bag", "barbot")])
-def test_samples_are_of_the_systems_as_they_are_configured_now(log: str, name: str) -> None:
+def test_sample_data_match_current_system_configs(log: str, name: str) -> None:
     folder, system = ROOT / "sample_data", load_system(name)
     truth = yaml.safe_load((folder / f"{name}.truth.yaml").read_text())
     assert truth["settings"]["system"] == yaml.safe_load(yaml.safe_dump(_plain(stated(system))))

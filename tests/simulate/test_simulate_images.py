@@ -92,7 +92,7 @@ def softened(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 1.0), dtype=np.uint8)
 
 
-def test_bits_are_kalibrs(record: CameraRecord, images: list[NDArray[np.uint8]]) -> None:
+def test_tag_bits_match_kalibr(record: CameraRecord, images: list[NDArray[np.uint8]]) -> None:
     """Read as Kalibr's TagDetector.cc: from the upper left, most significant bit first."""
     shades = CAMERA.shades
     middle = (shades.black + shades.white) / 2
@@ -114,7 +114,7 @@ def test_bits_are_kalibrs(record: CameraRecord, images: list[NDArray[np.uint8]])
             assert read == code
 
 
-def test_opencv_finds_every_tag_in_its_place(
+def test_opencv_detects_every_tag_in_place(
     record: CameraRecord, images: list[NDArray[np.uint8]]
 ) -> None:
     parameters = cv2.aruco.DetectorParameters()
@@ -133,7 +133,7 @@ def test_opencv_finds_every_tag_in_its_place(
             assert not (np.abs(off) > 4).any()  # its contours are rough; NaN where out of view
 
 
-def test_corners_are_where_they_project_to(
+def test_drawn_corners_match_their_projection(
     record: CameraRecord, images: list[NDArray[np.uint8]]
 ) -> None:
     rng = np.random.default_rng(1)
@@ -150,7 +150,7 @@ def test_corners_are_where_they_project_to(
 
 
 @pytest.mark.slow
-def test_kalibrs_own_refinement_finds_them_too(
+def test_kalibr_refinement_finds_the_corners(
     record: CameraRecord, images: list[NDArray[np.uint8]]
 ) -> None:
     """Half-width 2, from within a pixel, and no corner moved so far that Kalibr drops it."""
@@ -162,7 +162,7 @@ def test_kalibrs_own_refinement_finds_them_too(
 
 
 @pytest.mark.slow
-def test_apriltags_own_detector_knows_the_tags_and_their_order() -> None:
+def test_apriltag_detector_finds_tags_in_order() -> None:
     """It wants the usual border of one cell and no squares that touch the tags."""
     picture = board_picture(CAMERA.target, CAMERA.shades, border_bits=1)
     points = target_points(CAMERA.target)
@@ -181,7 +181,7 @@ def test_apriltags_own_detector_knows_the_tags_and_their_order() -> None:
         assert np.abs(off).max() < 1.0  # of 160 pixels a tag
 
 
-def test_squares_at_all_corners_and_paper_around() -> None:
+def test_squares_at_all_corners_and_white_border() -> None:
     """Kalibr's symmCorners: a square of the spacing's size at each corner of each tag."""
     picture = board_picture(CAMERA.target, CAMERA.shades)
 
@@ -200,7 +200,7 @@ def test_squares_at_all_corners_and_paper_around() -> None:
     assert shade(-1.5 * gap, 0.0) == 225
 
 
-def test_distortion_bends_the_image_as_it_bends_the_corners() -> None:
+def test_distortion_is_the_same_for_image_and_corners() -> None:
     small = replace(
         CAMERA.intrinsics, width=640, height=360, fx=450.0, fy=450.0, cx=319.5, cy=179.5
     )
@@ -214,7 +214,7 @@ def test_distortion_bends_the_image_as_it_bends_the_corners() -> None:
     assert error.std() < 0.05
 
 
-def test_noise_is_seeded_and_every_image_has_its_own(record: CameraRecord) -> None:
+def test_noise_is_seeded_and_differs_per_image(record: CameraRecord) -> None:
     clean, noise = Images(record, NoiseOptions(), 0), NoiseOptions(image_noise=3.0)
     one, again, other = (Images(record, noise, seed) for seed in (7, 7, 8))
     last, first = one[3], one[0]  # in any order
@@ -227,7 +227,7 @@ def test_noise_is_seeded_and_every_image_has_its_own(record: CameraRecord) -> No
     assert abs(np.corrcoef(error.ravel(), (last - clean[3].astype(float)).ravel())[0, 1]) < 0.01
 
 
-def test_the_back_and_what_is_behind_are_not_drawn(record: CameraRecord) -> None:
+def test_board_back_and_points_behind_camera_are_not_drawn(record: CameraRecord) -> None:
     for place in ([0.0, 1.5, 0.3], [-0.77, -3.0, 0.27]):
         turned = replace(
             record,
@@ -239,7 +239,7 @@ def test_the_back_and_what_is_behind_are_not_drawn(record: CameraRecord) -> None
         assert (Images(turned, NoiseOptions(), 0)[0] == 140).all()
 
 
-def test_without_opencv_one_line_says_what_to_install(
+def test_missing_opencv_error_names_the_package(
     monkeypatch: pytest.MonkeyPatch, record: CameraRecord
 ) -> None:
     monkeypatch.setitem(sys.modules, "cv2", None)
@@ -247,7 +247,7 @@ def test_without_opencv_one_line_says_what_to_install(
         Images(record, NoiseOptions(), 0)
 
 
-def test_a_spacing_that_cannot_be_drawn_is_refused() -> None:
+def test_undrawable_spacing_is_refused() -> None:
     with pytest.raises(InputError, match=r"multiple of 0.005"):
         board_picture(replace(CAMERA.target, tag_spacing=0.3011), CAMERA.shades)
     with pytest.raises(InputError, match="has 587"):

@@ -1,4 +1,4 @@
-"""The table of IMUs in the documentation is what the files say."""
+"""The table of IMUs in the documentation matches the files."""
 
 from __future__ import annotations
 
@@ -41,5 +41,5 @@ def table() -> str:
     return "\n".join([HEAD, *(row(load_imu_model(name)) for name in imu_names())])
 
 
-def test_the_documented_imus_are_those_of_the_files() -> None:
+def test_documented_imus_match_the_files() -> None:
     assert table() in PAGE.read_text(encoding="utf-8")

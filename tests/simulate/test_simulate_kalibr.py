@@ -67,7 +67,7 @@ def load(path: Path) -> Any:
     return yaml.safe_load(path.read_text())
 
 
-def test_files_pass_the_checks_of_kalibrs_config_reader(made: Path) -> None:
+def test_files_pass_kalibr_config_checks(made: Path) -> None:
     """kalibr_common/ConfigReader.py: names of keys, types, and what must be positive."""
     chain, imu, target = (load(made / f"log.{kind}.yaml") for kind in ("camchain", "imu", "target"))
     assert list(chain) == ["cam0"]
@@ -89,7 +89,7 @@ def test_files_pass_the_checks_of_kalibrs_config_reader(made: Path) -> None:
     assert target == board | {"tagSize": 0.055, "tagSpacing": 0.3}
 
 
-def test_densities_are_those_of_the_samples(made: Path, recording: Recording) -> None:
+def test_noise_densities_match_the_samples(made: Path, recording: Recording) -> None:
     """Kalibr: sigma of a sample = density / sqrt(1 / update_rate)."""
     imu = load(made / "log.imu.yaml")
     assert imu["gyroscope_noise_density"] * np.sqrt(200) == pytest.approx(1e-3)
@@ -99,7 +99,7 @@ def test_densities_are_those_of_the_samples(made: Path, recording: Recording) ->
     assert imu["accelerometer_noise_density"] * np.sqrt(200) == pytest.approx(std, rel=0.05)
 
 
-def test_bag_holds_images_imu_and_joints_with_their_offsets(made: Path) -> None:
+def test_bag_contains_images_imu_and_joints_with_offsets(made: Path) -> None:
     with AnyReader([made / "log.bag"]) as reader:
         sums = {c.topic: c.digest for c in reader.connections}
         assert sums["/cam0/image_raw"] == "060021388200f6f0f447d0fcd9c64743"  # as ROS Noetic has it
@@ -130,7 +130,7 @@ def test_bag_holds_images_imu_and_joints_with_their_offsets(made: Path) -> None:
     assert stamp("/imu/data", 0) == pytest.approx(0.020)
 
 
-def test_truth_is_the_papers_mounts(made: Path) -> None:
+def test_truth_matches_mounts_of_the_paper(made: Path) -> None:
     truth = load(made / "log.truth.yaml")["camera"]
     # camera xyz 0.0225 0.1 0, IMU xyz -0.0225 0.1 0 in wrist_3_link; x of camera_link is forward
     R_link_imu = Rotation.from_euler("xyz", [np.pi, 0.0, np.pi / 2])
@@ -150,7 +150,7 @@ def test_truth_is_the_papers_mounts(made: Path) -> None:
     assert "camera_optical_frame" in (made / "robot.urdf").read_text()
 
 
-def test_images_are_made_one_at_a_time(
+def test_images_are_rendered_one_at_a_time(
     recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     alive: set[int] = set()
@@ -171,7 +171,7 @@ def test_images_are_made_one_at_a_time(
     assert most[0] <= 2
 
 
-def test_a_camera_elsewhere_is_none_to_calibrate_with(recording: Recording) -> None:
+def test_camera_on_another_link_is_refused(recording: Recording) -> None:
     frames = [replace(f, parent="forearm_link") for f in SYSTEM.frames if f.link == "camera_link"]
     moved = replace(recording, system=replace(SYSTEM, frames=(*frames, CAMERA.frame)))
     assert moved.camera is not None
@@ -184,7 +184,7 @@ def short(imucalib: Imucalib) -> Imucalib:
     return imucalib.with_("simulate", "--duration", 0.1, "--imu-rate", 50, "--robot-rate", 50)
 
 
-def test_the_command_says_how_to_call_kalibr(tmp_path: Path, short: Imucalib) -> None:
+def test_command_prints_the_kalibr_call(tmp_path: Path, short: Imucalib) -> None:
     words = ["--camera", "-o", tmp_path / "k.bag"]
     err = short("rihibot", "--grade", "industrial", *words).err
     for kind in ("camchain", "imu", "target"):
@@ -202,7 +202,7 @@ def _stop(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-def test_what_ends_early_leaves_no_files_for_kalibr(
+def test_failed_simulation_leaves_no_kalibr_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short: Imucalib
 ) -> None:
     words = ["rihibot", "--camera", "-o", tmp_path / "k.bag"]
@@ -213,7 +213,7 @@ def test_what_ends_early_leaves_no_files_for_kalibr(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_another_log_than_kalibr_reads_is_said_to_be(
+def test_log_format_unsupported_by_kalibr_is_reported(
     made: Path, tmp_path: Path, short: Imucalib
 ) -> None:
     camera = "--camera-config", made / "camera.yaml"

@@ -79,7 +79,7 @@ def xyz(vectors: list[Any]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize(("name", "compression"), STORAGES)
-def test_a_reader_of_others_finds_every_number(
+def test_rosbags_reads_every_number(
     arm: Recording, tmp_path: Path, name: str, compression: Any
 ) -> None:
     write_log(arm, tmp_path / name, LogOptions(compression=compression))
@@ -116,7 +116,7 @@ def test_poses_go_to_tf(tmp_path: Path, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["log.mcap", "log.bag", "folder"])
 @pytest.mark.parametrize("topic_each", [False, True])
-def test_split_publishers_on_one_topic_or_on_their_own(
+def test_split_publishers_share_a_topic_or_have_their_own(
     tmp_path: Path, name: str, topic_each: bool
 ) -> None:
     split = recorded("rihibot", publishers=2)
@@ -144,7 +144,7 @@ def test_joint_order_permutes_names_and_positions_alike(arm: Recording, tmp_path
     assert dict(zip(state.name, state.position, strict=True)) == by_name
 
 
-def test_names_are_options(arm: Recording, tmp_path: Path) -> None:
+def test_topic_and_frame_names_are_options(arm: Recording, tmp_path: Path) -> None:
     options = LogOptions(imu_topic="/arm/imu", robot_topic="/arm/joints", imu_frame="sensor")
     write_log(arm, tmp_path / "log.mcap", options)
     log = read(tmp_path / "log.mcap")
@@ -153,7 +153,7 @@ def test_names_are_options(arm: Recording, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["log.mcap", "log.bag"])
-def test_the_same_seed_makes_the_same_file(tmp_path: Path, name: str) -> None:
+def test_same_seed_gives_the_same_file(tmp_path: Path, name: str) -> None:
     physics = PhysicsOptions(duration=1.0, imu_rate=100.0)
     digests = []
     for folder in ("one", "two"):
@@ -165,7 +165,7 @@ def test_the_same_seed_makes_the_same_file(tmp_path: Path, name: str) -> None:
     assert digests[0] == digests[1]
 
 
-def test_truth_lies_beside_the_log(tmp_path: Path) -> None:
+def test_truth_file_is_beside_the_log(tmp_path: Path) -> None:
     physics = PhysicsOptions(
         duration=1.0, mount_xyz=(0.01, 0.02, 0.03), mount_rpy=(0.0, 0.0, np.pi / 2)
     )
@@ -192,7 +192,7 @@ def test_truth_lies_beside_the_log(tmp_path: Path) -> None:
     log = read(tmp_path / "a.mcap")
     assert document["log"]["imu_messages"] == len(log["/imu/data"])
     assert document["log"]["imu_messages"] + document["log"]["imu_dropped"] == 501
-    # the URDF states the drawing, which knows nothing of the mount
+    # the URDF states the drawing, which does not include the true mount
     assert 'xyz="-0.02 0.102 0.003"' in (tmp_path / "a.urdf").read_text()
 
 
@@ -204,12 +204,12 @@ def test_truth_lies_beside_the_log(tmp_path: Path) -> None:
         ("log.mcap", LogOptions(joint_order=("elbow_joint",)), "joint order must name each of"),
     ],
 )
-def test_choices_that_are_none_list_what_there_is(
+def test_invalid_choice_lists_available_ones(
     arm: Recording, tmp_path: Path, name: str, options: LogOptions, words: str
 ) -> None:
     with pytest.raises(ChoiceError, match=words):
         write_log(arm, tmp_path / name, options)
-    assert list(tmp_path.iterdir()) == []  # nothing half-made stays behind
+    assert list(tmp_path.iterdir()) == []  # no partial file is left
 
 
 @pytest.mark.parametrize(
@@ -221,15 +221,13 @@ def test_choices_that_are_none_list_what_there_is(
     ],
     ids=["a folder", "below a file", "a name too long"],
 )
-def test_a_place_that_cannot_be_written_is_named(
-    arm: Recording, tmp_path: Path, place: str, words: str
-) -> None:
+def test_unwritable_path_is_named(arm: Recording, tmp_path: Path, place: str, words: str) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=words):
         write_log(arm, tmp_path / place)
 
 
-def test_an_existing_log_is_replaced_only_by_a_whole_one(arm: Recording, tmp_path: Path) -> None:
+def test_existing_log_is_replaced_only_by_a_complete_one(arm: Recording, tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_text("old")
     with pytest.raises(InputError, match="before 1970"):
@@ -253,13 +251,13 @@ def test_ros_1_itself_can_unpack_lz4_chunks(arm: Recording, tmp_path: Path, samp
         assert flags >> 6 == 1  # version
         assert flags >> 5 & 1  # blocks are independent
         assert not flags >> 4 & 1  # blocks have no checksum
-        assert not flags >> 3 & 1  # size of the content is not told
+        assert not flags >> 3 & 1  # size of the content is not stated
         assert flags >> 2 & 1  # the content has a checksum
         assert not flags & 3
         assert 4 <= block >> 4 <= 7
 
 
-def test_ros_1_knows_the_types_by_their_checksums(arm: Recording, tmp_path: Path) -> None:
+def test_ros_1_accepts_the_type_checksums(arm: Recording, tmp_path: Path) -> None:
     write_log(arm, tmp_path / "log.bag", LogOptions())
     with AnyReader([tmp_path / "log.bag"]) as reader:
         sums = {c.msgtype: c.digest for c in reader.connections}

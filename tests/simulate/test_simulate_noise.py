@@ -1,4 +1,4 @@
-"""Noise: its statistics, its signs, and that a seed means the same numbers every time."""
+"""Noise: its statistics, its signs, and that a seed gives the same numbers every time."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def bar() -> Recording:
         pytest.param(NoiseOptions(accel_white=0.03, accel_noise=0.004), 0.05, 0.0, id="both add"),
     ],
 )
-def test_white_noise_has_its_std_and_no_memory(
+def test_white_noise_has_its_std_and_is_uncorrelated(
     long: Recording, options: NoiseOptions, accel: float, gyro: float
 ) -> None:
     noisy = corrupt(long, options, 1).imu
@@ -104,7 +104,7 @@ def test_bias_walk_grows_with_the_root_of_time() -> None:
     assert np.std([run.gyro[-1] for run in runs]) == pytest.approx(0.01, rel=0.1)
 
 
-def test_coloured_noise_has_its_std_and_its_memory_from_the_first_sample(long: Recording) -> None:
+def test_coloured_noise_has_std_and_correlation_from_first_sample(long: Recording) -> None:
     options = NoiseOptions(accel_coloured=0.3, gyro_coloured=0.02, coloured_time=0.05)
     noisy = corrupt(long, options, 3).imu
     np.testing.assert_allclose(noisy.accel.std(axis=0), 0.3, rtol=0.03)
@@ -117,7 +117,7 @@ def test_coloured_noise_has_its_std_and_its_memory_from_the_first_sample(long: R
     assert np.std(first) == pytest.approx(1.0, rel=0.08)
 
 
-def test_spikes_throw_one_axis_of_each_sensor_and_are_told(long: Recording) -> None:
+def test_spikes_affect_one_axis_per_sensor_and_are_marked(long: Recording) -> None:
     run = corrupt(long, NoiseOptions(spikes=0.005, spike_accel=20.0, spike_gyro=2.0), 1)
     thrown = np.abs(run.imu.accel).max(axis=1) > 0
     np.testing.assert_array_equal(thrown, run.imu.spiked)
@@ -127,7 +127,7 @@ def test_spikes_throw_one_axis_of_each_sensor_and_are_told(long: Recording) -> N
         assert {-size, 0.0, size} == set(np.unique(values))
 
 
-def test_an_effect_leaves_the_others_as_they_were(long: Recording) -> None:
+def test_noise_effects_are_independent(long: Recording) -> None:
     plain = corrupt(long, NoiseOptions(accel_noise=0.003), 5)
     more = corrupt(long, NoiseOptions(accel_noise=0.003, spikes=0.01, dropouts=0.1), 5)
     kept = np.isin(plain.imu.t, more.imu.t)
@@ -135,7 +135,7 @@ def test_an_effect_leaves_the_others_as_they_were(long: Recording) -> None:
     np.testing.assert_array_equal(plain.imu.accel[kept][calm], more.imu.accel[calm])
 
 
-def test_losses_are_whole_messages_and_counted(long: Recording) -> None:
+def test_lost_messages_are_whole_and_counted(long: Recording) -> None:
     options = NoiseOptions(dropouts=0.02, robot_dropouts=0.5)
     run = corrupt(long, options, 1)
     assert len(long.imu.t) - len(run.imu.t) == run.imu.dropped
@@ -149,14 +149,14 @@ def test_losses_are_whole_messages_and_counted(long: Recording) -> None:
 
 
 @pytest.mark.parametrize("offset", [-0.042, 0.3])
-def test_time_offset_is_imu_stamp_less_robot_stamp(arm: Recording, offset: float) -> None:
+def test_time_offset_is_imu_stamp_minus_robot_stamp(arm: Recording, offset: float) -> None:
     run = corrupt(arm, NoiseOptions(time_offset=offset), 0)
     np.testing.assert_allclose(run.imu.stamp - run.imu.t, offset, atol=1e-12)
     np.testing.assert_array_equal(joints(run).stamp, joints(run).t)
     np.testing.assert_array_equal(run.imu.received, run.imu.t)  # the recorder has one clock
 
 
-def test_jitter_moves_stamps_and_never_their_order(long: Recording) -> None:
+def test_jitter_keeps_stamp_order(long: Recording) -> None:
     mild = corrupt(long, NoiseOptions(stamp_jitter=5e-4), 1).imu
     assert (mild.stamp - mild.t).std() == pytest.approx(5e-4, rel=0.02)
     wild = corrupt(long, NoiseOptions(stamp_jitter=1.0), 1).imu
@@ -172,7 +172,7 @@ def test_messages_arrive_late_and_in_order(long: Recording) -> None:
     np.testing.assert_array_equal(run.stamp, run.t)
 
 
-def test_encoders_round_to_their_step(arm: Recording) -> None:
+def test_encoders_round_to_their_resolution(arm: Recording) -> None:
     read = joints(corrupt(arm, NoiseOptions(encoder_step=1e-4), 0)).position
     counts = read / 1e-4
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
@@ -193,7 +193,7 @@ def test_noise_of_encoders_and_poses_has_its_std(arm: Recording, bar: Recording)
 
 
 @pytest.mark.parametrize("system", ["arm", "bar"])
-def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> None:
+def test_same_seed_gives_the_same_noise(system: str, request: pytest.FixtureRequest) -> None:
     clean: Recording = request.getfixturevalue(system)
     one, two, other = (corrupt(clean, EVERYTHING, seed) for seed in (7, 7, 8))
     for field in _ARRAYS:
@@ -205,7 +205,7 @@ def test_a_seed_is_a_promise(system: str, request: pytest.FixtureRequest) -> Non
 
 @settings(max_examples=25, deadline=None)
 @given(seed=st.integers(0, 2**63), n=st.integers(1, 6))
-def test_no_noise_changes_nothing_even_for_a_few_samples(seed: int, n: int) -> None:
+def test_zero_noise_changes_nothing_for_few_samples(seed: int, n: int) -> None:
     few = rows_kept(_FEW.imu, np.arange(6) < n)
     same = corrupt(replace(_FEW, imu=few), NoiseOptions(), seed)
     for field in _ARRAYS:
@@ -215,14 +215,14 @@ def test_no_noise_changes_nothing_even_for_a_few_samples(seed: int, n: int) -> N
 _FEW = still(6)
 
 
-def test_publishers_have_noise_of_their_own() -> None:
+def test_each_publisher_has_independent_noise() -> None:
     clean = recorded("rihibot", duration=1.0, robot_rate=100.0, publishers=2)
     run = corrupt(clean, NoiseOptions(robot_stamp_jitter=1e-3), 1)
     first, second = (joints(run, k).stamp - joints(run, k).t for k in (0, 1))
     assert abs(np.corrcoef(first[: len(second)], second)[0, 1]) < 0.4
 
 
-def test_a_recording_is_corrupted_once(arm: Recording) -> None:
+def test_adding_noise_twice_is_refused(arm: Recording) -> None:
     with pytest.raises(InputError, match="noise already"):
         corrupt(corrupt(arm, NoiseOptions(), 0), NoiseOptions(), 0)
 
@@ -251,8 +251,8 @@ def test_grades_are_in_si() -> None:
     assert load_grade("ideal") == NoiseOptions()
 
 
-def test_noise_at_rest_is_the_sheets_density_over_half_the_rate() -> None:
-    # Figures as they stand in the sheet of the BMI088: 190 ug and 0.014 deg/s per sqrt(Hz).
+def test_noise_at_rest_matches_data_sheet_density() -> None:
+    # Figures as in the data sheet of the BMI088: 190 ug and 0.014 deg/s per sqrt(Hz).
     noisy = corrupt(still(40_000), load_imu("bmi088"), seed=1).imu
     tolerance = 5.0 / np.sqrt(2 * 3 * 40_000)
     assert noisy.accel.std(axis=0) == pytest.approx(190e-6 * 9.80665 * 10.0, rel=tolerance * 2)
@@ -262,7 +262,7 @@ def test_noise_at_rest_is_the_sheets_density_over_half_the_rate() -> None:
     )
 
 
-def test_the_bias_walks_where_the_sheet_says_how_stable_it_is() -> None:
+def test_bias_walks_if_data_sheet_gives_stability() -> None:
     assert load_imu("bmi088").gyro_bias_walk == 0.0
     noise = load_imu("adis16448")
     assert noise.gyro_bias_walk == pytest.approx(np.radians(14.5 / 3600.0) / 10.0)
@@ -270,7 +270,7 @@ def test_the_bias_walks_where_the_sheet_says_how_stable_it_is() -> None:
     assert steps.std() * np.sqrt(RATE) == pytest.approx(noise.gyro_bias_walk, rel=0.02)
 
 
-def test_readings_end_at_the_range_and_the_truth_counts_them() -> None:
+def test_readings_saturate_at_range_and_are_counted_in_truth() -> None:
     noise = NoiseOptions(accel_white=1.0, gyro_white=0.1, accel_range=2.0, gyro_range=10.0)
     noisy = corrupt(still(5_000), noise, seed=2)
     free = corrupt(still(5_000), replace(noise, accel_range=None), seed=2).imu

@@ -43,14 +43,14 @@ ARM, BAR = the_arm(), the_bar()
 
 
 @given(st.floats(0.0, 200.0))
-def test_reference_rates_belong_to_reference_positions(t: float) -> None:
+def test_reference_rates_are_derivatives_of_positions(t: float) -> None:
     reference = ArmReference(ARM, 201.0)
     ahead, behind = reference(t + 1e-5)[0], reference(max(t - 1e-5, 0.0))[0]
     rate = (ahead - behind) / (t + 1e-5 - max(t - 1e-5, 0.0))
     np.testing.assert_allclose(reference(t)[1], rate, atol=1e-4)
 
 
-def test_moves_arrive_rest_and_repeat_from_the_second_on() -> None:
+def test_moves_reach_target_rest_and_repeat_from_the_second() -> None:
     moves = (
         Move(to_deg=(10.0,) * 6, seconds=1.0, rest=0.5),
         Move(to_deg=(20.0,) * 6, seconds=2.0, rest=0.5),
@@ -65,7 +65,7 @@ def test_moves_arrive_rest_and_repeat_from_the_second_on() -> None:
     np.testing.assert_allclose(np.degrees(single(19.0)[0]), 10.0)  # nothing to repeat: it stays
 
 
-def test_smooth_pushes_have_no_jumps_and_hard_ones_do() -> None:
+def test_smooth_pushes_are_continuous_and_hard_pushes_are_not() -> None:
     t = np.arange(0, 30, 1e-3)
     largest = {}
     for profile in ("smooth", "hard"):
@@ -76,7 +76,7 @@ def test_smooth_pushes_have_no_jumps_and_hard_ones_do() -> None:
     assert largest["hard"] == pytest.approx(0.5)
 
 
-def test_pushes_are_in_the_papers_order() -> None:
+def test_pushes_are_in_the_order_of_the_paper() -> None:
     plan = PushPlan(BAR, "hard")
     middle = [5.01 + 8.785 * k + 1.5 for k in range(14)]
     forces = [plan(t)[0].tolist() for t in middle]
@@ -102,7 +102,7 @@ def bar() -> Recording:
     return recorded("barbot", duration=30.0, robot_rate=250.0)
 
 
-def test_imu_reads_what_pinocchio_derives_from_the_same_state(arm: Recording) -> None:
+def test_imu_readings_match_pinocchio(arm: Recording) -> None:
     gyro, accel, _, _ = imus_by_pinocchio(arm)
     assert np.abs(arm.state.velocity).max() > 0.5  # rad/s: it does move
     tilted = Rotation.from_rotvec([0.03, -0.05, 0.0]).apply([0.0, 0.0, -9.80665])
@@ -119,7 +119,7 @@ def test_at_rest_the_accelerometer_points_up() -> None:
     np.testing.assert_allclose(resting.imu.gyro, 0.0, atol=1e-12)
 
 
-def test_positions_rates_and_accelerations_are_one_motion(arm: Recording) -> None:
+def test_positions_rates_and_accelerations_are_consistent(arm: Recording) -> None:
     """A spline through the encoder readings has the engine's rates: they are of one instant."""
     spline = make_interp_spline(joints(arm).t, joints(arm).position, k=7)
     inner = (arm.state.t > 0.1) & (arm.state.t < 8.9)
@@ -131,7 +131,7 @@ def test_positions_rates_and_accelerations_are_one_motion(arm: Recording) -> Non
     assert error.max() < 0.02
 
 
-def test_any_rate_meets_its_instants_exactly() -> None:
+def test_any_rate_samples_at_exact_instants() -> None:
     rate = 97.0
     odd, fine = (
         recorded("rihibot", duration=3.5, imu_rate=each, robot_rate=125.0) for each in (rate, 125.0)
@@ -141,7 +141,7 @@ def test_any_rate_meets_its_instants_exactly() -> None:
     np.testing.assert_allclose(joints(odd).position, joints(fine).position, atol=1e-9)
 
 
-def test_publishers_share_the_joints_and_not_the_instants() -> None:
+def test_publishers_share_joints_but_not_sample_times() -> None:
     split = recorded("rihibot", duration=0.5, robot_rate=100.0, publishers=2)
     first, second = joints(split), joints(split, 1)
     assert first.names == ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint")
@@ -150,7 +150,7 @@ def test_publishers_share_the_joints_and_not_the_instants() -> None:
 
 
 @pytest.mark.slow
-def test_the_arm_is_lively_and_stays_within_its_limits() -> None:
+def test_arm_motion_is_rich_and_within_limits() -> None:
     run = recorded("rihibot", imu_rate=100.0, robot_rate=100.0)
     limits = np.radians([joint.velocity_deg for joint in run.system.joints])
     peak = np.abs(run.state.velocity).max(axis=0)
@@ -193,7 +193,7 @@ def euler_by_scipy(profile: str) -> Floats:
     return np.asarray(solution.y[:, -1])
 
 
-def test_the_bars_imu_obeys_the_rigid_body_formula(bar: Recording) -> None:
+def test_bar_imu_follows_the_rigid_body_formula(bar: Recording) -> None:
     state, r = bar.state, np.array([0.0, 0.0, 0.055])
     R_world_bar = Rotation.from_quat(state.position[:, 3:], scalar_first=True)
     omega, alpha = state.velocity[:, 3:], state.acceleration[:, 3:]
@@ -204,7 +204,7 @@ def test_the_bars_imu_obeys_the_rigid_body_formula(bar: Recording) -> None:
     assert bar.gravity_world.tolist() == [0.0, 0.0, 0.0]
 
 
-def test_the_bars_poses_turn_at_the_rate_its_gyro_reads(bar: Recording) -> None:
+def test_bar_pose_rate_matches_gyroscope(bar: Recording) -> None:
     R_world_bar = Rotation.from_quat(pose(bar).quaternion_xyzw)
     middle_rate = (R_world_bar[:-2].inv() * R_world_bar[2:]).as_rotvec() / 0.008
     np.testing.assert_allclose(middle_rate, bar.imu.gyro[1:-1], atol=2e-4)
@@ -219,12 +219,12 @@ def test_the_bar_stays_below_five_radians_per_second() -> None:
     assert np.abs(run.state.velocity[-1]).max() < 1e-9
 
 
-def test_the_engine_is_left_as_it_was(arm: Recording) -> None:
+def test_mujoco_control_callback_is_unset_afterwards(arm: Recording) -> None:
     assert arm.engine == f"MuJoCo {mujoco.__version__}"
     assert mujoco.get_mjcb_control() is None
 
 
-def test_without_mujoco_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_mujoco_error_names_the_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r"pip install 'imucalib\[simulate\]'"):
         record(load_system("barbot"))

@@ -64,7 +64,7 @@ def readings(recording: Recording) -> tuple[Floats, Floats]:
     return np.stack(gyro, 1), np.stack(accel, 1)
 
 
-def test_every_imu_reads_what_the_state_and_its_positions_say(walk: Recording) -> None:
+def test_imu_readings_match_state_and_imu_positions(walk: Recording) -> None:
     gyro, accel = readings(walk)
     gyro_pin, accel_pin, turn, position = imus_by_pinocchio(walk)
     assert np.abs(accel[:, 2:]).max() > 50.0  # m/s²: feet do strike
@@ -105,34 +105,34 @@ def assert_upright(recording: Recording) -> None:
     assert 60.0 < min(strikes) < max(strikes) < 200.0  # m/s²
 
 
-def test_it_stays_upright_in_its_first_strides(soon: Recording) -> None:
+def test_walker_stays_upright_in_first_strides(soon: Recording) -> None:
     assert_upright(soon)
     assert np.linalg.norm(soon.state.position[-1, :2]) > 0.2
 
 
 @pytest.mark.slow
-def test_it_walks_and_stays_upright() -> None:
+def test_walker_walks_and_stays_upright() -> None:
     walked = recorded("walker", duration=14.0)
     assert_upright(walked)
     assert np.linalg.norm(walked.state.position[-1, :2]) > 1.0
 
 
 @pytest.mark.slow
-def test_it_stays_upright_through_all_walks_and_again() -> None:
+def test_walker_stays_upright_through_repeated_walks() -> None:
     system = load_system("walker")
     assert system.legged is not None
     plan = sum(walk.seconds for walk in system.legged.gait.walks)
     recording = recorded("walker", duration=3 * plan)
     assert_upright(recording)
     gyro = np.stack([r.gyro for r in recording.imus])
-    # Each IMU turns about two axes at least, so that each component of each mount is told.
+    # Each IMU turns about two axes at least, so that each component of each mount is observable.
     assert (np.sort(gyro.std(axis=1), axis=1)[:, 1] > 0.3).all()
     limits = np.radians([(joint.range_deg, joint.velocity_deg) for joint in system.joints])
     assert (np.abs(joints(recording).position) < limits[:, 0]).all()
     assert (np.abs(recording.state.velocity[:, 6:]) < limits[:, 1]).all()
 
 
-def test_feet_go_where_the_gait_says() -> None:
+def test_feet_follow_the_gait() -> None:
     """Pinocchio takes the planned angles back to feet: they stand on the ground as it goes by."""
     system = walking_soon()
     legged = system.legged
@@ -187,7 +187,7 @@ def test_the_low_pass_is_an_analog_butterworth_filter(bandwidth: float, frequenc
     assert low_pass.delay == pytest.approx(np.sqrt(2) / (2 * np.pi * bandwidth), rel=1e-3)
 
 
-def test_the_low_pass_makes_the_truths_time_offset() -> None:
+def test_low_pass_delay_is_the_true_time_offset() -> None:
     """A slow robot behind the filter is the same robot a little later."""
     system, noise = load_system("rihibot"), NoiseOptions(time_offset=-0.01)
     physics = PhysicsOptions(duration=4.0, imu_rate=200.0, robot_rate=50.0)
@@ -201,7 +201,7 @@ def test_the_low_pass_makes_the_truths_time_offset() -> None:
     assert np.abs(clean.imu.gyro).max() > 0.3
 
 
-def test_noise_is_each_imus_own(soon: Recording) -> None:
+def test_each_imu_has_independent_noise(soon: Recording) -> None:
     noisy = corrupt(soon, load_grade("mems"), 5)
     first = corrupt(replace(soon, others=()), load_grade("mems"), 5)
     np.testing.assert_array_equal(noisy.imu.accel, first.imu.accel)
@@ -265,10 +265,10 @@ def test_the_log_the_truth_and_the_urdf_name_every_imu(tmp_path: Path, imucalib:
         nominal = parent.placement.inverse() * frame.placement
         np.testing.assert_allclose(nominal.translation, imu.nominal.xyz, atol=1e-12)
         apart = np.linalg.norm(np.subtract(imu.nominal.xyz, imu.xyz))
-        assert 1e-3 < apart < 6e-3  # m: the URDF does not say what is true
+        assert 1e-3 < apart < 6e-3  # m: the URDF does not contain the true pose
 
 
-def test_a_system_of_one_imu_has_the_truth_it_always_had() -> None:
+def test_truth_format_of_single_imu_is_unchanged() -> None:
     truth = truth_of(recorded("barbot", duration=0.1), LogOptions())
     assert "imus" not in truth
     settings = truth["settings"]
@@ -299,14 +299,14 @@ def _remove_joint(raw: Any) -> None:
         (lambda raw: raw.update(arm=None, legged=None), "state one of arm, free_body and legged"),
     ],
 )
-def test_faults_of_a_walker_are_named(
+def test_walker_config_errors_are_named(
     tmp_path: Path, change: Callable[[Any], Any], words: str
 ) -> None:
     with pytest.raises(InputError, match=re.escape(words)):
         load_system(configured(tmp_path, "walker", change))
 
 
-def test_an_imu_on_a_link_that_is_none_is_named(tmp_path: Path) -> None:
+def test_imu_on_unknown_link_is_named(tmp_path: Path) -> None:
     path = configured(tmp_path, "walker", lambda raw: raw["imus"][0].update(parent="tail"))
     with pytest.raises(InputError, match="walker: no link tail; it has trunk, FR_hip"):
         record(load_system(path), PhysicsOptions(duration=0.1))

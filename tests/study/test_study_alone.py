@@ -1,4 +1,4 @@
-"""What a call costs, against calls whose cost is known."""
+"""The measured cost of a call, against calls of known cost."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def die(given: str) -> str:
     return given
 
 
-def test_values_time_and_memory_come_back() -> None:
+def test_values_time_and_memory_are_returned() -> None:
     calls: list[Callable[[str], str]] = [
         partial(allocate, 12_500_000),
         partial(allocate, 10),
@@ -72,7 +72,7 @@ def make_a_function(given: str) -> Callable[[], str]:
     return lambda: given
 
 
-def test_an_exception_comes_back_with_its_traceback_as_its_cause(
+def test_exception_is_returned_with_traceback_as_cause(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(np.linalg.LinAlgError, match="Singular matrix") as raised:
@@ -84,6 +84,6 @@ def test_an_exception_comes_back_with_its_traceback_as_its_cause(
 
 
 @pytest.mark.parametrize("end", [die, leave])
-def test_a_process_that_is_killed_is_said_to_be(end: Callable[[str], str]) -> None:
+def test_killed_process_is_reported(end: Callable[[str], str]) -> None:
     with pytest.raises(InputError, match="was killed"):
         run_alone([end], "log")

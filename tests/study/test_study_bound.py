@@ -94,7 +94,7 @@ def brute(arm: Recording) -> Brute:
     return Brute(arm)
 
 
-def test_the_brute_force_reads_what_the_engine_reads(arm: Recording, brute: Brute) -> None:
+def test_brute_force_readings_match_simulation(arm: Recording, brute: Brute) -> None:
     found = brute.readings(np.zeros(15)).reshape(-1, 6) * np.repeat([ACCEL, GYRO], 3)
     inside = slice(10, -10)
     np.testing.assert_allclose(found[inside, :3], arm.imu.accel[2:-2][inside], atol=5e-3)
@@ -109,7 +109,7 @@ def assert_same_bound(bound: Bound, covariance: Floats) -> None:
 
 
 @pytest.mark.slow
-def test_bound_with_every_unknown(arm: Recording, brute: Brute) -> None:
+def test_bound_with_every_unknown_matches_brute_force(arm: Recording, brute: Brute) -> None:
     bound = cramer_rao(arm, ACCEL, GYRO)
     expected = brute.covariance(list(range(15)))
     assert_same_bound(bound, expected)
@@ -118,13 +118,13 @@ def test_bound_with_every_unknown(arm: Recording, brute: Brute) -> None:
     assert bound.rotation == pytest.approx(np.sqrt(np.trace(expected[3:6, 3:6])), rel=0.01)
 
 
-def test_bound_with_the_pose_alone(arm: Recording, brute: Brute) -> None:
+def test_bound_with_only_the_pose_matches_brute_force(arm: Recording, brute: Brute) -> None:
     bound = cramer_rao(arm, ACCEL, GYRO, ())
     assert_same_bound(bound, brute.covariance(list(range(6))))
     assert bound.time_offset == 0.0
 
 
-def test_every_unknown_has_its_price(arm: Recording) -> None:
+def test_every_unknown_increases_the_bound(arm: Recording) -> None:
     least, everything = cramer_rao(arm, ACCEL, GYRO, ()), cramer_rao(arm, ACCEL, GYRO)
     for one in NUISANCES:
         bound = cramer_rao(arm, ACCEL, GYRO, (one,))
@@ -154,14 +154,14 @@ def test_a_free_body_has_a_bound_without_tilt() -> None:
     assert error.rotation_angle < np.radians(1e-4)
 
 
-def test_physics_engine_data_without_noise_is_exact(arm: Recording) -> None:
+def test_noise_free_simulation_gives_exact_result(arm: Recording) -> None:
     imu, path = streams_of(arm, robot_of(arm.system))
     error = error_of(calibrate_matched(imu, path, MatchedOptions()), arm)
     assert error.translation_norm < 4e-6
     assert error.rotation_angle < np.radians(1e-4)
 
 
-def test_error_knows_the_offset_put_in(arm: Recording) -> None:
+def test_error_accounts_for_simulated_time_offset(arm: Recording) -> None:
     noisy = corrupt(arm, NoiseOptions(time_offset=0.123), 0)
     estimate = calibrate_matched(*streams_of(noisy), MatchedOptions())
     assert estimate.time_offset == pytest.approx(0.123, abs=1e-6)

@@ -48,7 +48,7 @@ def acceleration_of_the_imu(recording: Recording) -> Floats:
     return np.asarray((state.acceleration[:, :3] + R.apply(swing))[:, 0])
 
 
-def test_both_filters_derive_and_measure_what_the_engine_knows() -> None:
+def test_both_filters_match_simulated_acceleration() -> None:
     truth = wrong_guess(bar(), 0.0, 0.0, 0)
     true = acceleration_of_the_imu(bar())
     for found, most in (
@@ -64,7 +64,7 @@ def test_both_filters_derive_and_measure_what_the_engine_knows() -> None:
         assert np.abs(true).max() > 0.15
 
 
-def test_the_guess_shows_in_the_derived_acceleration_alone() -> None:
+def test_wrong_guess_changes_only_derived_acceleration() -> None:
     truth = wrong_guess(bar(), 0.0, 0.0, 0)
     displaced = wrong_guess(bar(), 0.1, 0.0, 3)
     assert np.linalg.norm(displaced.t - truth.t) == pytest.approx(0.1)
@@ -73,7 +73,7 @@ def test_the_guess_shows_in_the_derived_acceleration_alone() -> None:
     assert np.abs(wrong.mismatch).max() > 50 * np.abs(right.mismatch).max()
 
 
-def test_excluded_samples_are_where_the_pose_bends() -> None:
+def test_excluded_samples_are_at_pose_changes() -> None:
     truth = wrong_guess(bar(), 0.0, 0.0, 0)
     for limit in (0.05, 0.2):
         found = compared_by_paper(bar(), truth, 11, limit)
@@ -81,7 +81,7 @@ def test_excluded_samples_are_where_the_pose_bends() -> None:
         assert np.abs(found.derived[found.kept]).max() < limit + 0.1
 
 
-def test_starts_and_stops_are_where_acceleration_jumps() -> None:
+def test_acceleration_jumps_at_starts_and_stops() -> None:
     t = np.arange(1000) / 250
     accel = np.where((t > 1.0) & (t < 3.0), 0.05, 0.0)
     near = near_changes(t, accel, jerk=2.0, margin=0.1)
@@ -91,7 +91,7 @@ def test_starts_and_stops_are_where_acceleration_jumps() -> None:
 
 
 @pytest.mark.slow
-def test_the_figure_is_an_svg_and_the_same_twice(tmp_path: Path) -> None:
+def test_figure_is_a_reproducible_svg(tmp_path: Path) -> None:
     truth = wrong_guess(bar(), 0.0, 0.0, 0)
     found = {
         "paper": compared_by_paper(bar(), truth, 11, 0.2),
@@ -119,7 +119,7 @@ def drawn(path: Path) -> bytes:
     return path.read_bytes()
 
 
-def test_the_same_figure_is_the_same_bytes(tmp_path: Path) -> None:
+def test_same_figure_has_identical_bytes(tmp_path: Path) -> None:
     first, second = drawn(tmp_path / "a.svg"), drawn(tmp_path / "b.svg")
     assert first == second
     root = ET.fromstring(first)
@@ -127,7 +127,7 @@ def test_the_same_figure_is_the_same_bytes(tmp_path: Path) -> None:
     assert b"<dc:date>" not in first
 
 
-def test_a_missing_matplotlib_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_matplotlib_is_one_line_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
         new_figure()

@@ -32,7 +32,7 @@ HARD = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
 
 
 @pytest.mark.parametrize("name", ["rihibot", "barbot"])
-def test_every_instant_is_in_one_fold_and_kinds_are_spread(name: str) -> None:
+def test_every_instant_is_in_one_fold_with_all_kinds(name: str) -> None:
     system = load_system(name)
     moves = moves_of(system, system.duration)
     edges = [move.start for move in moves] + [moves[-1].stop]
@@ -48,7 +48,7 @@ def test_every_instant_is_in_one_fold_and_kinds_are_spread(name: str) -> None:
         assert max(shares) - min(shares) <= 1
 
 
-def test_kinds_are_those_of_the_plan() -> None:
+def test_motion_kinds_match_the_plan() -> None:
     arm = load_system("rihibot").arm
     assert arm is not None
     kinds = [move.kind for move in moves_of(load_system("rihibot"), 74.0)]
@@ -83,7 +83,7 @@ def test_a_held_out_move_is_in_no_stream() -> None:
     ],
     ids=["noise of the accelerometer alone", "noise of the gyroscope alone"],
 )
-def test_switched_pushes_drop_out_where_only_the_pose_is_unknown(
+def test_pose_only_estimate_is_accurate_despite_switched_pushes(
     noise: NoiseOptions, fold: int, translation: float, rotation_deg: float
 ) -> None:
     """Weights must settle, and a sensor without noise must leave the other its digits."""
@@ -98,7 +98,7 @@ def test_switched_pushes_drop_out_where_only_the_pose_is_unknown(
     assert np.degrees(error.rotation) < rotation_deg
 
 
-def test_a_covariance_that_lost_its_digits_is_not_to_be_trusted() -> None:
+def test_ill_conditioned_covariance_is_invalid_or_consistent() -> None:
     """No noise at all in the gyroscope and much in the accelerometer: no log has that."""
     clean = clean_recording("barbot", replace(HARD, duration=40.0))
     folds = stratified_folds(moves_of(clean.system, 40.0), 3)
@@ -118,7 +118,7 @@ def noise_study() -> NoiseStudy:
     return whole
 
 
-def test_noise_runs_every_pair_on_every_fold_with_every_seed() -> None:
+def test_noise_study_runs_all_pairs_folds_and_seeds() -> None:
     cells = noise_study().cells()
     keys = {tuple(cell.values()) for cell in cells}
     assert len(keys) == len(cells)
@@ -131,7 +131,7 @@ def test_noise_runs_every_pair_on_every_fold_with_every_seed() -> None:
 
 
 @pytest.mark.slow
-def test_one_run_by_every_method_against_the_engine() -> None:
+def test_every_method_matches_the_simulated_truth() -> None:
     (cell,) = (
         c
         for c in noise_study().cells()
@@ -184,9 +184,7 @@ def verdicts(table: Table) -> dict[str, str]:
         ({"translation": 1.3e-4}, "does not raise the translation error"),
     ],
 )
-def test_a_claim_about_noise_is_met_until_a_row_says_otherwise(
-    changed: dict[str, float], what: str
-) -> None:
+def test_noise_claim_is_met_unless_a_row_contradicts(changed: dict[str, float], what: str) -> None:
     met = verdicts(noise_study().tables(noise_rows())[-2])
     assert Counter(met.values()) == {"met": 5, "not judged": 2}
     now = verdicts(noise_study().tables(noise_rows(**changed))[-2])
@@ -216,7 +214,7 @@ def initial_rows(*, far: float, angle: float) -> list[Row]:
         (0.0, 0.1, 3, "within 0 mm"),
     ],
 )
-def test_another_minimum_is_counted_and_not_averaged(
+def test_local_minimum_is_counted_and_not_averaged(
     far: float, angle: float, failed: int, found: str
 ) -> None:
     *tables, claims = study("initial-error").tables(initial_rows(far=far, angle=angle))

@@ -87,7 +87,7 @@ def test_hand_eye_finds_the_transform(solve: Callable[[Motions], Pose]) -> None:
     np.testing.assert_allclose(place, expected, atol=1e-9)
 
 
-def test_turns_about_one_axis_leave_the_transform_open() -> None:
+def test_turns_about_one_axis_leave_transform_undetermined() -> None:
     rng = np.random.default_rng(1)
     R_b = Rotation.from_rotvec(np.outer(rng.uniform(0.2, 1.0, 6), [0.0, 0.6, 0.8])).as_matrix()
     t_b = rng.normal(size=(6, 3))
@@ -100,7 +100,7 @@ def test_turns_about_one_axis_leave_the_transform_open() -> None:
         ransac(one_axis.only(np.array([0, 1])), tsai, PARAMETERS.published_ransac)
 
 
-def test_ransac_leaves_out_what_disagrees() -> None:
+def test_ransac_excludes_outliers() -> None:
     rng = np.random.default_rng(2)
     some = motions(rng, X, 30, 1e-4)
     some.t_b[:8] += rng.normal(size=(8, 3))
@@ -125,7 +125,7 @@ def test_integration_follows_an_analytic_motion() -> None:
     np.testing.assert_allclose(found.velocity, [0.0, 3.6, 0.0], atol=5e-5)
 
 
-def test_standstills_are_where_the_engine_stands_still(seen: Recording) -> None:
+def test_standstills_match_the_simulation(seen: Recording) -> None:
     noisy = corrupt(seen, NOISE, 0)
     imu = noisy.imu
     found = standstills(imu.stamp, imu.gyro, imu.accel, PARAMETERS.still)
@@ -141,7 +141,7 @@ def test_standstills_are_where_the_engine_stands_still(seen: Recording) -> None:
     assert [still.start for still in later] == [s.start for s in found if s.start > 8.0]
 
 
-def test_a_bias_shows_where_orientations_differ() -> None:
+def test_bias_is_observable_from_different_orientations() -> None:
     ups = 9.8 * Rotation.random(20, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
     stills = [
         Still(slice(0, 100), 0.0, 1.0, np.zeros(3), up + np.array([0.1, -0.2, 0.05])) for up in ups
@@ -149,7 +149,7 @@ def test_a_bias_shows_where_orientations_differ() -> None:
     np.testing.assert_allclose(static_accel_bias(stills, 9.8), [0.1, -0.2, 0.05], atol=1e-9)
 
 
-def test_poses_from_corners_are_the_engines(seen: Recording) -> None:
+def test_poses_from_corners_match_the_simulation(seen: Recording) -> None:
     pytest.importorskip("cv2")
     camera, record_ = observed(seen), seen.camera
     assert record_ is not None
@@ -181,14 +181,14 @@ def errors(recording: Recording, seed: int) -> tuple[PoseError, PoseError]:
     return error(plain, recording), error(better, recording)
 
 
-def test_camera_and_imu_are_found_on_clean_data(seen: Recording) -> None:
+def test_camera_imu_transform_is_found_on_clean_data(seen: Recording) -> None:
     pytest.importorskip("cv2")
     for found in errors(corrupt(seen, NoiseOptions(), 0), 0):
         assert found.translation < 5e-4
         assert found.rotation < np.radians(2e-3)
 
 
-def test_camera_and_imu_are_found_in_noise_and_tuning_helps(seen: Recording) -> None:
+def test_tuning_improves_camera_imu_transform_in_noise(seen: Recording) -> None:
     pytest.importorskip("cv2")
     pairs = [errors(corrupt(seen, NOISE, seed), seed) for seed in range(3)]
     plain, better = (np.array([pair[k].translation for pair in pairs]) for k in (0, 1))
@@ -197,7 +197,7 @@ def test_camera_and_imu_are_found_in_noise_and_tuning_helps(seen: Recording) -> 
     assert max(pair[1].rotation for pair in pairs) < np.radians(0.03)
 
 
-def test_what_the_method_cannot_do_is_said(
+def test_unsupported_input_is_one_line_error(
     seen: Recording, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     imu, _ = streams_of(seen)

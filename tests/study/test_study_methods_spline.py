@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import Recording
 
 
-def test_values_and_derivatives_are_scipys() -> None:
+def test_values_and_derivatives_match_scipy() -> None:
     rng = np.random.default_rng(0)
     knots = Knots.over(2.0, 5.1, 7.0)
     controls = rng.normal(size=(knots.controls, 3))
@@ -62,7 +62,7 @@ def test_values_and_derivatives_are_scipys() -> None:
         np.testing.assert_allclose(found[order], spline.derivative(order)(t), atol=1e-9)
 
 
-def test_a_fitted_spline_is_scipys_and_knows_the_noise() -> None:
+def test_fitted_spline_matches_scipy_and_estimates_noise() -> None:
     rng = np.random.default_rng(1)
     knots = Knots.over(0.0, 10.0, 12.0)
     t = np.linspace(0.0, 10.0, 2001)
@@ -77,7 +77,7 @@ def test_a_fitted_spline_is_scipys_and_knows_the_noise() -> None:
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-6, 0.03, 0.07, 1.0, 3.0, 5.0])
-def test_right_jacobian_against_scipys_rotations(size: float) -> None:
+def test_right_jacobian_matches_scipy_rotations(size: float) -> None:
     rng = np.random.default_rng(2)
     phi = rng.normal(size=3)
     phi *= size / np.linalg.norm(phi)
@@ -96,7 +96,7 @@ def test_right_jacobian_against_scipys_rotations(size: float) -> None:
     np.testing.assert_allclose(rate_jacobian(phi[None], v[None])[0], expected, atol=1e-8)
 
 
-def test_bordered_least_squares_is_dense_least_squares() -> None:
+def test_bordered_least_squares_matches_dense() -> None:
     rng = np.random.default_rng(3)
     controls, width, borders = 9, 2, 3
     segment = np.sort(rng.integers(0, controls - 3, 60))
@@ -148,7 +148,7 @@ def arm() -> Recording:
     return recorded("rihibot", duration=16.0, base_tilt=(0.02, -0.03), **rates)
 
 
-def test_both_find_the_truth_without_noise(arm: Recording) -> None:
+def test_both_methods_find_truth_without_noise(arm: Recording) -> None:
     told = corrupt(arm, replace(NOISE, accel_white=0.0, gyro_white=0.0), 0)
     imu, path = streams_of(told)
     for answer in (
@@ -185,7 +185,7 @@ def test_the_spline_reaches_the_bound_and_gyro_first_is_near(arm: Recording) -> 
     assert ratio(spline)[1] < ratio(first)[1]
 
 
-def test_the_spline_takes_encoder_noise_for_what_it_is(arm: Recording) -> None:
+def test_spline_weights_encoder_noise_correctly(arm: Recording) -> None:
     noisy = corrupt(arm, replace(NOISE, encoder_noise=5e-5), 0)
     problem, _ = prepare(*streams_of(noisy), OPTIONS)
     position_std, rotation_std = 1.0 / problem.poses.whiten[[0, 3]]
@@ -197,7 +197,7 @@ def test_the_spline_takes_encoder_noise_for_what_it_is(arm: Recording) -> None:
 
 
 @pytest.mark.slow
-def test_knots_are_enough_and_degree_five_too(arm: Recording) -> None:
+def test_default_knots_and_degree_are_sufficient(arm: Recording) -> None:
     imu, path = streams_of(corrupt(arm, NOISE, 0))
     bound = cramer_rao(arm, ACCEL_STD, GYRO_STD)
     few, many = (
@@ -215,7 +215,7 @@ def test_knots_are_enough_and_degree_five_too(arm: Recording) -> None:
     assert cubic.translation > 10 * quintic.translation
 
 
-def test_derivatives_of_the_residuals_are_those_of_differences(arm: Recording) -> None:
+def test_residual_derivatives_match_finite_differences(arm: Recording) -> None:
     walking = replace(OPTIONS, accel_bias_walk=1e-3, gyro_bias_walk=1e-4, knots_per_second=10.0)
     problem, state = prepare(*streams_of(corrupt(arm, NOISE, 0)), walking)
     state = replace(state, t_parent_imu=np.array([0.1, -0.2, 0.3]))
@@ -256,7 +256,7 @@ def _near(controls: np.ndarray, segment: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_what_is_known_is_held(arm: Recording) -> None:
+def test_known_values_are_fixed(arm: Recording) -> None:
     level = record(load_system("rihibot"), replace(arm.physics, base_tilt=(0.0, 0.0)))
     imu, path = streams_of(level)
     known = replace(OPTIONS, gravity="fixed", time_offset=0.0, biases=False)
@@ -265,7 +265,7 @@ def test_what_is_known_is_held(arm: Recording) -> None:
     np.testing.assert_array_equal(answer.accel_bias, np.zeros(3))
     np.testing.assert_allclose(answer.gravity_world, level.gravity_world, rtol=1e-12)  # type: ignore[arg-type]
     assert error(answer, level).translation < 1e-5
-    # Biases that nobody asks for turn the mount by a degree, far from where the search starts.
+    # Biases that are not estimated turn the mount by a degree, far from where the search starts.
     biased = corrupt(
         level, NoiseOptions(accel_bias=(0.3, -0.5, 0.4), gyro_bias=(0.05, -0.03, 0.04)), 0
     )
@@ -288,7 +288,7 @@ def test_what_is_known_is_held(arm: Recording) -> None:
     assert error(given, level).translation < 3e-5
 
 
-def test_a_free_body_that_turns_round_and_round_is_refused() -> None:
+def test_continuously_rotating_free_body_is_refused() -> None:
     body = recorded("barbot", duration=34.0, imu_rate=50.0, robot_rate=50.0, step=0.004)
     imu, path = streams_of(body)
     found = error(calibrate_gyro_first(imu, path, GyroFirstOptions(gravity="none")), body)
@@ -297,7 +297,7 @@ def test_a_free_body_that_turns_round_and_round_is_refused() -> None:
         calibrate_bspline(imu, path, replace(OPTIONS, gravity="none"))
 
 
-def test_streams_apart_are_refused(arm: Recording) -> None:
+def test_non_overlapping_streams_are_refused(arm: Recording) -> None:
     imu, path = streams_of(arm)
     with pytest.raises(InputError, match="overlap"):
         calibrate_gyro_first(replace(imu, t=imu.t + 100.0), path, GyroFirstOptions(time_offset=0.0))
@@ -317,14 +317,14 @@ def solved(recording: Recording) -> tuple[PoseError, float]:
     return error(answer, recording), answer.time_offset
 
 
-def test_it_finds_the_truth_on_clean_data(seen: Recording) -> None:
+def test_camera_spline_finds_truth_on_clean_data(seen: Recording) -> None:
     found, offset = solved(corrupt(seen, NoiseOptions(time_offset=0.004), 0))
     assert found.translation < 5e-5
     assert found.rotation < np.radians(1e-3)
     assert offset == pytest.approx(0.004, abs=5e-6)
 
 
-def test_in_noise_it_is_as_good_as_kalibr_is_known_to_be(seen: Recording) -> None:
+def test_camera_spline_is_as_accurate_as_kalibr_in_noise(seen: Recording) -> None:
     noise = NoiseOptions(
         accel_white=ACCEL_STD,
         gyro_white=GYRO_STD,
@@ -338,7 +338,7 @@ def test_in_noise_it_is_as_good_as_kalibr_is_known_to_be(seen: Recording) -> Non
     assert offset == pytest.approx(0.0, abs=5e-5)
 
 
-def test_the_information_of_corners_is_the_inverse_of_their_poses_scatter(
+def test_corner_information_is_inverse_of_pose_scatter(
     seen: Recording,
 ) -> None:
     camera = observed(seen)
@@ -363,7 +363,7 @@ def test_the_information_of_corners_is_the_inverse_of_their_poses_scatter(
     assert np.mean(squares) == pytest.approx(0.04, rel=0.02)
 
 
-def test_a_target_that_is_hardly_seen_is_refused(seen: Recording) -> None:
+def test_rarely_visible_target_is_refused(seen: Recording) -> None:
     imu, _ = streams_of(seen)
     camera = observed(seen)
     hidden = np.where(np.arange(len(camera.t))[:, None, None] < 8, camera.corners, np.nan)

@@ -56,7 +56,7 @@ def cost(value: Answer | None, failure: str | None = None) -> Cost[Answer]:
     return Cost(value, 1.0, 0.5, 2e6, 1e8, failure)
 
 
-def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
+def test_errors_refer_to_the_camera_imu_transform(clean: Recording) -> None:
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
     parent = Answer(
         frame="parent",
@@ -84,7 +84,7 @@ def test_errors_are_those_of_the_camera_imu_transform(clean: Recording) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["gyro-first hand-eye", "paper"])
-def test_a_run_is_what_the_method_says_on_the_same_data(
+def test_run_equals_the_method_on_the_same_data(
     study: MethodsStudy, clean: Recording, method: str
 ) -> None:
     rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
@@ -105,14 +105,14 @@ def test_a_run_is_what_the_method_says_on_the_same_data(
 
 
 @pytest.mark.slow
-def test_every_entrant_answers(study: MethodsStudy, clean: Recording) -> None:
+def test_every_method_gives_a_result(study: MethodsStudy, clean: Recording) -> None:
     pytest.importorskip("cv2")
     data = given(corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 0), study, 0)
     assert data.spline.accel_bias_walk > 0.0
     for name, entrant in ENTRANTS.items():
         answer = enter(name, study.paper_settings[0], data)
         row = row_of(cost(answer), clean)
-        # Who does not know of biases is off by what they are worth.
+        # A method without biases has the error that they cause.
         limit = 1e-3 if "biases" in entrant.unknowns else 0.02
         assert float(row["translation"] or 1.0) < limit, name
 

@@ -88,7 +88,7 @@ def _steps(cost: PoseCost, pose: Pose) -> Callable[[Floats], Floats]:
     return lambda step: cost.residuals(pose.moved(step))
 
 
-def test_residuals_are_the_published_ones_and_jacobians_their_slopes(clean: PoseCost) -> None:
+def test_residuals_match_publication_and_jacobians_match(clean: PoseCost) -> None:
     rng = np.random.default_rng(3)
     expected = restated(clean)
     for _ in range(3):
@@ -101,7 +101,7 @@ def test_residuals_are_the_published_ones_and_jacobians_their_slopes(clean: Pose
             np.testing.assert_allclose(rise, slope, atol=1e-10)
 
 
-def test_least_absolute_values_are_medians() -> None:
+def test_least_absolute_values_give_medians() -> None:
     rng = np.random.default_rng(1)
     r = rng.standard_cauchy(401)
     groups = np.eye(3)[np.arange(401) % 3]
@@ -115,7 +115,7 @@ def test_least_absolute_values_are_medians() -> None:
         assert np.abs(mine - found[k]).sum() == pytest.approx(np.abs(mine - medians[k]).sum())
 
 
-def test_optimisers_of_one_cost_agree(clean: PoseCost) -> None:
+def test_optimisers_of_the_same_cost_agree(clean: PoseCost) -> None:
     """From a guess nearby, on clean data: one minimum of each cost."""
     guess = near(0.02, 3.0)
     poses: dict[str, list[Pose]] = {}
@@ -133,9 +133,7 @@ def test_optimisers_of_one_cost_agree(clean: PoseCost) -> None:
             np.testing.assert_allclose(other.R, first.R, atol=most)
 
 
-def test_absolute_sums_are_less_than_at_the_least_squares(
-    clean: PoseCost, spiked: PoseCost
-) -> None:
+def test_absolute_sum_is_below_that_of_least_squares(clean: PoseCost, spiked: PoseCost) -> None:
     for cost in (clean, spiked):
         guess = near(0.02, 3.0)
         step = least_squares(_steps(cost, guess), np.zeros(6), xtol=1e-12).x
@@ -151,7 +149,7 @@ def test_absolute_sums_are_less_than_at_the_least_squares(
             assert value_of(cost, pose.moved(1e-5 * direction), "absolute values") > sums[1]
 
 
-def test_without_a_guess_the_same_minimum_as_from_a_good_one(spiked: PoseCost) -> None:
+def test_no_guess_reaches_the_minimum_of_a_good_guess(spiked: PoseCost) -> None:
     lost = near(1.0, 178.0)
     for optimiser in OPTIMISERS:
         if optimiser.name not in NEED_NO_GUESS or optimiser.cost != "published":
@@ -161,7 +159,7 @@ def test_without_a_guess_the_same_minimum_as_from_a_good_one(spiked: PoseCost) -
 
 
 @pytest.mark.slow
-def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> None:
+def test_spikes_affect_least_squares_more_than_absolute_values(spiked: PoseCost) -> None:
     truth, guess = near(0.0, 0.0), near(0.02, 3.0)
     off = {
         (o.cost, o.kind): float(np.linalg.norm(pose.t - truth.t))
@@ -175,7 +173,7 @@ def test_spikes_move_squares_and_hardly_absolute_values(spiked: PoseCost) -> Non
     assert off["published, scaled", "cauchy"] < 0.2 * least
 
 
-def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
+def test_robust_values_match_scipy(spiked: PoseCost) -> None:
     pose = near(0.001, 0.6)
     scaled = spiked.scaled(pose)
     losses: tuple[tuple[Literal["huber", "cauchy"], float], ...] = (
@@ -190,7 +188,7 @@ def test_robust_values_are_those_scipy_minimises(spiked: PoseCost) -> None:
 
 
 @pytest.mark.slow
-def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
+def test_small_study_reports_errors_and_convergence(tmp_path: Path) -> None:
     small = study("optimiser", **SMALL, conditions=study("optimiser").conditions[1:2])
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert len(rows) == 2 * len(OPTIMISERS)
@@ -209,7 +207,7 @@ def test_a_tiny_study_tells_errors_and_finds(tmp_path: Path) -> None:
     assert (tmp_path / "optimiser-rihibot.svg").stat().st_size > 1000
 
 
-def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_linear_program_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def unsolved(J: Floats, r: Floats) -> Floats:
         del J, r
         raise InputError("linear program: nothing found")
@@ -225,7 +223,7 @@ def test_a_linear_program_that_fails_is_told(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cost", ["published", "matched"])
-def test_true_derivatives_lead_to_the_same_pose_in_fewer_evaluations(cost: str) -> None:
+def test_exact_derivatives_need_fewer_evaluations(cost: str) -> None:
     small = study("optimiser", **SMALL)
     rows = small.measure(small.cells()[-1])
     numeric, analytic = (

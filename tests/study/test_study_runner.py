@@ -58,7 +58,7 @@ def squares(rows: Sequence[Row]) -> list[object]:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_rows_come_in_the_order_of_the_cells(jobs: int, tmp_path: Path) -> None:
+def test_rows_are_in_cell_order(jobs: int, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     rows = run_study(
         Squaring(), tmp_path / "a.jsonl", jobs=jobs, report=lambda *done: told.append(done)
@@ -70,7 +70,7 @@ def test_rows_come_in_the_order_of_the_cells(jobs: int, tmp_path: Path) -> None:
     assert here == (jobs == 1)
 
 
-def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
+def test_finished_cells_are_not_run_again(tmp_path: Path) -> None:
     file = tmp_path / "made" / "a.jsonl"
     first = run_study(Squaring(), file, jobs=1)
     header, *lines = file.read_text().splitlines(keepends=True)
@@ -83,7 +83,7 @@ def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     assert squares(run_study(Squaring(), file, jobs=1, fresh=True)) == squares(first)
 
 
-def test_another_experiment_is_not_taken_for_this_one(tmp_path: Path) -> None:
+def test_rows_of_another_experiment_are_not_used(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     run_study(Squaring(), file, jobs=1)
     with pytest.raises(ChoiceError, match="other parameters"):
@@ -93,7 +93,7 @@ def test_another_experiment_is_not_taken_for_this_one(tmp_path: Path) -> None:
         run_study(Squaring(), file, jobs=1)
 
 
-def test_a_killed_worker_is_an_error_and_costs_only_its_own_run(tmp_path: Path) -> None:
+def test_killed_worker_fails_only_its_own_run(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     with pytest.raises(InputError, match="worker was killed"):
         run_study(Squaring(count=40, fatal=39), file, jobs=2)
@@ -109,7 +109,7 @@ def started(tmp_path: Path, **options: Any) -> tuple[subprocess.Popen[bytes], li
         "from imucalib_cli.study.runner import run_study\n"
         "from tests.study.test_study_runner import Squaring\n"
         "def main():\n"
-        # Whoever runs the tests in the background has it ignored.
+        # A test run in the background ignores it.
         "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"    folder = {str(tmp_path)!r}\n"
         "    study = Squaring(count=9, slow=60.0, told=folder)\n"
@@ -127,7 +127,7 @@ def started(tmp_path: Path, **options: Any) -> tuple[subprocess.Popen[bytes], li
     return parent, _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
 
 
-def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+def test_workers_exit_if_parent_is_killed(tmp_path: Path) -> None:
     parent, workers = started(tmp_path)
     parent.kill()
     parent.wait()
@@ -147,17 +147,17 @@ def _runs(pid: int) -> bool:
         state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
     except OSError:
         return False
-    return state != "Z"  # nobody has asked after it yet
+    return state != "Z"  # its status has not been read yet
 
 
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
+def test_output_path_that_is_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "deeper"):
         with pytest.raises(InputError, match="file is a file, not a folder"):
             run_study(Squaring(), folder / "a.jsonl", jobs=1)
 
 
-def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_unwritable_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.jsonl").mkdir()
     with pytest.raises(InputError, match=r"a\.jsonl: cannot be written"):
         run_study(Squaring(), tmp_path / "a.jsonl", jobs=1)
@@ -167,14 +167,14 @@ def _fail() -> None:
     raise InputError("something is missing")
 
 
-def test_what_fails_before_the_first_rows_leaves_no_trace(tmp_path: Path) -> None:
+def test_failure_before_first_rows_leaves_no_file(tmp_path: Path) -> None:
     file = tmp_path / "made" / "a.jsonl"
     with pytest.raises(InputError, match="missing"):
         run_study(Squaring(), file, jobs=1, prepare=_fail)
     with pytest.raises(ValueError, match="negative"):
         run_study(Squaring(slow=-1.0), file, jobs=1)
     assert list(tmp_path.iterdir()) == []
-    # What is there is not forgotten for a run that cannot begin, nor looked after in vain.
+    # Existing rows are kept if a run cannot begin.
     run_study(Squaring(), file, jobs=1)
     before = file.read_bytes()
     with pytest.raises(InputError, match="missing"):
@@ -183,7 +183,7 @@ def test_what_fails_before_the_first_rows_leaves_no_trace(tmp_path: Path) -> Non
     run_study(Squaring(), file, jobs=1, prepare=_fail)
 
 
-def test_two_runs_do_not_write_to_one_file(tmp_path: Path) -> None:
+def test_second_run_on_same_file_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
 
     def second(done: int, of: int) -> None:
@@ -196,8 +196,8 @@ def test_two_runs_do_not_write_to_one_file(tmp_path: Path) -> None:
     assert len(file.read_text().splitlines()) == 1 + 6
 
 
-def test_an_interruption_leaves_no_worker_and_no_word_of_pythons(tmp_path: Path) -> None:
-    """As the command line does it: all of the terminal's processes are told."""
+def test_interrupt_stops_workers_without_traceback(tmp_path: Path) -> None:
+    """As the command line does it: all of the terminal's processes get the signal."""
     parent, workers = started(tmp_path, stderr=subprocess.PIPE, start_new_session=True)
     os.killpg(parent.pid, signal.SIGINT)
     _, words = parent.communicate(timeout=30)  # of the resource tracker too, which ends last

@@ -1,4 +1,4 @@
-"""Sweeps of one parameter: what is run, what stands beside it, and that tiny ones run."""
+"""Sweeps of one parameter: what is run, what is compared with it, and that small ones run."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def tiny(name: str, **changes: Any) -> Sweep:
 
 @pytest.mark.parametrize("name", [*VALUES, "optimiser", "methods"])
 @pytest.mark.parametrize("quick", [True, False])
-def test_every_value_meets_every_condition_and_seed(name: str, quick: bool) -> None:
+def test_every_value_is_run_with_every_condition_and_seed(name: str, quick: bool) -> None:
     loaded = study(name, quick=quick)
     cells = loaded.cells()
     if name == "methods":
@@ -72,7 +72,7 @@ def test_every_value_meets_every_condition_and_seed(name: str, quick: bool) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", VALUES)
-def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path: Path) -> None:
+def test_small_run_gives_finite_errors_tables_and_figure(name: str, tmp_path: Path) -> None:
     small = tiny(name)
     rows = [row for cell in small.cells() for row in small.measure(cell)]
     assert all(row["failure"] is None for row in rows)
@@ -92,14 +92,14 @@ def test_a_tiny_run_gives_finite_errors_tables_and_a_figure(name: str, tmp_path:
     assert len(list(tmp_path.iterdir())) == len(figures) == len(tables)
 
 
-def test_a_run_is_the_same_again() -> None:
+def test_run_is_reproducible() -> None:
     small = tiny("encoder", paper_windows=(11,))
     cell = small.cells()[0]
     first, again = ([row | {"seconds": 0.0} for row in small.measure(cell)] for _ in range(2))
     assert first == again
 
 
-def test_the_bound_has_the_unknowns_of_the_method() -> None:
+def test_bound_uses_the_unknowns_of_the_method() -> None:
     small = tiny("window")
     cell = small.cells()[0]
     setup = small.setup(cell)
@@ -159,7 +159,7 @@ def row(seed: int, window: int | None, translation: float | None, **more: Any) -
     return made | more
 
 
-def test_the_published_method_is_shown_at_its_best() -> None:
+def test_published_method_is_shown_with_best_setting() -> None:
     worse = [row(0, 5, 3.0), row(1, 5, 4.0)]
     better = [row(0, 11, 1.0), row(1, 11, 2.0)]
     best_where_it_answers = [row(0, 21, 0.1), row(1, 21, None)]
@@ -180,13 +180,13 @@ def test_the_published_method_is_shown_at_its_best() -> None:
     assert line[-3:] == ("-", "2 of 2", "2 of 2")
 
 
-def test_no_answer_at_all_is_told_and_not_drawn() -> None:
+def test_missing_answers_are_listed_and_not_plotted() -> None:
     (line,) = sweep_table("sweep", "value", [row(0, 5, None, rotation=None)]).rows
     assert line[4:10] == ("-",) * 6
     assert line[-2] == "0 of 1"
 
 
-def test_in_short_a_sweep_is_its_best_value_and_its_ends() -> None:
+def test_summary_of_a_sweep_has_best_value_and_ends() -> None:
     ends = [row(0, 5, 0.004, value=1.0), row(0, 5, 0.001, value=2.0), row(0, 5, 0.002, value=4.0)]
     table = summary_table({"swept": [r | {"bound_translation": 5e-4} for r in ends]})
     assert table.rows == (("swept", "paper", "2", "1", "2", "4 at 1", "2 at 4"),)

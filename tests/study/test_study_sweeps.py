@@ -13,7 +13,7 @@ from tests.slow import slow_after
 
 
 @pytest.mark.parametrize("robot", slow_after(1, ROBOTS))
-def test_without_errors_the_estimate_is_the_truth(robot: str) -> None:
+def test_no_errors_give_the_true_pose(robot: str) -> None:
     case = make_case(robot, Row(), seed=1)
     estimate = calibrate_matched(case.imu, case.path, MatchedOptions())
     turned = Rotation.from_matrix(estimate.R_parent_imu @ case.R.T).magnitude()
@@ -24,7 +24,7 @@ def test_without_errors_the_estimate_is_the_truth(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_what_nobody_can_find_is_told_correctly(robot: str) -> None:
+def test_unobservable_errors_are_not_simulated(robot: str) -> None:
     sizes = Row(zero=1e-3, origin=5e-4, long_link=0.01, gross_zero=0.01)
     for seed in range(3):
         case = make_case(robot, sizes, seed, seconds=10.0)
@@ -37,7 +37,7 @@ def test_what_nobody_can_find_is_told_correctly(robot: str) -> None:
         assert np.mean(told - true, axis=0)[-1] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_seed_has_the_same_draws_in_every_row() -> None:
+def test_seed_gives_the_same_draws_in_every_row() -> None:
     small, large = (
         make_case("mobile", Row(noise=MEMS, scale=size, zero=size), 4, seconds=10.0)
         for size in (1e-3, 2e-3)
@@ -50,7 +50,7 @@ def test_a_seed_has_the_same_draws_in_every_row() -> None:
 
 
 @pytest.mark.parametrize("name", [name for name, row in ROWS.items() if row.driver is not None])
-def test_a_drivers_filter_passes_rest_unchanged(name: str) -> None:
+def test_driver_filter_keeps_values_at_rest(name: str) -> None:
     driver = ROWS[name].driver
     assert driver is not None
     b, a = driver(200.0)

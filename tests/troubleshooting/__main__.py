@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tests.troubleshooting.snapshot import FILE, PROVOCATIONS, provoked, store, stored
 
-told = stored() if FILE.exists() else {}
+outputs = stored() if FILE.exists() else {}
 for key in sys.argv[1:] or PROVOCATIONS:
     with tempfile.TemporaryDirectory() as folder:
-        told[key] = provoked(key, Path(folder))
-store({key: told[key] for key in PROVOCATIONS if key in told})
+        outputs[key] = provoked(key, Path(folder))
+store({key: outputs[key] for key in PROVOCATIONS if key in outputs})

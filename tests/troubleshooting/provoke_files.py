@@ -111,7 +111,7 @@ def several_recordings(scene: Scene) -> Seen:
 
 
 def unindexed(data: bytes) -> bytes:
-    """A bag whose header says that it was never closed: the index begins at 0."""
+    """A bag whose header marks it as never closed: the index begins at 0."""
     at = data.index(b"index_pos=") + len(b"index_pos=")
     index = int.from_bytes(data[at : at + 8], "little")
     return (data[:at] + bytes(8) + data[at + 8 :])[:index]
@@ -509,7 +509,7 @@ def output_full(scene: Scene) -> Seen:
         signal.signal(signal.SIGXFSZ, before)
 
 
-def a_result_of_others(scene: Scene) -> None:
+def a_foreign_result(scene: Scene) -> None:
     scene.path("results").mkdir()
     scene.path("results/log.imu_link.yaml").write_text("something else")
 
@@ -560,7 +560,7 @@ RESULTS: dict[str, Provocation] = {
         "other.urdf", lambda scene: shutil.copy(scene.urdf(), scene.path("other.urdf"))
     ),
     "output-empty": on_arm(noisy, "-o", ""),
-    "output-numbered": written("results", a_result_of_others),
+    "output-numbered": written("results", a_foreign_result),
     "output-older": lambda scene: scene.run(scene.path("missing.mcap"), "-o", scene.result()),
     "output-protected": written(
         "result.yaml", lambda scene: scene.path("result.yaml").touch(mode=0o444)

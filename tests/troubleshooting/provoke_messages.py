@@ -1,4 +1,4 @@
-"""Messages as robots publish them: what is read in another way, and what has to be said."""
+"""Messages as robots publish them: what is read in another way, and what must be reported."""
 
 from __future__ import annotations
 

@@ -262,7 +262,7 @@ SENSORS: dict[str, Provocation] = {
 
 
 def imu_of(name: str, model: str = "", **changes: Any) -> Provocation:
-    """The arm's log with an IMU by its data sheet, said to be of a model, by default that one."""
+    """The arm's log with an IMU by its data sheet, declared as a model, by default that one."""
     return on_arm(
         lambda: corrupt(clean(ARM), replace(load_imu(name), **changes), 3),
         *("--imu-model", model or name),
@@ -294,7 +294,7 @@ SHEETS: dict[str, Provocation] = {
 
 
 def wrong_joints(fault: Fault) -> Provocation:
-    """The arm's log whose joint states are told wrongly."""
+    """The arm's log with wrong joint states."""
 
     def make() -> Recording:
         (track,) = misdescribed(noisy(), fault).path.tracks
@@ -304,7 +304,7 @@ def wrong_joints(fault: Fault) -> Provocation:
 
 
 def wrong_poses(kind: str) -> Provocation:
-    """The floating body's log whose poses are told wrongly."""
+    """The floating body's log with wrong poses."""
 
     def make() -> Recording:
         (track,) = misdescribed(noisy(BODY), Fault(kind=kind)).path.tracks

@@ -1,4 +1,4 @@
-"""A robot, its log and its URDF, each of which can be spoilt, and what `imucalib` then says."""
+"""A robot, its log and its URDF, each of which can be damaged, and the output of `imucalib`."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ class Scene:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = main([str(argument) for argument in arguments])
         if "\ndiagnostics:" in out.getvalue():
-            _see_that_it_reads(out.getvalue())
+            _assert_readable(out.getvalue())
         return Seen(code, err.getvalue(), out.getvalue())
 
     def run(self, log: object, *arguments: object) -> Seen:
@@ -111,8 +111,8 @@ def provocation(seen: Callable[Concatenate[Scene, P], Seen]) -> Callable[P, Prov
     return lambda *args, **kwargs: lambda scene: seen(scene, *args, **kwargs)
 
 
-def _see_that_it_reads(written: str) -> None:
-    """What is written can be read; but for a pose so far off that nobody may use it."""
+def _assert_readable(written: str) -> None:
+    """The output can be read, except for a pose that is too far off to be accepted."""
     try:
         assert read_results(written, "stdout")
     except InputError as error:

@@ -1,4 +1,4 @@
-"""What each provocation makes `imucalib` say: messages.txt, which __main__.py renews."""
+"""The output of `imucalib` for each provocation: messages.txt, which __main__.py renews."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Line(NamedTuple):
     text: str
 
 
-class Told(NamedTuple):
+class Output(NamedTuple):
     """All that a user sees of one provocation."""
 
     exit_code: int
@@ -54,11 +54,11 @@ class Told(NamedTuple):
 
 
 def without_numbers(text: str) -> str:
-    """Numbers hang on the machine."""
+    """Numbers depend on the machine."""
     return _NUMBER.sub("#", text)
 
 
-def provoked(key: str, folder: Path) -> Told:
+def provoked(key: str, folder: Path) -> Output:
     """Run one provocation in a folder of its own."""
     codes: dict[str, str] = {}
     words: property = vars(Finding)["message"]
@@ -73,29 +73,29 @@ def provoked(key: str, folder: Path) -> Told:
         patch("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0),  # on a slow machine too
     ):
         seen = PROVOCATIONS[key](Scene(folder))
-    lines: dict[Line, None] = {}  # how often the same is said hangs on the compressor
+    lines: dict[Line, None] = {}  # the number of repeats depends on the compressor
     for line in seen.err.splitlines():
         held = [text for text in codes if text in line]
         code = codes[max(held, key=len)] if held else "-"
         lines[Line(code, without_numbers(line.replace(str(folder), "FOLDER")).rstrip())] = None
-    return Told(seen.code, tuple(lines))
+    return Output(seen.code, tuple(lines))
 
 
-def stored() -> dict[str, Told]:
+def stored() -> dict[str, Output]:
     """What messages.txt holds, by key."""
-    told: dict[str, Told] = {}
+    outputs: dict[str, Output] = {}
     for block in FILE.read_text(encoding="utf-8").split("\n\n"):
         head, *rows = block.strip().splitlines()
         key, _, exit_code = head.partition(": exit ")
         lines = (Line(*row.strip().split(" ", 1)) for row in rows)
-        told[key] = Told(int(exit_code), tuple(lines))
-    return told
+        outputs[key] = Output(int(exit_code), tuple(lines))
+    return outputs
 
 
-def store(told: dict[str, Told]) -> None:
+def store(outputs: dict[str, Output]) -> None:
     """Write messages.txt."""
     blocks = [
         "\n".join((f"{key}: exit {code}", *(f"  {line.code} {line.text}" for line in lines)))
-        for key, (code, lines) in sorted(told.items())
+        for key, (code, lines) in sorted(outputs.items())
     ]
     FILE.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")

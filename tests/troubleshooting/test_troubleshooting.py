@@ -25,7 +25,7 @@ _ROW = re.compile(r"\| `(?P<symptom>[^`]+)` <!-- (?P<key>[a-z0-9-]+) --> \| (?P<
 _BESIDE_AN_ERROR = {"output-older"}
 _WORDS = {"warning", "note"}
 _FIRST_WORD = {1: "error", 2: "error"}
-TOLD = stored()
+STORED = stored()
 
 
 @dataclass(frozen=True)
@@ -65,24 +65,24 @@ def test_every_line_of_a_table_is_a_row() -> None:
 def test_rows_provocations_and_the_snapshot_are_the_same() -> None:
     keys = sorted(row.key for row in ROWS)
     assert keys == sorted(key for table in LISTED for key in table)
-    assert sorted(PROVOCATIONS) == sorted(TOLD)
+    assert sorted(PROVOCATIONS) == sorted(STORED)
     assert len({row.symptom for row in ROWS}) == len(ROWS)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.key)
-def test_the_page_has_the_sentence_and_its_exit_code(row: Row) -> None:
-    told = TOLD[row.key]
-    lines = [line.text for line in told.lines]
+def test_page_has_the_message_and_its_exit_code(row: Row) -> None:
+    output = STORED[row.key]
+    lines = [line.text for line in output.lines]
     matching = [line for line in lines if row.is_in(line)]
     assert matching, lines
-    assert told.exit_code == row.code
+    assert output.exit_code == row.code
     if row.code in {0, 1, 2}:
         word = "warning" if row.key in _BESIDE_AN_ERROR else _FIRST_WORD.get(row.code, row.exit)
         assert matching[0].startswith(f"{word}: ")
     if row.code in {1, 2}:
         assert sum(line.startswith("error: ") for line in lines) == 1
     if row.code == 3:
-        # The cause stands before what comes of it.
+        # The cause comes before its consequences.
         assert matching[0] == next(line for line in lines if line.partition(": ")[0] not in _WORDS)
 
 
@@ -120,18 +120,18 @@ NOT_HERE = {
 }
 
 
-def test_every_code_is_provoked_but_for_those_named() -> None:
-    shown = {line.code for told in TOLD.values() for line in told.lines}
+def test_every_code_is_provoked_except_listed_ones() -> None:
+    shown = {line.code for output in STORED.values() for line in output.lines}
     assert set(MESSAGES) - shown == NOT_HERE
 
 
 @pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(1, table)])
-def test_the_user_sees_it(key: str, tmp_path: Path) -> None:
-    assert provoked(key, tmp_path) == TOLD[key]
+def test_user_sees_the_stored_message(key: str, tmp_path: Path) -> None:
+    assert provoked(key, tmp_path) == STORED[key]
 
 
 @pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))
-def test_a_sound_log_says_nothing(system: str, tmp_path: Path) -> None:
+def test_healthy_log_gives_no_message(system: str, tmp_path: Path) -> None:
     """Without a fault none of the sentences appears."""
     seen = (on_arm() if system == ARM else on_body())(Scene(tmp_path))
     assert (seen.code, seen.err) == (0, "")
