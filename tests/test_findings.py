@@ -112,7 +112,7 @@ def test_findings_are_compared_hashed_and_sent_by_content() -> None:
 def test_only_severe_findings_change_the_status() -> None:
     told = (
         note("log.unindexed", file="a.bag"),
-        *(warning(TEXT, text="it rains"),),
+        warning(TEXT, text="it rains"),
     )
     assert status(told) == status(()) == "ok"
     assert warnings(told) == (told[0].message, "it rains")

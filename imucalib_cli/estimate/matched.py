@@ -300,7 +300,7 @@ def _corrections(answer: Answer, *, clock_stepped: bool) -> tuple[Correction, ..
         value, std = answer.value(each), answer.of(name)[1]
         if not (np.abs(value) > judge.DISTRUST_SIGMAS * std).any():
             continue
-        if name.endswith("scale"):
+        if each.unknown.is_sensor_scale:
             value, std = measured_over_true(value, std)
         elif name == "gravity_norm":
             value = value + answer.options.gravity_norm

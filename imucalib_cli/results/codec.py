@@ -19,9 +19,9 @@ from msgspec import UNSET
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import TEXT
 from imucalib_cli.guarded_yaml import NUMBERS, YamlError, load_yaml
-from imucalib_cli.results.from_estimate import known_directions
+from imucalib_cli.results.from_estimate import known_directions, tangent
 from imucalib_cli.results.pose import is_covariance
-from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Tree
+from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Std, Tree
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -296,16 +296,15 @@ def _pose_contradictions(result: Result) -> Iterator[tuple[str, str]]:
 
 def _std_contradictions(result: Result) -> Iterator[tuple[str, str]]:
     if result.covariance is not None and result.std is not None:
-        variances = [row[place] for place, row in enumerate(result.covariance)]
-        stated = (*result.std.translation_mm, *result.std.rotation_deg)
-        units = [1e3] * 3 + [math.degrees(1.0)] * 3
-        for place, (std, variance, unit) in enumerate(zip(stated, variances, units, strict=True)):
-            if std is None or variance is None:
-                continue
-            if not math.isclose(std, math.sqrt(max(variance, 0.0)) * unit, rel_tol=_SAME_STD):
-                key = "translation_mm" if place < 3 else "rotation_deg"
+        variances = np.diag(np.array(result.covariance, dtype=np.float64))
+        roots = Std(*tangent(np.sqrt(np.maximum(variances, 0.0))))
+        for key in Std.__struct_fields__:
+            pairs = zip(getattr(result.std, key), getattr(roots, key), strict=True)
+            for place, (std, root) in enumerate(pairs):
+                if None in {std, root} or math.isclose(std, root, rel_tol=_SAME_STD):
+                    continue
                 said = "is not the root of the covariance's diagonal: edit both or neither"
-                yield f"std.{key}[{place % 3}]", said
+                yield f"std.{key}[{place}]", said
     for key in ("time_offset", "accel_bias", "gyro_bias"):
         stds = getattr(result, key).std
         if any(std is not None and std < 0.0 for std in np.ravel(stds)):

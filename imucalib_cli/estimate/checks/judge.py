@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.checks.specification import Dependence, WindowAnswer
     from imucalib_cli.estimate.matched import Attempt
     from imucalib_cli.estimate.model.layout import Placed
+    from imucalib_cli.estimate.model.unknowns import Unknown
     from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
@@ -395,7 +396,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             worst, other = too_large[part.start]
             make = untrusted if other is None and "bias" not in unknown.name else warning
             own = np.sqrt(np.diag(answer.covariance)[part])
-            values, stds = _as_stated(unknown.name, value, own)
+            values, stds = _as_stated(unknown, value, own)
             yield make(
                 "unknown.implausible",
                 **what,
@@ -409,7 +410,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
             shown = isinstance(effect, (JointCurve, Origin, PoseScale, Clock))
             make = note if shown and unknown.of_robot else warning
-            values, stds = _as_stated(unknown.name, value, std)
+            values, stds = _as_stated(unknown, value, std)
             yield make(
                 "unknown.found",
                 **what,
@@ -422,9 +423,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             )
 
 
-def _as_stated(name: str, value: Floats, std: Floats) -> tuple[Floats, Floats]:
+def _as_stated(unknown: Unknown, value: Floats, std: Floats) -> tuple[Floats, Floats]:
     """Values and sigmas of an error as findings have it: of a scale, measured over true less 1."""
-    if not name.endswith(("accel_scale", "gyro_scale")):
+    if not unknown.is_sensor_scale:
         return value, std
     scale, std = measured_over_true(value, std)
     return scale - 1.0, std

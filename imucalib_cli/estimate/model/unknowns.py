@@ -185,6 +185,11 @@ class Unknown:
         return isinstance(self.effect, (JointCurve, Origin, PoseScale, OfBase))
 
     @property
+    def is_sensor_scale(self) -> bool:
+        """Whether it is stated as measured over true."""
+        return self.scale == "sensor_scale"
+
+    @property
     def group(self) -> Group:
         """Group, for options that hold all unknowns of a kind."""
         if self.among is not None:
@@ -210,12 +215,17 @@ class Scale:
         return self.walking if walks and self.walking is not None else self.high
 
 
+_XYZ: Final = ("x", "y", "z")
+_ACROSS: Final = ("yz", "xz", "xy")
+_SYMMETRIC: Final = np.zeros((6, 3, 3))
+"""Basis of the symmetric matrices: along each axis, and across."""
+for _place, (_row, _column) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):
+    _SYMMETRIC[_place, _row, _column] = _SYMMETRIC[_place, _column, _row] = 1.0
+
+
 def _skewed(values: Floats) -> Floats:
     """(3, M, 3), of yz, xz and xy: each of two axes reads the same share of the other."""
-    basis = np.zeros((3, len(values), 3))
-    for left_out, (one, other) in enumerate(((1, 2), (0, 2), (0, 1))):
-        basis[left_out, :, one], basis[left_out, :, other] = values[:, other], values[:, one]
-    return basis
+    return np.asarray(values @ _SYMMETRIC[3:])
 
 
 def _of_the_other(values: Floats) -> Floats:
@@ -239,22 +249,15 @@ def _derivative(values: Floats, dt: float) -> Floats:
     return with_ends((values[2:] - values[:-2]) / (2.0 * dt))
 
 
-_COMPLIANCES: Final = np.zeros((6, 3, 3))
-"""Symmetric: along each axis, and across: a force along one axis moves along the other."""
-for _place, (_row, _column) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):
-    _COMPLIANCES[_place, _row, _column] = _COMPLIANCES[_place, _column, _row] = 1.0
-
-
 def _swayed(samples: Samples) -> Floats:
-    """(6, M, 3), acceleration of a sway that follows the force, for each compliance of a mount."""
+    """(6, M, 3), acceleration of a sway that follows the force, along and across the axes."""
     f, w, dt = samples.accel, samples.gyro, samples.dt
     forces = np.stack([f, _derivative(f, dt), _second_derivative(f, dt)[0]])
-    away, speed, change = np.moveaxis(forces @ _COMPLIANCES[:, None], 1, 0)
+    away, speed, change = np.moveaxis(forces @ _SYMMETRIC[:, None], 1, 0)
     by_turning = cross(w, 2.0 * speed + cross(w, away)) + cross(_derivative(w, dt), away)
     return np.asarray(-(change + by_turning))
 
 
-_XYZ: Final = ("x", "y", "z")
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
@@ -442,7 +445,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         "skew",
         "half of the non-orthogonality of the {}'s axes",
         lambda values, _: _skewed(values),
-        labels=("yz", "xz", "xy"),
+        labels=_ACROSS,
         units=("rad", "rad"),
         scale="sensor_axes",
         healthy=(0.05, 0.05),
@@ -458,7 +461,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="mount_give",
-        labels=(*_XYZ, "yz", "xz", "xy"),
+        labels=(*_XYZ, *_ACROSS),
         among="robot",
         unit="m/(m/s²)",
         scale="mount_give",

@@ -153,8 +153,6 @@ class Reduced:
     """(l,)."""
     scale: Indices
     """(l,), as in :class:`Prior`."""
-    learnt: Bools
-    """(n,), which components these are."""
     still: Floats
     """(n,), step of the others where these do not move."""
     moved: Floats
@@ -192,7 +190,6 @@ class Reduced:
             score=b[learnt] - halves.T @ half,
             offset=problem.offset[learnt],
             scale=problem.prior.scale[learnt],
-            learnt=learnt,
             still=still,
             moved=moved,
             inverse=inverse,
