@@ -30,6 +30,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "nothing": (),
     "joint zeros": ("joint_zero",),
     "origins": ("origin",),
+    "joint axes": ("joint_axis",),
     "joint curves": ("joint_harmonic", "joint_lag", "joint_play"),
     "sensor scales": ("accel_scale", "gyro_scale"),
     "gyroscope's axes": ("gyro_misalignment",),

@@ -57,7 +57,9 @@ def drawn_with(row: Row) -> dict[str, float]:
         "joint_lag": row.lag,
         "joint_play": row.play,
         "origin": row.origin,
+        "joint_axis": row.axis,
         "pose_scale": row.track_scale,
+        "pose_delay": row.track_delay,
         "accel_bias_ramp": row.ramp[0],
         "gyro_bias_ramp": row.ramp[1],
     }

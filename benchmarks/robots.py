@@ -9,8 +9,9 @@ No log shows some errors, and the inputs have none of these:
 
 - the zero of the last joint, the flange after it and the part of its origin along its axis are the
   same as another mount;
-- the zero of the first joint is the same as another heading of the world (with a moving base it
-  could be found, but has no error there either, so that the robots compare).
+- the zero of the first joint is the same as another heading of the world, and so is the direction
+  of its axis (with a moving base both could be found, but have no error there either, so that the
+  robots compare).
 """
 
 from __future__ import annotations
@@ -138,6 +139,7 @@ class Row:
     gyro_delay: float = 0.0  # s, the gyroscope's stamps less the accelerometer's
     zero: float = 0.0  # of each joint, rad
     origin: float = 0.0  # of each component of each joint's origin, m
+    axis: float = 0.0  # of each joint's axis across itself, both ways, rad
     gravity: float = 0.0  # of the local norm about the standard one, m/s²
     gravity_between: tuple[float, float] | None = None  # m/s², the norm is uniform instead
     encoder: float = 0.0  # white noise of each joint sample, rad
@@ -146,6 +148,7 @@ class Row:
     play: float = 0.0  # of the error that changes sign with the direction of motion, rad
     track_noise: tuple[float, float] = (0.0, 0.0)  # of a tracked base's components, m and rad
     track_scale: float = 0.0  # of the tracker's lengths
+    track_delay: float = 0.0  # of its stamps behind those of the joints, s
     long_link: float = 0.0  # one joint's origin is longer by exactly this share
     gross_zero: float = 0.0  # one joint's zero has exactly this error, rad, either way
     driver: Driver | None = None  # filter of the IMU's driver
@@ -194,6 +197,8 @@ ROWS = {
     "quiet": _QUIET,
     "everyday": _EVERYDAY,
     "worn": replace(_EVERYDAY, eccentricity=4e-4, lag=1e-3, play=2e-4),
+    "tilted": replace(_EVERYDAY, axis=1e-3),
+    "late-tracker": replace(_QUIET, track_delay=5e-3),
     "gross-link": Row(noise=MEMS, long_link=0.01),
     "gross-zero": Row(noise=MEMS, gross_zero=0.01),
     "gross-scale": Row(noise=MEMS, scale=0.03),
@@ -265,6 +270,8 @@ def row_of(name: str, seed: int) -> Row:
         ramp=(size(3e-3, 0.03), size(1e-4, 2e-3)),
         walk=(size(2e-4, 2e-3), size(5e-6, 5e-5)),
         driver=drivers[int(rng.integers(len(drivers)))],
+        axis=size(5e-5, 2e-3),
+        track_delay=size(2e-4, 8e-3),
     )
 
 
@@ -513,11 +520,14 @@ def _described(true: Robot, row: Row, key: list[int]) -> tuple[Robot, dict[str, 
     off = rng.integers(1, count - 1)
     zeros[off] += row.gross_zero * rng.choice([-1.0, 1.0])
     zeros[[0, -1]] = 0.0
+    tilts = np.zeros((count, 3))
+    tilts[1:, :2] = row.axis * np.random.default_rng([*key, 1]).normal(size=(count - 1, 2))
+    turns = Rotation.from_rotvec(tilts).as_matrix()
     origins = tuple(
-        replace(origin, p=origin.p + error)
-        for origin, error in zip(true.origins, errors, strict=True)
+        replace(origin, R=origin.R @ turn, p=origin.p + error)
+        for origin, turn, error in zip(true.origins, turns, errors, strict=True)
     )
-    drawn: dict[str, Any] = {"zero": zeros, "origin": errors}
+    drawn: dict[str, Any] = {"zero": zeros, "origin": errors, "axis": tilts}
     if row.long_link:
         drawn["long_link"] = long
     if row.gross_zero:
@@ -546,6 +556,7 @@ def _tracks(
         "play": row.play * rng.normal(size=count),
         "track_scale": row.track_scale * rng.normal() if truth.base else 0.0,
     }
+    drawn["track_delay"] = row.track_delay * rng.normal() if truth.base else 0.0
     eccentric = drawn["eccentricity"][0] * np.sin(q) + drawn["eccentricity"][1] * np.cos(q)
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
@@ -561,7 +572,8 @@ def _tracks(
     shift, turn = noise_rng.normal(size=(2, len(t), 3)) * np.array(row.track_noise)[:, None, None]
     R = Rotation.from_rotvec(turn).as_matrix() @ R
     p = p * (1.0 + drawn["track_scale"]) + shift
-    return (*read_tracks, replace(true, values=_pose_values(R, p))), (*exact, true), drawn
+    late = replace(true, t=t + drawn["track_delay"], values=_pose_values(R, p))
+    return (*read_tracks, late), (*exact, true), drawn
 
 
 def _pose_values(R: Floats, p: Floats) -> Floats:

@@ -193,9 +193,11 @@ _REMEDIES: dict[str, str] = {
     "mount_give": "stiffen the mount",
     "joint_zero": "the arm's own calibration should say the same before the URDF is edited",
     "origin": "the arm's own calibration should say the same before the URDF is edited",
+    "joint_axis": "the arm's own calibration should say the same before the URDF is edited",
     "translation": "measure it on the robot before the URDF is edited",
     "rotation": "measure it on the robot before the URDF is edited",
     "pose_scale": "calibrate the tracker",
+    "pose_delay": "stamp poses when they are measured",
 }
 
 

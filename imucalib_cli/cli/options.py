@@ -328,7 +328,7 @@ class KnownOptions:
         metavar="nominal|exact|DEG,MM",
         parser=parsers.robot,
         help="Errors of the URDF: nominal: their size is learnt from the log; exact: none; "
-        "DEG,MM: 1 sigma of joint zeros and lengths.",
+        "DEG,MM: 1 sigma of joint zeros and axes, and of lengths.",
         show_default="nominal",
     )
     fix: Components | None = _known(

@@ -232,10 +232,10 @@ def pose_std(
 
 
 def robot(text: str) -> str | tuple[float, float]:
-    """``nominal``, ``exact``, or 1 sigma of joint zeros (rad) and of lengths (m)."""
+    """``nominal``, ``exact``, or 1 sigma of joint zeros and axes (rad) and of lengths (m)."""
     if text in {"nominal", "exact"}:
         return text
-    expected = "nominal, exact, or 1 sigma of joint zeros and lengths, such as 0.05deg,0.5mm"
+    expected = "nominal, exact, or 1 sigma of angles and lengths, such as 0.05deg,0.5mm"
     length, *_, zero = pose_std(text, expected)
     if math.isinf(length + zero):
         raise WrongValue(f"{text}: expected {expected}")

@@ -66,17 +66,22 @@ class Together:
         """(k + 2, 2), of the learnt scales and the two scatters."""
         return np.concatenate([self.prior.bounds, self.scatter_bounds])
 
-    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+    def likelihood(self, u: Floats) -> float:
         """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
         each = self.reduced(u)
-        value, step = self._sum(each).likelihood(u[:-2])
+        value = self._sum(each).likelihood(u[:-2])
         # Half-Cauchy in the scatter itself; this is its density in the logarithm.
         ratio = np.exp(u[-2:]) / USUAL
-        return value + each.gain + float(np.log(ratio / (1.0 + ratio**2)).sum()), step
+        return value + each.gain + float(np.log(ratio / (1.0 + ratio**2)).sum())
 
-    def covariance(self, u: Floats) -> Floats:
-        """(m, m), of the posterior mean."""
-        return self.problem(u).covariance(u[:-2])
+    def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """As :meth:`Problem.posterior`, of the m shared components."""
+        at, one = points[:, None, :-2], np.ones(1)
+        each = [
+            self.problem(u).posterior(scales, one) for u, scales in zip(points, at, strict=True)
+        ]
+        steps = np.concatenate([step for step, _ in each])
+        return steps, np.asarray(np.tensordot(weights, [C for _, C in each], axes=1))
 
     def problem(self, u: Floats) -> Problem:
         """The sum of all logs at given scatters."""
@@ -144,9 +149,9 @@ class Together:
                 score=every.score - each.score[log],
                 noise=noise.sum(axis=0) - noise[log],
             )
-            step, _ = others.solve(u[:-2])
+            (step,), covariance = others.posterior(u[None, :-2], np.ones(1))
             left, pose = self.score[log, :p] + own[:p] @ step, own[:p, :p]
-            C = self.noise[log, :p, :p] + own[:p] @ others.covariance(u[:-2]) @ own[:, :p]
+            C = self.noise[log, :p, :p] + own[:p] @ covariance @ own[:, :p]
             squares[log] = squared_distance(left, C + pose @ spread[log] @ pose)
             found[log] = -inverse_of(pose) @ left
         return found, squares
@@ -194,7 +199,7 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
             heights = np.empty(_TRIED)
             for place, value in enumerate(tried):
                 u[index - 2] = value
-                heights[place] = logs.likelihood(u)[0]
+                heights[place] = logs.likelihood(u)
             best = int(np.argmax(heights))
             u[index - 2] = tried[best]
             # Values less likely by a factor of e^12 are left out.

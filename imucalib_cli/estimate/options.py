@@ -71,7 +71,7 @@ class MatchedOptions:
     """'ideal': the sensor has nothing but noise and constant biases, the clocks only an offset."""
     robot: Literal["nominal", "exact"] | tuple[float, float] = "nominal"
     """Accuracy of the robot's constants: nominal, the size of their errors learnt; exact; or the
-    standard deviations of joint zeros, rad, and of origins, m."""
+    standard deviations of joint zeros and axes, rad, and of origins, m."""
     base_std: tuple[float, ...] | None = None
     """Prior of the base IMU's pose in its link: tx ty tz in m, rx ry rz in rad; None: the size of
     its errors is learnt like the robot's."""
@@ -141,7 +141,8 @@ class MatchedOptions:
         if self.time_offset is not None:
             stds |= {"time_offset": 0.0}
         if isinstance(self.robot, tuple):
-            stds |= {"joint_zero": self.robot[0], "length": self.robot[1]}
+            angle, length = self.robot
+            stds |= {"joint_zero": angle, "joint_axis": angle, "length": length}
         return stds
 
     def stated_std(self, name: str) -> float:

@@ -1,4 +1,4 @@
-"""The kinematics report: estimated joint zeros and origins, and those that no log can show."""
+"""The kinematics report: estimated errors of the joints, and those that no log can show."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Final
 from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.digits import figures, sigma, with_std
 from imucalib_cli.layout import Table
-from imucalib_cli.results.kinematics import ORIGIN, SIGNIFICANT_SIGMAS, ZERO, joint_of, sigmas
+from imucalib_cli.results.kinematics import (
+    AXIS,
+    KINDS,
+    ORIGIN,
+    SIGNIFICANT_SIGMAS,
+    ZERO,
+    joint_of,
+    sigmas,
+)
 from imucalib_cli.robot.path import JointStep, PoseStep, parallel_joints
 
 if TYPE_CHECKING:
@@ -24,13 +32,14 @@ _UNITS: Final = {"rad": ("deg", math.degrees(1.0)), "m": ("mm", 1e3)}
 _TAUGHT: Final = 0.9
 """Share of the prior sigma: with more of it left, the log gave no information."""
 _BASE: Final = "not observable: looks like another place of the robot's base"
+_WHAT: Final = {ORIGIN: "origin", AXIS: "axis about", ZERO: "zero"}
 _OF_BASE: Final = {"base_translation": "place", "base_rotation": "rotation"}
 """Names of the errors of the base IMU's place in its link."""
 _MOUNT: Final = "not observable: looks like another mount of the IMU"
 
 
 def kinematics_report(each: Calibrated) -> Iterator[Block]:
-    """Joint zeros and origins of one IMU's chain, in its order, as lines and a table.
+    """Joint zeros, axes and origins of one IMU's chain, in its order, as lines and a table.
 
     The errors of the base IMU's place in its link come first, if there is a base IMU.
     """
@@ -50,7 +59,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
     parameters = result.diagnostics.parameters
     found: dict[tuple[str, str], list[ParameterEntry]] = {}
     for entry in parameters:
-        if entry.name in {ZERO, ORIGIN}:
+        if entry.name in KINDS:
             found.setdefault((joint_of(entry), entry.name), []).append(entry)
     rows = [
         _row(entry, "base IMU", f"{_OF_BASE[entry.name]} {entry.label}")
@@ -65,10 +74,12 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
     for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
         for entry in entries:
-            what = "zero" if kind == ZERO else f"origin {entry.label.rpartition(' ')[2]}"
+            component = entry.label.rpartition(" ")[2]
+            what = _WHAT[kind] if kind == ZERO else f"{_WHAT[kind]} {component}"
             rows.append(_row(entry, name, what))
-        if len(entries) < (1 if kind == ZERO else len("xyz")):
-            some = "zero" if kind == ZERO else "origin" if not entries else "origin, other axes"
+        # What an axis lacks is in the zeros.
+        if not entries or (kind == ORIGIN and len(entries) < len("xyz")):
+            some = f"{_WHAT[kind]}, other axes" if entries else _WHAT[kind]
             rows.append((name, some, "", "", why))
     yield Table(_HEADS, tuple(rows), frozenset(_HEADS[2:4]))
     for early, late in parallel_joints(path, moving):
@@ -86,6 +97,7 @@ def _places(path: KinematicPath, first: int) -> Iterator[tuple[str, str, str]]:
         if isinstance(step, JointStep):
             name, is_base = _reported(path, place), place <= first
             yield name, ORIGIN, _BASE if is_base else _MOUNT
+            yield name, AXIS, _BASE if is_base else _MOUNT
             zero = "part of its origin" if step.kind == "prismatic" else _MOUNT
             yield name, ZERO, _BASE if is_base else zero
 

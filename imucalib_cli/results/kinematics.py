@@ -24,10 +24,13 @@ _ROUNDING: Final = 1e-9
 """m and rad: rounding between the values of one solution for several IMUs."""
 ZERO: Final = "joint_zero"
 ORIGIN: Final = "origin"
+AXIS: Final = "joint_axis"
+KINDS: Final = (ORIGIN, AXIS, ZERO)
+"""Errors of a joint's place in its parent link, by their names in the table of unknowns."""
 
 
 def joint_of(entry: ParameterEntry) -> str:
-    """The joint whose zero or origin an entry is about."""
+    """The joint whose zero, origin or axis an entry is about."""
     return entry.label if entry.name == ZERO else entry.label.rpartition(" ")[0]
 
 
@@ -42,7 +45,7 @@ def corrected_origins(robot: Robot, results: Sequence[Result]) -> tuple[JointOri
     """New origins of the joints whose errors, by results of one or several IMUs, are significant.
 
     The error of a joint's zero becomes a rotation of its origin about its axis, so that the
-    positions that the robot reports do not change.
+    positions that the robot reports do not change. That of its axis is a rotation of its origin.
 
     Raises:
         ChoiceError: A result is of another URDF, or results disagree on a joint that carries their
@@ -77,7 +80,7 @@ def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
 def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
     by_joint: dict[str, list[ParameterEntry]] = {}
     for entry in result.diagnostics.parameters:
-        if entry.name in {ZERO, ORIGIN} and sigmas(entry) >= SIGNIFICANT_SIGMAS:
+        if entry.name in KINDS and sigmas(entry) >= SIGNIFICANT_SIGMAS:
             by_joint.setdefault(joint_of(entry), []).append(entry)
     if not by_joint:
         return {}
@@ -92,7 +95,7 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
     followed = {joint.mimic.joint for joint in robot.joints if joint.mimic is not None}
     found = {}
     for name, errors in by_joint.items():
-        if any(each.name == ORIGIN and each.axis is UNSET for each in errors):
+        if any(each.name != ZERO and each.axis is UNSET for each in errors):
             raise InputError(
                 f"the result does not give the direction of '{errors[0].label}', because an "
                 "earlier version wrote it: run again"
@@ -112,11 +115,10 @@ def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
 
 
 def _corrected(joint: Joint, errors: Sequence[ParameterEntry]) -> JointOrigin:
-    R, p = joint.R_origin, joint.p_origin
+    by_kind = {kind: np.zeros(3) for kind in KINDS}
     for entry in errors:
-        value = entry.value or 0.0
-        if entry.name == ZERO:
-            R = R @ matrix_from_rotvec(value * joint.axis)
-        elif entry.axis is not UNSET:
-            p = p + joint.R_origin @ (value * np.array(entry.axis))
-    return joint_origin(joint.name, R, p)
+        axis = joint.axis if entry.axis is UNSET else np.array(entry.axis)
+        by_kind[entry.name] = by_kind[entry.name] + (entry.value or 0.0) * axis
+    # As the model has it: the axis is turned first, and the zero is a turn about the turned one.
+    R = joint.R_origin @ matrix_from_rotvec(by_kind[AXIS]) @ matrix_from_rotvec(by_kind[ZERO])
+    return joint_origin(joint.name, R, joint.p_origin + joint.R_origin @ by_kind[ORIGIN])

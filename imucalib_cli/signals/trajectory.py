@@ -24,6 +24,8 @@ from imucalib_cli.signals.timing.stamps import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.signals.grid import ImuGrid
@@ -66,6 +68,15 @@ class CleanTrack:
     def on_ticks(self) -> CleanTrack:
         """The track on its constant-rate clock, if it has one."""
         return self if self.ticks is None else replace(self, t=self.ticks.t)
+
+    def earlier(self, seconds: float) -> CleanTrack:
+        """The track with earlier stamps, s."""
+        return replace(
+            self,
+            t=self.t - seconds,
+            ticks=self.ticks and replace(self.ticks, t=self.ticks.t - seconds),
+            readings=self.readings and replace(self.readings, t0=self.readings.t0 - seconds),
+        )
 
     @cached_property
     def interval(self) -> float:
@@ -111,13 +122,8 @@ def with_earlier_stamps(track: Track, seconds: float) -> Track:
     Raises:
         InputError: As :func:`clean_track`.
     """
-    clean, moved = clean_track(track), replace(track, t=track.t - seconds)
-    _CLEANED[moved] = replace(
-        clean,
-        t=clean.t - seconds,
-        ticks=clean.ticks and replace(clean.ticks, t=clean.ticks.t - seconds),
-        readings=clean.readings and replace(clean.readings, t0=clean.readings.t0 - seconds),
-    )
+    moved = replace(track, t=track.t - seconds)
+    _CLEANED[moved] = clean_track(track).earlier(seconds)
     return moved
 
 
@@ -223,6 +229,13 @@ class Trajectory:
             InputError: A track has too few usable samples.
         """
         return cls(path, tuple(clean_track(track) for track in path.tracks))
+
+    def earlier(self, seconds: Mapping[int, float]) -> Trajectory:
+        """The same trajectory with earlier stamps, s, of some tracks, by their index."""
+        tracks = list(self.tracks)
+        for index, shift in seconds.items():
+            tracks[index] = tracks[index].earlier(shift)
+        return replace(self, tracks=tuple(tracks))
 
     def with_ticks(self, use_ticks: bool) -> Trajectory:
         """The same trajectory with constant-rate stamps, or with recorded stamps."""

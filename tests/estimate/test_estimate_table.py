@@ -204,7 +204,7 @@ def _has(robot: str, name: str) -> bool:
         return robot == RECKONED
     if name.startswith("gravity_"):
         return robot != RECKONED
-    return robot == "mixed" or name != "pose_scale"
+    return robot == "mixed" or not name.startswith("pose_")
 
 
 def owners(layout: Layout, kind: type) -> dict[str, list[Placed]]:
@@ -238,6 +238,27 @@ def test_unobservable_errors_are_not_estimated() -> None:
     np.testing.assert_allclose(last @ step.R[:, 2], 0.0, atol=1e-9)
 
 
+def test_axis_errors_are_those_that_no_zero_replaces() -> None:
+    """Between perpendicular axes one, about their normal; between parallel or oblique ones, two."""
+    axes = owners(case("ur10e").layout, Origin)["joint_axis"]
+    assert [each.labels for each in axes] == [
+        ("j1 x",),
+        ("j2 x", "j2 y"),
+        ("j3 x", "j3 y"),
+        ("j4 x",),
+        ("j5 x",),
+    ]
+    oblique = case("mixed")
+    path = oblique.model.windowing.trajectory.path
+    found = owners(oblique.layout, Origin)["joint_axis"]
+    assert [len(each.directions) for each in found] == [2, 2, 2, 2]
+    for each in found:
+        joint, step = path.steps[each.index + 1], path.steps[each.index]
+        assert isinstance(joint, JointStep)
+        assert isinstance(step, FixedStep)
+        np.testing.assert_allclose(each.directions @ step.R @ joint.axis, 0.0, atol=1e-12)
+
+
 def test_moving_base_makes_first_joint_zero_observable() -> None:
     layout = case("mixed").layout
     joints = owners(layout, JointCurve)
@@ -259,7 +280,7 @@ def test_still_joint_is_treated_as_a_link() -> None:
     # No log separates those of the last moving joint and behind it from the mount.
     assert layout.still == ("j5",)
     hidden = [each.labels for each in layout.placed if each.hidden]
-    assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z")]
+    assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z"), ("j5 x",)]
 
 
 def test_options_remove_table_entries() -> None:
@@ -270,6 +291,7 @@ def test_options_remove_table_entries() -> None:
     known = lay_out(trajectory, replace(exact, robot=(1e-3, 2e-4)))
     np.testing.assert_array_equal(known.std[known.part("joint_zero")], 1e-3)
     np.testing.assert_array_equal(known.std[known.part("origin")], 2e-4)
+    np.testing.assert_array_equal(known.std[known.part("joint_axis")], 1e-3)
 
 
 def _cross_axis(samples: Samples) -> Floats:

@@ -22,40 +22,36 @@ if TYPE_CHECKING:
 
     from tests.conftest import Imucalib, Printed
 
-_LONGER, _TURNED = 4e-3, 0.01
+_LONGER, _TURNED, _TILTED = 4e-3, 0.01, 8e-4
 """m and rad: how far the URDF is off."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A log of the arm, its URDF, one that is off in an origin and a zero, and the result."""
+    """A log of the arm, its URDF, one that is off in three joints, and the result."""
     folder = tmp_path_factory.mktemp("kinematics")
     write_log(clean(ARM), folder / "log.mcap", LogOptions())
     (folder / "true.urdf").write_text(urdf_text(load_system(ARM)))
     true = load_robot(folder / "true.urdf").joint_by_name
     text = _with_origin(
-        folder, "elbow_joint", true["elbow_joint"].p_origin + np.array([_LONGER, 0.0, 0.0])
+        (folder / "true.urdf").read_text(),
+        "elbow_joint",
+        true["elbow_joint"].p_origin + np.array([_LONGER, 0.0, 0.0]),
     )
-    wrist = true["wrist_2_joint"]
-    turned = wrist.R_origin @ Rotation.from_rotvec(-_TURNED * wrist.axis).as_matrix()
+    for name, turn in (
+        ("wrist_2_joint", -_TURNED * true["wrist_2_joint"].axis),
+        ("wrist_1_joint", np.array([0.0, -_TILTED, 0.0])),
+    ):
+        turned = true[name].R_origin @ Rotation.from_rotvec(turn).as_matrix()
+        rpy = Rotation.from_matrix(turned).as_euler("xyz")
+        text = _with_origin(text, name, true[name].p_origin, rpy)
     (folder / "off.urdf").write_text(text)
-    rpy = Rotation.from_matrix(turned).as_euler("xyz")
-    (folder / "off.urdf").write_text(
-        _with_origin(folder, "wrist_2_joint", wrist.p_origin, rpy, "off.urdf")
-    )
     command = ["run", str(folder / "log.mcap"), "--urdf", str(folder / "off.urdf")]
     assert main([*command, "-o", str(folder / "result.yaml"), "-q"]) == 0
     return folder
 
 
-def _with_origin(
-    folder: Path,
-    joint: str,
-    xyz: np.ndarray,
-    rpy: np.ndarray | None = None,
-    name: str = "true.urdf",
-) -> str:
-    text = (folder / name).read_text()
+def _with_origin(text: str, joint: str, xyz: np.ndarray, rpy: np.ndarray | None = None) -> str:
     start = text.index(f'<joint name="{joint}"')
     head, tail = text[:start], text[start:]
     words = " ".join(map(repr, np.asarray(xyz, float).tolist()))
@@ -89,7 +85,8 @@ def test_well_determined_corrections_are_written_to_a_new_urdf(folder: Path, app
         np.testing.assert_allclose(joint.R_origin, same.R_origin, atol=1e-4)
     assert "applied: joint 'elbow_joint'" in said
     assert "applied: joint 'wrist_2_joint'" in said
-    assert said.count("applied: ") == 3
+    assert "applied: joint 'wrist_1_joint'" in said
+    assert said.count("applied: ") == 4
     # again: what an earlier run wrote may be replaced
     apply("-q")
 
@@ -115,6 +112,7 @@ def test_report_lists_unobservable_corrections(folder: Path, imucalib: Imucalib)
     for joint, what, true in (
         ("elbow_joint", "origin x, mm", -_LONGER * 1e3),
         ("wrist_2_joint", "zero, deg", np.degrees(_TURNED)),
+        ("wrist_1_joint", "axis about y, deg", np.degrees(_TILTED)),
     ):
         found = re.search(r"(\S+) ± (\S+) .* sigma: clear$", row(joint, what))
         assert found is not None

@@ -36,7 +36,7 @@ def apply_command(
     kinematics: bool = typer.Option(
         False,
         "--kinematics",
-        help="Also correct joint zeros and origins whose error exceeds 5 sigma. Writes "
+        help="Also correct joint zeros, axes and origins whose error exceeds 5 sigma. Writes "
         "<urdf>.kinematics.urdf or -o, never the file of --urdf.",
     ),
     in_place: bool = output_option(False, "--in-place", help="Change the file of --urdf."),

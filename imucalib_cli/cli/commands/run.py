@@ -73,7 +73,7 @@ def run_command(
     kinematics_report: bool = options.output_option(
         False,
         "--kinematics-report",
-        help="Also list the errors of joint zeros and origins that the log shows, with their "
+        help="Also list the errors of joint zeros, axes and origins that the log shows, with their "
         "priors, and the errors that no log can determine.",
     ),
     extras: options.ExtraFiles,

@@ -18,7 +18,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Mount,
     OfBase,
     Origin,
-    PoseScale,
+    PoseStream,
     measured_over_true,
 )
 from imucalib_cli.estimate.solution.robust import COMMON_IMU
@@ -358,7 +358,6 @@ def _lengths(pose: Floats) -> dict[str, float]:
 def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
     """Errors that no sound robot and no sound sensor has, and those that move the pose."""
     windows = () if log is None else log.windows
-    pose, stated = answer.layout.pose, np.sqrt(np.diag(answer.pose_covariance))
     too_large = {
         each.part.start: (worst, other) for each, worst, other in _too_large(answer, windows)
     }
@@ -378,12 +377,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
         if windows:
             changes = np.array([other.changes[part] for other in windows])
             C += np.diag((changes**2).max(axis=0))
-        moves = answer.covariance[pose, part] @ inverse_of(C) @ value
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
-        clear = (np.abs(value) > DISTRUST_SIGMAS * std).any() and (np.abs(moves) > stated).any()
         # The first three are along the axes: others of a positive matrix have either sign.
         below = unknown.positive and value[:3].sum() < 0.0
-        what = {"name": unknown.name, "words": unknown.words, "unit": each.unit}
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
             # Within two sigmas of a stated prior, a bias is as stated.
@@ -399,28 +395,41 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             values, stds = _as_stated(unknown, value, own)
             yield make(
                 "unknown.implausible",
-                **what,
+                name=unknown.name,
+                words=unknown.words,
+                unit=each.unit,
                 label=each.labels[worst],
                 value=values[worst],
                 std=stds[worst],
                 limit=limit,
                 other=None if other is None else other.seconds,
             )
-        elif clear and not below and (np.abs(value) >= unknown.least).any():
-            effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
-            shown = isinstance(effect, (JointCurve, Origin, PoseScale, Clock))
-            make = note if shown and unknown.of_robot else warning
-            values, stds = _as_stated(unknown, value, std)
-            yield make(
-                "unknown.found",
-                **what,
-                labels=tuple(each.labels),
-                values=tuple(values.tolist()),
-                stds=tuple(stds.tolist()),
-                seconds=0.0 if log is None else log.seconds,
-                **_lengths(moves),
-                like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
-            )
+        elif (np.abs(value) > DISTRUST_SIGMAS * std).any() and not below:
+            yield from _found(answer, each, C, 0.0 if log is None else log.seconds)
+
+
+def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[Finding]:
+    """An error that is clear, of covariance C, if it moves the pose by more than sigma."""
+    unknown, part, value = each.unknown, each.part, answer.value(each)
+    std, stated = np.sqrt(np.diag(C)), np.sqrt(np.diag(answer.pose_covariance))
+    moves = answer.covariance[answer.layout.pose, part] @ inverse_of(C) @ value
+    if (np.abs(moves) > stated).any() and (np.abs(value) >= unknown.least).any():
+        effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
+        shown = isinstance(effect, (JointCurve, Origin, PoseStream, Clock))
+        make = note if shown and unknown.of_robot else warning
+        values, stds = _as_stated(unknown, value, std)
+        yield make(
+            "unknown.found",
+            name=unknown.name,
+            words=unknown.words,
+            unit=each.unit,
+            labels=tuple(each.labels),
+            values=tuple(values.tolist()),
+            stds=tuple(stds.tolist()),
+            seconds=seconds,
+            **_lengths(moves),
+            like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
+        )
 
 
 def _as_stated(unknown: Unknown, value: Floats, std: Floats) -> tuple[Floats, Floats]:

@@ -24,7 +24,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Mount,
     OfBase,
     Origin,
-    PoseScale,
+    PoseStream,
     Reading,
 )
 from imucalib_cli.estimate.model.windows import blocks
@@ -62,7 +62,12 @@ def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slic
     """Derivatives of the residuals (W, 6, n) by the layout's components, block by block."""
     plan = model.windowing.plan
     nodes = plan_nodes(plan, model.windowing.grid.dt)
-    chain = Chain.of(model.windowing.trajectory, model.layout, state.x)
+    x = state.x.copy()
+    for each, origin in model.layout.of(Origin):
+        if origin.what == "rotation":
+            # Nominal axes: noise that turns parallel axes apart would make their zeros known.
+            x[each.part] = 0.0
+    chain = Chain.of(model.windowing.trajectory, model.layout, x)
     for part in blocks(centres, plan.hop, BLOCK):
         yield part, _block_columns(model, nodes, chain, state, centres[part])
 
@@ -160,6 +165,15 @@ class _Nodes:
         turns, shifts = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
         return sum(turns), sum(shifts)
 
+    def twist_of_step(self, placed: Placed) -> tuple[Floats, Floats]:
+        """Turn and shift by an error of a constant step: (k, 3, M) each."""
+        R, _ = self.frames[placed.index]
+        along = np.swapaxes(np.matmul(placed.directions, R), 0, 1)
+        if placed.unknown.effect == Origin("translation"):
+            return np.zeros_like(along), along
+        arm = self.p + self.lever - self.frames[placed.index + 1][1]
+        return along, cross(along, arm, -2)
+
     def velocity(self) -> tuple[Floats, Floats]:
         """Rate of the parent link, rad/s, and velocity of the IMU, m/s, world axes: (3, M) each.
 
@@ -168,9 +182,7 @@ class _Nodes:
         """
         streams = (i for i, step in enumerate(self.path.steps) if isinstance(step, PoseStep))
         behind = max(streams, default=-1) + 1
-        turning, moving = velocity_of(self.frames[behind], self.samples.dt)
-        arm = self.p + self.lever - self.frames[behind][1]
-        moving = moving + cross(turning, arm, -2)
+        turning, moving = self.velocity_with(behind)
         for index, (turn, shift) in self.joint_twists.items():
             step = self.path.steps[index]
             if index >= behind and isinstance(step, JointStep):
@@ -178,13 +190,21 @@ class _Nodes:
                 turning, moving = turning + rate * turn, moving + rate * shift
         return turning, moving
 
+    def velocity_with(self, frame: int) -> tuple[Floats, Floats]:
+        """Rate, rad/s, and velocity at the IMU's place, m/s, of a frame of the chain."""
+        turning, moving = velocity_of(self.frames[frame], self.samples.dt)
+        arm = self.p + self.lever - self.frames[frame][1]
+        return turning, moving + cross(turning, arm, -2)
+
+    def steps_of(self, stream: Placed) -> list[int]:
+        """Steps that a pose stream moves."""
+        steps = enumerate(self.path.steps)
+        return [i for i, e in steps if isinstance(e, PoseStep) and e.track == stream.index]
+
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), the change of the mount's translation and rotation by hidden components."""
-        turn = np.zeros((len(placed.labels), 3))
-        if placed.joint is None:
-            shift = placed.directions @ self.frames[placed.index][0][..., 0].T
-        else:
-            turn, shift = (each[None, :, 0] for each in self.twist(placed.joint))
+        twist = self.twist_of_step(placed) if placed.joint is None else self.twist(placed.joint)
+        turn, shift = (each.reshape(-1, *self.p.shape)[..., 0] for each in twist)
         return np.hstack([shift @ self.R[..., 0], turn @ self.R[..., 0]])
 
 
@@ -279,14 +299,24 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             # As a joint turns the link: the two are then equal to rounding where they look alike.
             channels["turn"].append((part, axes))
         case Origin():
-            R, _ = nodes.frames[placed.index]
-            channels["shift"].append((part, np.swapaxes(np.matmul(placed.directions, R), 0, 1)))
-        case PoseScale():
-            shift = np.zeros_like(nodes.p)
-            for index, step in enumerate(nodes.path.steps):
-                if isinstance(step, PoseStep) and step.track == placed.index:
-                    shift += nodes.frames[index + 1][1] - nodes.frames[index][1]
-            channels["shift"].append((part, shift[None]))
+            turn, shift = nodes.twist_of_step(placed)
+            channels["shift"].append((part, shift))
+            if effect.what == "rotation":
+                channels["turn"].append((part, turn))
+                channels["force"].append((part, cross(turn, nodes.force, -2)))
+        case PoseStream(what="scale"):
+            ends = [(nodes.frames[i][1], nodes.frames[i + 1][1]) for i in nodes.steps_of(placed)]
+            channels["shift"].append((part, np.sum([b - a for a, b in ends], axis=0)[None]))
+        case PoseStream():
+            # Of the velocity the stream's own part: behind its step, less before it.
+            own = [
+                np.subtract(nodes.velocity_with(i + 1), nodes.velocity_with(i))
+                for i in nodes.steps_of(placed)
+            ]
+            turn, shift = np.sum(own, axis=0)[:, None]
+            for name, along in (("turn", turn), ("shift", shift)):
+                channels[name].append((part, along))
+            channels["force"].append((part, cross(turn, nodes.force, -2)))
         case JointCurve() if placed.joint is not None:
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]

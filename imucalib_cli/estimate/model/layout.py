@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Mount,
     OfBase,
     Origin,
-    PoseScale,
+    PoseStream,
     Reading,
     Unknown,
 )
@@ -36,6 +36,8 @@ STILL_JOINT: Final = 5e-3
 controller's dither stay below it."""
 _INSTANTS = 200
 """Instants at which the chain is examined for motion."""
+_PERPENDICULAR = 1e-2
+"""Cosine of axes that are perpendicular: a per cent of a wrong axis does not matter."""
 _CONSTANT = 1e-8
 """Variance of a direction cosine below which a direction does not turn: rounding."""
 
@@ -258,15 +260,17 @@ class _Chain:
                 hidden = max(joint.steps) >= self._last and not effect.every
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
         elif isinstance(effect, Origin):
-            for index, directions, R in self._origins():
+            for index, directions, R in self._origins(effect):
                 axes = unknown.labels if len(directions) == 3 else _axis_names(directions)
                 following = path.steps[index + 1]
                 owner = following.name if isinstance(following, JointStep) else f"step {index}"
                 labels, hidden = _named(owner, axes), index > self._last
                 yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
-        elif isinstance(effect, PoseScale):
+        elif isinstance(effect, PoseStream):
+            # Without joints beside them late poses are a time offset.
+            there = effect.what == "scale" or bool(self._moving)
             used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
-            for track in (each for each in used if each != base):
+            for track in (each for each in used if there and each != base):
                 yield Placed(unknown, nowhere, (path.tracks[track].name,), index=track)
         elif not isinstance(effect, OfBase):
             yield Placed(unknown, nowhere, unknown.labels)
@@ -285,7 +289,7 @@ class _Chain:
             if seen and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
 
-    def _origins(self) -> Iterator[tuple[int, Floats, Floats]]:
+    def _origins(self, origin: Origin) -> Iterator[tuple[int, Floats, Floats]]:
         """Constant steps behind the first that moves: index, directions (k, 3) and R."""
         steps = self._path.steps
         # The steps after a base IMU are its place in its link.
@@ -293,23 +297,47 @@ class _Chain:
         for index, step in enumerate(steps):
             of_base = base < index <= base + 2
             if isinstance(step, FixedStep) and self._inside(index) and not of_base:
+                own = np.eye(3) if origin.what == "translation" else self._not_of_joints(index)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
-                directions = self._turning(index) if index < self._last else np.eye(3)
+                directions = self._turning(index, own) if index < self._last else own
                 if len(directions):
                     yield index, directions, step.R
 
-    def _turning(self, step: int) -> Floats:
+    def _not_of_joints(self, index: int) -> Floats:
+        """(k, 3), axes about which the rotation of a constant step is no error of another kind.
+
+        About the axis of the next joint it is that joint's zero, or passes a sliding joint and is
+        an error of the step behind it. About the axis of the joint before, it is the zero of that.
+        """
+        steps, fixed = self._path.steps, self._path.steps[index]
+        before, after = steps[index - 1], (*steps, None)[index + 1]
+        axes = []
+        if isinstance(after, JointStep) and isinstance(fixed, FixedStep):
+            axes.append(fixed.R @ after.axis)
+        if isinstance(before, JointStep):
+            # Oblique, it is the zero of both together, and one of these may be part of the mount.
+            plain = all(abs(before.axis @ axis) < _PERPENDICULAR for axis in axes)
+            turns = before.kind == "revolute" or index - 1 == self._first
+            axes += [before.axis] * (plain and turns)
+        *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
+        return _towards_axes(directions[len(axes) :])
+
+    def _turning(self, step: int, among: Floats) -> Floats:
         """(k, 3), directions at a step that turn in the parent link; others are the mount's."""
-        seen = np.swapaxes(self._frames[-1][0], 1, 2) @ self._frames[step][0]
+        seen = np.swapaxes(self._frames[-1][0], 1, 2) @ self._frames[step][0] @ among.T
         seen = seen - seen.mean(axis=0)
         values, vectors = np.linalg.eigh(np.einsum("mij,mik->jk", seen, seen) / len(seen))
         kept = values > _CONSTANT
         if kept.all():
-            return np.eye(3)
-        directions = vectors.T[kept]
-        # Of both signs of an eigenvector: the one that a person reads as the axis.
-        largest = np.argmax(np.abs(directions), axis=1, keepdims=True)
-        return np.asarray(directions * np.sign(np.take_along_axis(directions, largest, axis=1)))
+            return among
+        return _towards_axes(vectors.T[kept] @ among)
+
+
+def _towards_axes(directions: Floats) -> Floats:
+    """(k, 3), in the order of the axes that a person reads them as, and of their signs."""
+    largest = np.argmax(np.abs(directions), axis=1, keepdims=True)
+    signed = directions * np.sign(np.take_along_axis(directions, largest, axis=1))
+    return np.asarray(signed[np.argsort(largest[:, 0], kind="stable")])
 
 
 def _joints_of(path: KinematicPath) -> list[Joint]:

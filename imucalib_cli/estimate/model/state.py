@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model.unknowns import (
     JointCurve,
     Mount,
     Origin,
-    PoseScale,
+    PoseStream,
     Reading,
     Samples,
     with_ends,
@@ -98,16 +98,26 @@ class Chain:
     def of(cls, trajectory: Trajectory, layout: Layout, x: Floats) -> Chain:
         """The chain for given values of the unknowns."""
         steps: list[Step] = list(trajectory.path.steps)
-        for each, _ in layout.of(Origin):
-            step = steps[each.index]
-            if isinstance(step, FixedStep) and x[each.part].any():
-                steps[each.index] = replace(step, p=step.p + x[each.part] @ each.directions)
+        for each, origin in layout.of(Origin):
+            step, size = steps[each.index], x[each.part] @ each.directions
+            if isinstance(step, FixedStep) and size.any():
+                moved = origin.what == "translation"
+                steps[each.index] = (
+                    replace(step, p=step.p + size)
+                    if moved
+                    else replace(step, R=matrix_from_rotvec(size) @ step.R)
+                )
         for each, mount in layout.of_base(Mount):
             step, size = steps[each.index], x[each.part]
             if isinstance(step, FixedStep) and size.any():
                 steps[each.index] = _remounted(step, mount, size)
+        late = {
+            each.index: float(x[each.part][0])
+            for each, stream in layout.of(PoseStream)
+            if stream.what == "delay" and x[each.part].any()
+        }
         return cls(
-            trajectory=trajectory,
+            trajectory=trajectory.earlier(late) if late else trajectory,
             base=_base_imu(trajectory, layout, x),
             path=replace(trajectory.path, steps=tuple(steps)),
             curves=tuple(
@@ -117,8 +127,8 @@ class Chain:
             ),
             scales=tuple(
                 (each.index, float(x[each.part][0]))
-                for each, _ in layout.of(PoseScale)
-                if x[each.part].any()
+                for each, stream in layout.of(PoseStream)
+                if stream.what == "scale" and x[each.part].any()
             ),
         )
 

@@ -96,12 +96,23 @@ class JointCurve:
 
 @dataclass(frozen=True)
 class Origin:
-    """Translation of a constant step of the chain, behind the first step that moves."""
+    """A constant step of the chain, behind the first that moves: its translation or rotation.
+
+    The rotation is about the origin of the frame behind the step.
+    """
+
+    what: Literal["translation", "rotation"]
 
 
 @dataclass(frozen=True)
-class PoseScale:
-    """Scale of the positions of a pose stream: true = reported * (1 + value)."""
+class PoseStream:
+    """Error of a pose stream beside joints.
+
+    Of the scale of its positions, true = reported * (1 + value); or of its stamps, which are later
+    than those of the joints at the same instant by the value.
+    """
+
+    what: Literal["scale", "delay"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +149,14 @@ class OfBase:
     effect: Reading | Mount | Clock
 
 
-Effect = Reading | JointCurve | Origin | PoseScale | Clock | Gravity | Mount | OfBase
+Effect = Reading | JointCurve | Origin | PoseStream | Clock | Gravity | Mount | OfBase
 
 _GROUPS: Final[dict[type, tuple[Group, Group]]] = {
     Reading: ("sensor", "sensor"),
     Clock: ("sensor", "offset"),
     JointCurve: ("robot", "robot"),
     Origin: ("robot", "robot"),
-    PoseScale: ("robot", "robot"),
+    PoseStream: ("robot", "robot"),
     Gravity: ("gravity", "gravity"),
     Mount: ("mount", "robot"),
 }
@@ -182,7 +193,7 @@ class Unknown:
     @property
     def of_robot(self) -> bool:
         """Whether it is the same for all IMUs on a robot; else each IMU has its own."""
-        return isinstance(self.effect, (JointCurve, Origin, PoseScale, OfBase))
+        return isinstance(self.effect, (JointCurve, Origin, PoseStream, OfBase))
 
     @property
     def is_sensor_scale(self) -> bool:
@@ -270,6 +281,7 @@ SCALES: Final[dict[str, Scale]] = {
     "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
     "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}),
+    "joint_axis": Scale(low=2e-6, high=5e-3, like={"joint_zero": 0.2, "length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_lag": Scale(low=5e-7, high=4e-3),
     "joint_play": Scale(low=3e-7, high=1e-3),
@@ -284,9 +296,10 @@ is placed by measured holes or by eye. Zeros are never assumed better than one a
 calibrated arms: zeros of joints that stand still in a log are known only from those of the others.
 
 Zeros and lengths are found by one measurement, whose error goes into either: at the end of a link
-of half a metre they count alike. A zero is set at one position of the joint, where the error once a
-turn is a part of it. The same teeth make that error and the play: catalogues of strain wave gears
-give one arc minute for either."""
+of half a metre they count alike. Axes come from the machine that makes the lengths: some hundredths
+of a millimetre over the width of a bearing. A zero is set at one position of the joint, where the
+error once a turn is a part of it. The same teeth make that error and the play: catalogues of strain
+wave gears give one arc minute for either."""
 
 
 def measured_over_true(error: Floats, std: Floats) -> tuple[Floats, Floats]:
@@ -512,16 +525,34 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="m",
         scale="length",
         healthy=0.02,
-        effect=Origin(),
+        effect=Origin("translation"),
         words="origin between two joints: true minus URDF",
+    ),
+    Unknown(
+        name="joint_axis",
+        labels=_XYZ,
+        unit="rad",
+        scale="joint_axis",
+        healthy=0.02,
+        effect=Origin("rotation"),
+        words="direction of a joint's axis: true minus URDF",
     ),
     Unknown(
         name="pose_scale",
         unit="1",
         std=2e-3,
         healthy=0.02,
-        effect=PoseScale(),
+        effect=PoseStream("scale"),
         words="scale of a pose stream's positions",
+    ),
+    Unknown(
+        name="pose_delay",
+        unit="s",
+        std=5e-3,
+        healthy=0.05,
+        effect=PoseStream("delay"),
+        of_log=True,
+        words="delay of a pose stream's stamps behind the joints'",
     ),
     Unknown(
         name="base_translation",

@@ -375,7 +375,7 @@ def _fitted(
         offset, level = prior_offset(layout, options, state), 1.0
         u = layout.bounds[:, 1]  # anew: a wrong split between scales would stay
         beside = _beside(model, state, options)
-        for _ in range(2):  # noise level and scales in turn
+        for _ in range(2 if turn else 1):  # noise level and scales in turn; first roughly
             at = replace(at, noise=noise)
             stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
             A, b = stats.information / level + beside[0], stats.score / level + beside[1]

@@ -37,6 +37,8 @@ _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales are correlated, and tails must be covered."""
 _SWEEPS: Final = 128
 """Of the chain over all scales: some dozen of them are independent."""
+_HUGE: Final = 1e300
+"""Larger than any gain of chi-squared."""
 _ALIKE: Final = math.log(3.0)
 """Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
 
@@ -124,21 +126,33 @@ class Problem:
         """(n,), P's diagonal."""
         return 1.0 / self.prior.std_at(u) ** 2
 
-    def likelihood(self, u: Floats) -> tuple[float, Floats]:
-        """Log marginal likelihood of the scales, and the step to the posterior mean."""
-        value, step = self.reduced.likelihood(u)
-        return value, self.reduced.whole(step)
+    def likelihood(self, u: Floats) -> float:
+        """Log marginal likelihood of the scales."""
+        return self.reduced.likelihood(u)
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
         step, inverse = self.reduced.solve(u)
         return self.reduced.whole(step), self.reduced.whole_inverse(inverse)
 
-    def covariance(self, u: Floats) -> Floats:
-        """(n, n), of the posterior mean: (A + P)^-1 (B + P) (A + P)^-1."""
-        _, inverse = self.solve(u)
-        B = self.information if self.noise is None else self.noise
-        return np.asarray(inverse @ (B + np.diag(self.precision(u))) @ inverse)
+    def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """Steps (m, n) to the mean at each of m points (m, k), and the mean of their covariances.
+
+        The covariance (n, n) of a step is (A + P)^-1 (B + P) (A + P)^-1.
+        """
+        reduced = self.reduced
+        more = None if self.noise is None else reduced.noise(self.noise - self.information)
+        steps, size = [], len(reduced.scale)
+        inverses, scattered = np.zeros((size, size)), np.zeros((size, size))
+        for u, weight in zip(points, weights, strict=True):
+            step, inverse = reduced.solve(u)
+            steps.append(reduced.whole(step))
+            inverses += weight * inverse
+            if more is not None:
+                scattered += inverse @ (weight * more.own) @ inverse
+        if more is None:
+            return np.array(steps), reduced.whole_inverse(inverses)
+        return np.array(steps), reduced.with_noise(inverses, scattered, more)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,36 +167,35 @@ class Reduced:
     """(l,)."""
     scale: Indices
     """(l,), as in :class:`Prior`."""
+    learnt: Indices
+    """(l,), which of the components these are."""
+    given: Indices
+    """(g,), the others."""
     still: Floats
-    """(n,), step of the others where these do not move."""
+    """(g,), step of the others where these do not move."""
     moved: Floats
-    """(n, l), step of all components for a step of these."""
+    """(g, l), their step for a step of these."""
     inverse: Floats
-    """(n, n), covariance of the others where these are known."""
+    """(g, g), covariance of the others where these are known."""
     constant: float
     """Of the logarithm of the likelihood."""
 
     @classmethod
     def of(cls, problem: Problem) -> Reduced:
         """Eliminate the components whose prior is given."""
-        learnt = problem.prior.scale >= 0
+        learnt = np.flatnonzero(problem.prior.scale >= 0)
+        given = np.flatnonzero(problem.prior.scale < 0)
         A, b = problem.information, problem.score
-        P = 1.0 / problem.prior.std[~learnt] ** 2
-        given_offset = problem.offset[~learnt]
-        own, across = A[np.ix_(~learnt, ~learnt)] + np.diag(P), A[np.ix_(~learnt, learnt)]
-        gradient = b[~learnt] + P * given_offset
+        P = 1.0 / problem.prior.std[given] ** 2
+        given_offset = problem.offset[given]
+        own, across = A[np.ix_(given, given)] + np.diag(P), A[np.ix_(given, learnt)]
+        gradient = b[given] + P * given_offset
         unit = 1.0 / np.sqrt(np.diag(own))
         # A Cholesky factor keeps the digits that a difference with an inverse would lose.
         root = np.linalg.cholesky(own * np.outer(unit, unit)) / unit[:, None]
         sides = np.linalg.solve(root, np.column_stack([across, gradient, np.eye(len(P))]))
         size = across.shape[1]
         halves, half, inverse_root = sides[:, :size], sides[:, size], sides[:, size + 1 :]
-        still, moved = np.zeros(len(b)), np.zeros((len(b), size))
-        still[~learnt] = -inverse_root.T @ half
-        moved[~learnt] = -inverse_root.T @ halves
-        moved[learnt] = np.eye(size)
-        inverse = np.zeros_like(A)
-        inverse[np.ix_(~learnt, ~learnt)] = inverse_root.T @ inverse_root
         fit = half @ half - P @ given_offset**2
         log_det = 2.0 * np.log(np.diag(root)).sum()
         return cls(
@@ -190,9 +203,11 @@ class Reduced:
             score=b[learnt] - halves.T @ half,
             offset=problem.offset[learnt],
             scale=problem.prior.scale[learnt],
-            still=still,
-            moved=moved,
-            inverse=inverse,
+            learnt=learnt,
+            given=given,
+            still=-inverse_root.T @ half,
+            moved=-inverse_root.T @ halves,
+            inverse=inverse_root.T @ inverse_root,
             constant=0.5 * float(fit - log_det + np.log(P).sum()),
         )
 
@@ -206,14 +221,18 @@ class Reduced:
         H *= unit[:, None]
         return H, unit, unit * (self.score + P * self.offset)
 
-    def likelihood(self, u: Floats) -> tuple[float, Floats]:
-        """As :meth:`Problem.likelihood`, with the step (l,) of these components alone."""
+    def likelihood(self, u: Floats) -> float:
+        """As :meth:`Problem.likelihood`."""
         scaled, unit, gradient = self._scaled(u)
-        step = -np.linalg.solve(scaled, gradient)
-        log_det = 2.0 * np.log(np.linalg.cholesky(scaled).diagonal() / unit).sum()
-        log_P = -2.0 * u[self.scale]
-        fit = -gradient @ step - np.exp(log_P) @ self.offset**2
-        return self.constant + 0.5 * float(fit - log_det + log_P.sum()), unit * step
+        # The last row of this factor is the gradient over that of H: one factor serves for both.
+        bordered = np.empty((len(unit) + 1,) * 2)
+        bordered[:-1, :-1], bordered[-1, :-1] = scaled, gradient
+        bordered[-1, -1] = _HUGE
+        root = np.linalg.cholesky(bordered)
+        half, log_P = root[-1, :-1], -2.0 * u[self.scale]
+        fit = half @ half - np.exp(log_P) @ self.offset**2
+        log_det = 2.0 * np.log(root.diagonal()[:-1] / unit).sum()
+        return self.constant + 0.5 * float(fit - log_det + log_P.sum())
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.solve`, of these components alone."""
@@ -226,11 +245,56 @@ class Reduced:
 
     def whole(self, step: Floats) -> Floats:
         """(n,), step of all components."""
-        return np.asarray(self.still + self.moved @ step)
+        found = np.empty(len(self.learnt) + len(self.given))
+        found[self.learnt], found[self.given] = step, self.still + self.moved @ step
+        return found
 
     def whole_inverse(self, inverse: Floats) -> Floats:
         """(n, n), covariance of all components."""
-        return np.asarray(self.inverse + self.moved @ inverse @ self.moved.T)
+        across = self.moved @ inverse
+        return self._joined(self.inverse + across @ self.moved.T, across, inverse)
+
+    def noise(self, more: Floats) -> MoreNoise:
+        """Noise (n, n) in the score beyond the information, as :meth:`with_noise` needs it."""
+        given, learnt = self.given, self.learnt
+        from_given = more[np.ix_(given, given)] @ self.moved + more[np.ix_(given, learnt)]
+        across = more[np.ix_(learnt, given)] @ self.moved
+        return MoreNoise(
+            alone=self.inverse @ more[np.ix_(given, given)] @ self.inverse,
+            across=self.inverse @ from_given,
+            own=more[np.ix_(learnt, learnt)] + across + self.moved.T @ from_given,
+        )
+
+    def with_noise(self, inverse: Floats, scattered: Floats, more: MoreNoise) -> Floats:
+        """(n, n), H^-1 + H^-1 (B - A) H^-1 of all components, or a mean of such.
+
+        Of these components alone the first term is ``inverse`` (l, l), the second ``scattered``.
+        """
+        total, mixed = inverse + scattered, more.across @ inverse
+        moved = self.moved @ total + mixed
+        corner = moved @ self.moved.T + self.moved @ mixed.T
+        return self._joined(self.inverse + more.alone + corner, moved, total)
+
+    def _joined(self, given: Floats, across: Floats, learnt: Floats) -> Floats:
+        """(n, n), of its blocks (g, g), (g, l) and (l, l), made exactly symmetric."""
+        found = np.empty((len(self.learnt) + len(self.given),) * 2)
+        found[np.ix_(self.given, self.given)] = 0.5 * (given + given.T)
+        found[np.ix_(self.given, self.learnt)] = across
+        found[np.ix_(self.learnt, self.given)] = across.T
+        found[np.ix_(self.learnt, self.learnt)] = 0.5 * (learnt + learnt.T)
+        return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MoreNoise:
+    """Noise in the score beyond the information, B - A, after the elimination."""
+
+    alone: Floats
+    """(g, g), what it adds to the covariance of the others where these are known."""
+    across: Floats
+    """(g, l), noise of these that is also in the others, times their covariance."""
+    own: Floats
+    """(l, l), in the reduced score."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,11 +353,11 @@ class Marginal(Protocol):
     def prior(self) -> Prior:
         """Of the scales that come first."""
 
-    def likelihood(self, u: Floats) -> tuple[float, Floats]:
+    def likelihood(self, u: Floats) -> float:
         """As :meth:`Problem.likelihood`."""
 
-    def covariance(self, u: Floats) -> Floats:
-        """As :meth:`Problem.covariance`."""
+    def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
+        """As :meth:`Problem.posterior`."""
 
 
 def integrate(problem: Marginal, mode: Floats) -> Posterior:
@@ -313,51 +377,46 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     points, log_density = np.zeros((1, 0)), np.zeros(1)
     if k:
         points, log_density = _proposal(problem, mode)
-    values, steps = (
-        np.array(each) for each in zip(*(problem.likelihood(u) for u in points), strict=True)
-    )
+    values = np.array([problem.likelihood(u) for u in points])
     log_weight = values + problem.prior.log_density(points) - log_density
     weights = np.exp(log_weight - log_weight.max())
     log_likelihood = float(log_weight.max() + np.log(weights.mean()))
     weights /= weights.sum()
     if (weights**2).sum() * len(weights) / 8.0 > 1.0:
-        points, steps = _chain(problem, points[weights.argmax()])
+        points = _chain(problem, points[weights.argmax()])
         weights = np.full(len(points), 1.0 / len(points))
+    counts = weights > 1e-6  # others add nothing
+    points, weights = points[counts], weights[counts] / weights[counts].sum()
+    steps, covariance = problem.posterior(points, weights)
     mean = weights @ steps
     away = steps - mean
-    covariance = np.asarray(away.T @ (weights[:, None] * away))
-    for weight, u in zip(weights, points, strict=True):
-        if weight > 1e-6:  # others add nothing
-            covariance += weight * problem.covariance(u)
+    covariance = covariance + away.T @ (weights[:, None] * away)
     return Posterior(
         mean, covariance, np.asarray(weights @ points), log_likelihood, points, weights
     )
 
 
-def _chain(problem: Marginal, start: Floats) -> tuple[Floats, Floats]:
-    """Points as dense as they are likely, and their steps: each sweep moves every scale once.
-
-    Returns:
-        (m, k) and (m, n).
-    """
+def _chain(problem: Marginal, start: Floats) -> Floats:
+    """(m, k), points as dense as they are likely: each sweep moves every scale once."""
     rng = np.random.default_rng(0)
     low, high = problem.bounds.T
-    u, (value, step) = start, problem.likelihood(start)
-    value += float(problem.prior.log_density(start))
-    points, steps = [], []
+
+    def height(u: Floats) -> float:
+        return problem.likelihood(u) + float(problem.prior.log_density(u))
+
+    u, value = start, height(start)
+    points = []
     for _ in range(_SWEEPS):
         # About half of the moves are taken.
         for index, move in enumerate(rng.normal(size=len(u)) * 0.2 * (high - low)):
             tried = u.copy()
             tried[index] += move
             if low[index] <= tried[index] <= high[index]:
-                its_value, its_step = problem.likelihood(tried)
-                its_value += float(problem.prior.log_density(tried))
+                its_value = height(tried)
                 if its_value - value > -rng.exponential():
-                    u, value, step = tried, its_value, its_step
+                    u, value = tried, its_value
         points.append(u)
-        steps.append(step)
-    return np.array(points), np.array(steps)
+    return np.array(points)
 
 
 def _even_points(count: int, dimensions: int) -> Floats:
@@ -387,7 +446,7 @@ def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
         for place, value in enumerate(at):
             u = mode.copy()
             u[index] = value
-            height[place] = problem.likelihood(u)[0]
+            height[place] = problem.likelihood(u)
         fine = np.linspace(low, high, _FINE)
         tried = np.repeat(points[:, None], _FINE, axis=1)
         tried[..., index] = fine

@@ -277,10 +277,22 @@ def inverse_of(A: Floats) -> Floats:
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
     least = np.maximum(1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0), 1e-300)
     scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
-    values, vectors = np.linalg.eigh(A * scale[..., :, None] * scale[..., None, :])
+    units = scale[..., :, None] * scale[..., None, :]
+    if _far_from_singular(A * units):  # several times faster
+        return np.asarray(np.linalg.inv(A * units) * units)
+    values, vectors = np.linalg.eigh(A * units)
     scaled = vectors * scale[..., :, None]
     kept = np.maximum(values, 1e-14 * values[..., -1:])[..., None, :]
     return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
+
+
+def _far_from_singular(matrices: Floats) -> bool:
+    """Whether positive matrices of unit diagonal keep at least four digits when inverted."""
+    try:
+        roots = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return False
+    return bool((np.diagonal(roots, axis1=-2, axis2=-1) > 1e-6).all())
 
 
 def inverse_with_priors(A: Floats, std: Floats) -> Floats:
