@@ -19,7 +19,7 @@ from imucalib_cli.robot.path import (
     fixed_inverse,
     merge_fixed,
 )
-from imucalib_cli.shown import near_matches
+from imucalib_cli.shown import near_matches, similar_names
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -271,7 +271,7 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
     affix, hint, there = _affix(missing, known), near_matches(missing[0], known), ""
     if affix is not None:
         hint = f", {affix}"
-    elif not hint.startswith("; there are"):
+    elif similar_names(missing[0], known):
         there = f" The log has: {', '.join(known[:12])}"
     raise InputError(
         f"{robot.source}: no position of {listed} in the log's joint states{hint}{there}"

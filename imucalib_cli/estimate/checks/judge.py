@@ -390,7 +390,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 yield make("bias.unusual", name=unknown.name, size=size)
         elif part.start in too_large:
             worst, other = too_large[part.start]
-            make = untrusted if other is None and "bias" not in unknown.name else warning
+            make = untrusted if other is None and not unknown.harmless else warning
             own = np.sqrt(np.diag(answer.covariance)[part])
             values, stds = _as_stated(unknown, value, own)
             yield make(

@@ -181,6 +181,8 @@ class Unknown:
     """Largest value, in the unit, of a sound robot and a sound sensor."""
     least: float = 0.0
     """Smaller values are not reported: they are no fault, or interpolation looks like them."""
+    harmless: bool = False
+    """Whether a value beyond the healthy leaves the pose as good as its sigma says."""
     positive: bool = False
     """Whether a negative value can only be something else that looks like it."""
     of_log: bool = False
@@ -378,6 +380,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         std=(0.03, 0.003),
         healthy=(0.3, 0.03),
         least=np.inf,
+        harmless=True,
         of_log=True,
     ),
     Unknown(
