@@ -176,7 +176,10 @@ def test_wrong_link_is_not_a_unit_error() -> None:
     assert mended.gyro_unit == "rad/s"
 
 
-@pytest.mark.parametrize("rates", slow_after(1, [((100.0, 200.0),), ((200.0, 100.0),)]))
+@pytest.mark.parametrize(
+    "rates",
+    slow_after(2, [((100.0, 200.0),), ((50.0, 250.0),), ((200.0, 100.0),), ((250.0, 25.0),)]),
+)
 def test_rate_change_within_the_log_is_reported_and_kept(rates: tuple[float, float]) -> None:
     first, second = rates
     t = np.concatenate([np.arange(0.0, 15.0, 1.0 / first), np.arange(15.0, 30.0, 1.0 / second)])

@@ -116,3 +116,12 @@ def _wandering(step: float) -> Floats:
 )
 def test_stamps_without_a_constant_clock_have_no_ticks(stamps: Floats) -> None:
     assert constant_rate_ticks(stamps) is None
+
+
+def test_slow_stretch_is_no_gap_but_a_hole_in_it_is() -> None:
+    slow = np.concatenate([np.arange(10.0, 15.0, 0.04), np.arange(15.5, 20.0, 0.04)])
+    t = np.concatenate([np.arange(0.0, 10.0, 0.005), slow, np.arange(20.0, 30.0, 0.005)])
+    np.testing.assert_array_equal(t[gap_breaks(t)], [15.5])
+    # Ten a second do not show what an arm does.
+    sparse = np.concatenate([np.arange(0.0, 10.0, 0.005), np.arange(10.0, 20.0, 0.1)])
+    assert len(gap_breaks(sparse)) == 99

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,6 +19,10 @@ GAP_INTERVALS = 3.0
 GAP_SECONDS = 0.010
 """An interval longer than both is a gap: no filter window crosses it."""
 
+_SLOW_STRETCH = 32
+"""Intervals that make a slower rate."""
+_SLOWEST = 0.05
+"""s: samples farther apart do not show how an arm moves in between."""
 _ASTRAY_SPANS = 2.0
 """Stamps further than this many spans of the log from its middle are wrong."""
 EXACT_SECONDS = 6e-7
@@ -113,10 +118,22 @@ def gap_limit(t: Floats) -> float:
 
 
 def gap_breaks(t: Floats) -> Indices:
-    """Indices of the first samples after each gap, ascending."""
+    """Indices of the first samples after each gap, ascending.
+
+    An interval like those of a slow stretch beside it is no gap.
+    """
     if len(t) < 2:
         return np.zeros(0, np.intp)
-    return np.flatnonzero(np.diff(t) > gap_limit(t)) + 1
+    intervals = np.diff(t)
+    long = np.flatnonzero(intervals > gap_limit(t))
+    if len(long) <= _SLOW_STRETCH:
+        return long + 1
+    around = np.pad(intervals, _SLOW_STRETCH)
+    beside = sliding_window_view(around, _SLOW_STRETCH)
+    # Of the intervals before each, and of those after it.
+    usual = np.maximum(*(np.median(beside[long + k], axis=1) for k in (0, _SLOW_STRETCH + 1)))
+    slow = (intervals[long] <= GAP_INTERVALS * usual) & (usual <= _SLOWEST)
+    return long[~slow] + 1
 
 
 def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> Bools:
