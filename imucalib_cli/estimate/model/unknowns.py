@@ -347,9 +347,9 @@ def _of_each_sensor(
 # differ by some ms; biases of consumer parts drift by 3 mg and 0.2 deg/s while they warm up; mocap
 # and odometry arrive some ms late and keep lengths to 0.2 %. Limits of the healthy: the MPU-6050, a
 # hobby part, states scales to 3 %, axes to 2 %, and responses to acceleration of 2e-4 rad s/m; its
-# biases reach 0.8 m/s² and 0.35 rad/s, of which 0.5 and 0.2 are worth a word. Clocks ten times worse
-# than quartz are broken. Zeros and axes of one degree, origins of 20 mm and play of 0.3 deg are
-# another robot than the URDF's.
+# biases reach 0.8 m/s² and 0.35 rad/s, of which 0.5 and 0.2 are worth a word. Clocks ten times
+# worse than quartz are broken. Zeros and axes of one degree, origins of 20 mm and play of 0.3 deg
+# are another robot than the URDF's.
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
