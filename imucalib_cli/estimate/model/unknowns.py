@@ -283,7 +283,7 @@ SCALES: Final[dict[str, Scale]] = {
     "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
     "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}),
-    "joint_axis": Scale(low=2e-6, high=5e-3, like={"joint_zero": 0.2, "length": 0.4}),
+    "joint_axis": Scale(low=2e-6, high=5e-3, like={"length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_lag": Scale(low=5e-7, high=4e-3),
     "joint_play": Scale(low=3e-7, high=1e-3),
