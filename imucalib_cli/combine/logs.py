@@ -42,7 +42,7 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     equations = log.equations
     answer = equations.solve(options)
     wrong = contradicted(answer, lambda _: equations, equations.solve)
-    rest = judge.of_answer(answer, log, contradicted=wrong is not None)
+    rest = judge.of_answer(answer, log, misled=wrong is not None)
     return answer, [*([] if wrong is None else [wrong]), *rest]
 
 

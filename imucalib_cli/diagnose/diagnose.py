@@ -123,7 +123,8 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
         return _without_advice(estimate) if needs_diagnosis(estimate) else estimate
     said = _FOLLOWING | {each.code for each in causes}
     left = tuple(each for each in estimate.findings if each.code not in said)
-    return _without_advice(replace(estimate, findings=(*causes, *left)))
+    # A wrong model's errors of the sensor are none.
+    return _without_advice(replace(estimate, findings=(*causes, *left), corrections=()))
 
 
 def _without_advice(estimate: Estimate) -> Estimate:

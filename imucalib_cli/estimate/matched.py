@@ -107,6 +107,8 @@ def calibrate_matched(
             "robot_stamps": "ticks" if attempt.robot_ticks else "as stamped",
         },
     )
+    if evidence.mount_moved:  # what looks like errors of the sensor are two mounts
+        found = replace(found, corrections=())
     if not details or found.covariance is None:
         return found
     made = details_of(fit, attempt.clean, dependence, statistics, found.covariance)

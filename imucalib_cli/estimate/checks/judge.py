@@ -104,6 +104,11 @@ class Evidence:
     """Of the accelerometer: as read, reversed because that fits decisively better, or in doubt."""
 
     @property
+    def mount_moved(self) -> bool:
+        """Whether the mount changed within the log."""
+        return self.change is not None and self.change.kind == "mount"
+
+    @property
     def hangs_most(self) -> Dependence | None:
         """The other window at which the answer differs most, if it differs by more than noise."""
         worst = max(self.dependence, key=lambda each: each.sigmas, default=None)
@@ -162,7 +167,8 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     found = [] if wrong is None else [wrong]
     if wrong is None:  # else something that looks like the wrong value has taken it up
         found += _changed(evidence)
-    found += [*_unexplained(evidence), *of_answer(evidence.fit, log, contradicted=bool(wrong))]
+    misled = bool(wrong) or evidence.mount_moved
+    found += [*_unexplained(evidence), *of_answer(evidence.fit, log, misled=misled)]
     found += _window(evidence)
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
         found += _undecided(evidence)
@@ -172,13 +178,14 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
 
 
 def of_answer(
-    answer: Answer, log: LogStatistics | None = None, *, contradicted: bool = False
+    answer: Answer, log: LogStatistics | None = None, *, misled: bool = False
 ) -> Iterator[Finding]:
     """Findings that depend on the unknowns and their priors alone.
 
-    ``log`` is None for an answer of several; ``contradicted`` says that a stated value is wrong.
+    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong or the
+    mount moved, which errors of robot and sensor then take up.
     """
-    if not contradicted:
+    if not misled:
         yield from _errors(answer, log)
     yield from _resting_on_priors(answer)
     if len(answer.of("time_offset")[0]) and not offset_known(answer):
