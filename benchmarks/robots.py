@@ -555,8 +555,8 @@ def _tracks(
         "lag": row.lag * rng.normal(size=count),
         "play": row.play * rng.normal(size=count),
         "track_scale": row.track_scale * rng.normal() if truth.base else 0.0,
+        "track_delay": row.track_delay * rng.normal() if truth.base else 0.0,
     }
-    drawn["track_delay"] = row.track_delay * rng.normal() if truth.base else 0.0
     eccentric = drawn["eccentricity"][0] * np.sin(q) + drawn["eccentricity"][1] * np.cos(q)
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)

@@ -402,9 +402,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             values, stds = _as_stated(unknown, value, own)
             yield make(
                 "unknown.implausible",
-                name=unknown.name,
-                words=unknown.words,
-                unit=each.unit,
+                **_named(each),
                 label=each.labels[worst],
                 value=values[worst],
                 std=stds[worst],
@@ -427,9 +425,7 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
         values, stds = _as_stated(unknown, value, std)
         yield make(
             "unknown.found",
-            name=unknown.name,
-            words=unknown.words,
-            unit=each.unit,
+            **_named(each),
             labels=tuple(each.labels),
             values=tuple(values.tolist()),
             stds=tuple(stds.tolist()),
@@ -437,6 +433,11 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
             **_lengths(moves),
             like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
         )
+
+
+def _named(each: Placed) -> dict[str, str]:
+    """What an entry is, as findings have it."""
+    return {"name": each.unknown.name, "words": each.unknown.words, "unit": each.unit}
 
 
 def _as_stated(unknown: Unknown, value: Floats, std: Floats) -> tuple[Floats, Floats]:

@@ -170,7 +170,7 @@ class _Nodes:
         R, _ = self.frames[placed.index]
         along = np.swapaxes(np.matmul(placed.directions, R), 0, 1)
         if placed.unknown.effect == Origin("translation"):
-            return np.zeros_like(along), along
+            return np.broadcast_to(0.0, along.shape), along
         arm = self.p + self.lever - self.frames[placed.index + 1][1]
         return along, cross(along, arm, -2)
 
@@ -300,10 +300,10 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             channels["turn"].append((part, axes))
         case Origin():
             turn, shift = nodes.twist_of_step(placed)
-            channels["shift"].append((part, shift))
-            if effect.what == "rotation":
-                channels["turn"].append((part, turn))
-                channels["force"].append((part, cross(turn, nodes.force, -2)))
+            if effect.what == "translation":
+                channels["shift"].append((part, shift))
+            else:
+                _add_twist(part, turn, shift, nodes, channels)
         case PoseStream(what="scale"):
             ends = [(nodes.frames[i][1], nodes.frames[i + 1][1]) for i in nodes.steps_of(placed)]
             channels["shift"].append((part, np.sum([b - a for a, b in ends], axis=0)[None]))
@@ -314,9 +314,7 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
                 for i in nodes.steps_of(placed)
             ]
             turn, shift = np.sum(own, axis=0)[:, None]
-            for name, along in (("turn", turn), ("shift", shift)):
-                channels[name].append((part, along))
-            channels["force"].append((part, cross(turn, nodes.force, -2)))
+            _add_twist(part, turn, shift, nodes, channels)
         case JointCurve() if placed.joint is not None:
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
@@ -327,6 +325,13 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
                 channels[name].append((part, curve * along))
         case OfBase() if nodes.base is not None:
             _add_of_base(placed, effect, nodes, nodes.base, channels)
+
+
+def _add_twist(part: slice, turn: Floats, shift: Floats, nodes: _Nodes, channels: Channels) -> None:
+    """Add an effect that turns the parent link and shifts the IMU's place, (k, 3, M) each."""
+    channels["turn"].append((part, turn))
+    channels["shift"].append((part, shift))
+    channels["force"].append((part, cross(turn, nodes.force, -2)))
 
 
 def _in_world(basis: Floats, R: Floats) -> Floats:
@@ -358,9 +363,7 @@ def _add_of_base(
             channels["shift"].append((part, turn))
             return
         shift = np.zeros_like(turn)
-    channels["turn"].append((part, turn))
-    channels["shift"].append((part, shift + cross(turn, base.arm, -2)))
-    channels["force"].append((part, cross(turn, nodes.force, -2)))
+    _add_twist(part, turn, shift + cross(turn, base.arm, -2), nodes, channels)
 
 
 def _integral(values: Floats, dt: float) -> Floats:

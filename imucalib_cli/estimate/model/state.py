@@ -101,21 +101,19 @@ class Chain:
         for each, origin in layout.of(Origin):
             step, size = steps[each.index], x[each.part] @ each.directions
             if isinstance(step, FixedStep) and size.any():
-                moved = origin.what == "translation"
-                steps[each.index] = (
-                    replace(step, p=step.p + size)
-                    if moved
-                    else replace(step, R=matrix_from_rotvec(size) @ step.R)
-                )
+                if origin.what == "translation":
+                    steps[each.index] = replace(step, p=step.p + size)
+                else:
+                    steps[each.index] = replace(step, R=matrix_from_rotvec(size) @ step.R)
         for each, mount in layout.of_base(Mount):
             step, size = steps[each.index], x[each.part]
             if isinstance(step, FixedStep) and size.any():
                 steps[each.index] = _remounted(step, mount, size)
-        late = {
-            each.index: float(x[each.part][0])
-            for each, stream in layout.of(PoseStream)
-            if stream.what == "delay" and x[each.part].any()
-        }
+        streams: dict[str, dict[int, float]] = {"scale": {}, "delay": {}}
+        for each, stream in layout.of(PoseStream):
+            if x[each.part].any():
+                streams[stream.what][each.index] = float(x[each.part][0])
+        late = streams["delay"]
         return cls(
             trajectory=trajectory.earlier(late) if late else trajectory,
             base=_base_imu(trajectory, layout, x),
@@ -125,11 +123,7 @@ class Chain:
                 for each, curve in layout.of(JointCurve)
                 if each.joint is not None and x[each.part].any()
             ),
-            scales=tuple(
-                (each.index, float(x[each.part][0]))
-                for each, stream in layout.of(PoseStream)
-                if stream.what == "scale" and x[each.part].any()
-            ),
+            scales=tuple(streams["scale"].items()),
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:

@@ -140,18 +140,15 @@ class Problem:
 
         The covariance (n, n) of a step is (A + P)^-1 (B + P) (A + P)^-1.
         """
-        reduced = self.reduced
-        more = None if self.noise is None else reduced.noise(self.noise - self.information)
+        B = self.information if self.noise is None else self.noise
+        reduced, more = self.reduced, self.reduced.noise(B - self.information)
         steps, size = [], len(reduced.scale)
         inverses, scattered = np.zeros((size, size)), np.zeros((size, size))
         for u, weight in zip(points, weights, strict=True):
             step, inverse = reduced.solve(u)
             steps.append(reduced.whole(step))
             inverses += weight * inverse
-            if more is not None:
-                scattered += inverse @ (weight * more.own) @ inverse
-        if more is None:
-            return np.array(steps), reduced.whole_inverse(inverses)
+            scattered += inverse @ (weight * more.own) @ inverse
         return np.array(steps), reduced.with_noise(inverses, scattered, more)
 
 

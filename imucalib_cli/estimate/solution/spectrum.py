@@ -278,9 +278,10 @@ def inverse_of(A: Floats) -> Floats:
     least = np.maximum(1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0), 1e-300)
     scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
     units = scale[..., :, None] * scale[..., None, :]
-    if _far_from_singular(A * units):  # several times faster
-        return np.asarray(np.linalg.inv(A * units) * units)
-    values, vectors = np.linalg.eigh(A * units)
+    in_units = A * units
+    if _far_from_singular(in_units):  # several times faster
+        return np.asarray(np.linalg.inv(in_units) * units)
+    values, vectors = np.linalg.eigh(in_units)
     scaled = vectors * scale[..., :, None]
     kept = np.maximum(values, 1e-14 * values[..., -1:])[..., None, :]
     return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
