@@ -9,15 +9,18 @@ import gc
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from types import FrameType
 
 EXIT_INTERRUPTED = 130
 _PATIENCE = 2.0
 """s that an interrupted command has to tidy up its files."""
+_AGAIN = 0.1
+"""s until an interruption that had no effect is repeated."""
 _last_words: list[Callable[[], None]] = []
-_came: list[bool] = []
-"""One entry for each interruption."""
+_came: list[float] = []
+"""Instant of the first interruption, s, monotonic."""
 
 
 def main() -> int:
@@ -62,10 +65,22 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
     An exception during an import can leave the import lock taken: threads then wait for ever.
     """
     _on_interruption(_leave)
-    _came.append(True)
+    _came.append(time.monotonic())
     if hasattr(signal, "setitimer"):
-        signal.signal(signal.SIGALRM, _leave)
-        signal.setitimer(signal.ITIMER_REAL, _PATIENCE)
+        signal.signal(signal.SIGALRM, _interrupt_again)
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+    raise KeyboardInterrupt
+
+
+def _interrupt_again(_number: int, _frame: FrameType | None) -> None:
+    """Repeat an interruption that a library has ignored; end a process that still goes on."""
+    if time.monotonic() - _came[0] > _PATIENCE:
+        _leave(0, None)
+    handled = sys.exc_info()[1]
+    while handled is not None:
+        if isinstance(handled, KeyboardInterrupt):
+            return  # the command tidies up
+        handled = handled.__context__
     raise KeyboardInterrupt
 
 

@@ -197,6 +197,39 @@ def test_interrupt_at_any_moment_prints_no_traceback(number: int) -> None:
     assert codes[:2] == [130] * 2
 
 
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timer signals")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ignored_interruption_comes_again(number: int) -> None:
+    """A library that swallows every exception does not keep a command going.
+
+    What tidies up after the interruption is not interrupted itself.
+    """
+    program = f"""
+import os, time
+import imucalib_cli.cli.main
+from imucalib_cli.cli import entry
+
+def run():
+    try:
+        os.kill(os.getpid(), {int(number)})
+        time.sleep(1)
+    except BaseException:
+        pass
+    try:
+        time.sleep(60)
+    finally:
+        time.sleep(0.3)
+        print("tidy", flush=True)
+
+imucalib_cli.cli.main.main = run
+raise SystemExit(entry.main())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "tidy\n", "")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_simulation_leaves_no_files(number: int, tmp_path: Path) -> None:
