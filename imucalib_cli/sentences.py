@@ -86,18 +86,18 @@ _FORMS: dict[str, Callable[[Any], str]] = {
         "accelerometer": "point up at rest",
         "gyroscope": "be right-handed",
     }.__getitem__,
-    "cure": lambda name: (
-        "it bends under gravity, differently in each pose; stiffen the mount, or record slower "
-        "motion"
-        if name == "mount_give"
-        else "check units, ranges, axes and the URDF"
-    ),
 }
 _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "±": with_std,
     "apart": _apart_from,
     "rates": _rates,
     "/": lambda value, other: f"{value / other:.2g}",
+    "cure": lambda name, negative: (
+        "it bends under gravity, differently in each pose; stiffen the mount, or record slower "
+        "motion"
+        if name == "mount_give" and not negative
+        else "check units, ranges, axes and the URDF"
+    ),
     "before": lambda value, std: str(max(math.floor(value - std), 0)),
     "after": lambda value, std: str(math.ceil(value + std)),
 }

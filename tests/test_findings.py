@@ -60,6 +60,23 @@ def test_a_code_is_an_area_and_a_name() -> None:
         assert code == "text" or (area.isidentifier() and name.isidentifier()), code
 
 
+@pytest.mark.parametrize("negative", [False, True])
+def test_only_a_positive_compliance_bends(negative: bool) -> None:
+    found = untrusted(
+        "unknown.implausible",
+        name="mount_give",
+        words="compliance of the mount or the arm",
+        unit="m/(m/s²)",
+        label="x",
+        value=-2e-4 if negative else 2e-4,
+        std=1e-6,
+        limit=1e-4,
+        negative=negative,
+        other=None,
+    )
+    assert ("bends under gravity" in found.message) != negative
+
+
 EXAMPLES = (
     warning("log.cut_short", file="a.mcap", what="file", byte=10, size=20),
     warning("imu.frames_mixed", topic="/imu", count=2, frame="imu", others=["a", "b"]),

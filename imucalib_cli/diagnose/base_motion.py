@@ -25,6 +25,8 @@ _NOISES: Final = 8.0
 """Times the sensor's own noise that its motion must reach."""
 _SHARE: Final = 0.3
 """Share of the residual in motion that the one at rest must reach, else the rest is sound."""
+_WINDOW: Final = 0.2
+"""s: short beside a pause of a robot, long beside the period of its vibration."""
 _LEAST: Final = 15
 """Windows at rest, half of one apart: a second and a half."""
 
@@ -33,7 +35,7 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
     """Name a base that moves although the log does not say so."""
     state, full = given.lean.state, given.lean.model.windowing
     dt, degree = full.grid.dt, full.plan.degree
-    length = max(odd_length(0.2 / dt), shortest_length(degree))
+    length = max(odd_length(_WINDOW / dt), shortest_length(degree))
     windowing = replace(full, plan=plan_windows(length, degree, dt, hop=max(length // 2, 1)))
     model = replace(given.lean.model, windowing=windowing)
     centres = model.centres(state)

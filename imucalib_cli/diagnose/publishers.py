@@ -24,6 +24,14 @@ _ALIKE = 0.25
 """Spread of the jumps' sizes over their size: noise has 0.5 and more."""
 _OVER_STEPS = 4.0
 """Least size of the jumps over that of the steps between."""
+_BACK = 0.9
+"""Least share of jumps that the next one takes back: of noise it is two thirds."""
+_OFTEN = 0.15
+"""Least share of steps that jump: a second publisher of a tenth of the rate makes a fifth."""
+_LEAST_VALUES = 50
+"""Fewer values have too few jumps to tell these shares from those of noise."""
+_HARMLESS = 1e-4
+"""rad or m: smaller jumps do no harm."""
 
 
 def find_rival_publishers(path: KinematicPath) -> Finding | None:
@@ -59,13 +67,13 @@ def _used(path: KinematicPath, index: int) -> tuple[int, ...]:
 
 def _jump(values: Floats) -> float | None:
     """Size of the jumps between two curves; None where there is one curve."""
-    if len(values) < 50:
+    if len(values) < _LEAST_VALUES:
         return None
     steps = np.diff(values)
     size = np.abs(steps)
     # A jump away and the next one back: large, and of opposite sign in their order.
     large = size > 0.5 * np.percentile(size, 98)
-    if large.mean() < 0.15 or not large.any():
+    if large.mean() < _OFTEN or not large.any():
         return None
     signs = np.sign(steps[large])
     back = float(np.mean(signs[1:] != signs[:-1]))
@@ -78,8 +86,8 @@ def _jump(values: Floats) -> float | None:
     # With both publishers in strict turns there is no step along one curve to compare with.
     along = float(np.median(apart)) / 2.0 if large.all() else rest
     if (
-        back > 0.9
-        and typical > 1e-4  # rad or m: smaller jumps do no harm
+        back > _BACK
+        and typical > _HARMLESS
         and spread < _ALIKE * typical
         and typical > _OVER_STEPS * max(along, count)
     ):

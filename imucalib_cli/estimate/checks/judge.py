@@ -386,7 +386,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             C += np.diag((changes**2).max(axis=0))
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
         # The first three are along the axes: others of a positive matrix have either sign.
-        below = unknown.positive and value[:3].sum() < 0.0
+        below = unknown.positive and bool(value[:3].sum() < 0.0)
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
             # Within two sigmas of a stated prior, a bias is as stated.
@@ -407,6 +407,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 value=values[worst],
                 std=stds[worst],
                 limit=limit,
+                negative=below,
                 other=None if other is None else other.seconds,
             )
         elif (np.abs(value) > DISTRUST_SIGMAS * std).any() and not below:
