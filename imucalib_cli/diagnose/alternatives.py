@@ -30,7 +30,6 @@ from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, JointCurve, Unknow
 from imucalib_cli.estimate.model.windows import Windowing
 from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit
 from imucalib_cli.signals.prepare import clean_imu
-from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
 from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.trajectory import Trajectory
@@ -43,6 +42,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.samples import ImuSamples
 
 
 _SECONDS: Final = 60.0
@@ -227,7 +227,7 @@ def given_trial(
 
 def _liveliest(samples: ImuSamples) -> ImuSamples:
     """The stretch with the most motion."""
-    clean = clean_imu(samples)
+    clean = clean_imu(samples).samples
     t = clean.t
     if t[-1] - t[0] <= _SECONDS:
         return samples
@@ -243,7 +243,7 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
     best = int(np.argmax(so_far[ends] - so_far[starts]))
     begin = t[starts[best]]
     kept = (samples.t >= begin) & (samples.t <= begin + _SECONDS)
-    return ImuSamples(t=samples.t[kept], gyro=samples.gyro[kept], accel=samples.accel[kept])
+    return samples.at(kept)
 
 
 def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
     from imucalib_cli.signals.prepare import CleanImu
+    from imucalib_cli.signals.samples import ImuSamples
 
 _OFFSETS: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 """Sigmas of the time offset, at which other offsets are tried on either side."""
@@ -121,12 +122,8 @@ class Details:
     """The same windows with other values of the unknowns, in the layout of the fit."""
     half_window: float
     """s: extent of a window to either side of its instant."""
-    imu_t: Floats
-    """(N,), s of the log: the IMU's samples as used, in order, spikes bridged."""
-    imu_accel: Floats
-    """(N, 3), IMU axes, m/s²."""
-    imu_gyro: Floats
-    """(N, 3), IMU axes, rad/s."""
+    imu: ImuSamples
+    """As used: in order, spikes bridged."""
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
     stretches: LogParts | None
@@ -150,9 +147,7 @@ def details_of(
         windows=window_series(fit, fit.state),
         windows_of=partial(window_series, fit),
         half_window=0.5 * grid.dt * (plan.length - 1),
-        imu_t=clean.t,
-        imu_accel=clean.accel,
-        imu_gyro=clean.gyro,
+        imu=clean.samples,
         spectra=log.spectra,
         stretches=parts_of_log(log, np.sqrt(np.diag(covariance))),
         dependence=dependence,

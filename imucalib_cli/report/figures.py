@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.details import Details, OffsetProfile, Spectrum, WindowSeries
     from imucalib_cli.report.chart import Data, Style
     from imucalib_cli.results.result import Result, TimeOffset
+    from imucalib_cli.signals.samples import Sensor
 
 _AXES = "xyz"
 _TIME = "time of the log, s"
@@ -94,18 +95,18 @@ def figures(material: Material) -> Iterator[Figure]:
         yield _figure("parameters", drawing=parameter_table(parameters))
 
 
-def _motion(material: Material, details: Details, sensor: str) -> Figure:
+def _motion(material: Material, details: Details, sensor: Sensor) -> Figure:
     series, result = details.windows, material.result
     _, quantity, unit = _SENSORS[sensor]
     measured = np.asarray(getattr(series, f"{sensor}_measured"))
     predicted = np.asarray(getattr(series, f"{sensor}_predicted"))
     bias = result.accel_bias if sensor == "accel" else result.gyro_bias
-    samples = getattr(details, f"imu_{sensor}") - np.array(bias.value)
+    samples = details.imu.of(sensor) - np.array(bias.value)
     plots = []
     for axis, name in enumerate(_AXES):
         at = thinned(np.stack([measured[:, axis], predicted[:, axis]], axis=1))
         t = series.t[at]
-        band = ranges(details.imu_t, samples[:, axis : axis + 1], t)[:, 0]
+        band = ranges(details.imu.t, samples[:, axis : axis + 1], t)[:, 0]
         band[np.isnan(measured[at, axis])] = np.nan
         traces = (
             trace("samples, less bias", band, "band", "faint"),

@@ -18,6 +18,7 @@ from imucalib_cli.signals.timing.stamps import (
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.signals.samples import ImuSamples
 
 _POINTS = 4
 """Cubics through four samples, as in the quadrature of the filters."""
@@ -51,18 +52,17 @@ class ImuGrid:
         return np.asarray(self.t0 + self.dt * np.arange(len(self.usable)), dtype=np.float64)
 
 
-def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid:
+def imu_grid(imu: ImuSamples, refine: int = 1) -> ImuGrid:
     """Interpolate IMU samples on an even grid by local cubics; samples on the grid are copied.
 
     Args:
-        t: (N,), s, strictly increasing.
-        gyro: (N, 3).
-        accel: (N, 3).
+        imu: Strictly increasing in time.
         refine: Grid points per IMU interval.
 
     Raises:
         InputError: Nearly all of the time is gaps, for which a grid would need memory too.
     """
+    t = imu.t
     interval = sample_interval(t)
     span = float(t[-1] - t[0])
     if span > _MOST_EMPTY * len(t) * interval + _ALWAYS_HELD * interval:
@@ -76,7 +76,7 @@ def imu_grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid
     grid = t[0] + dt * np.arange(count)
     nearest = np.clip(np.searchsorted(t, grid - 0.5 * dt), 0, len(t) - 1)
     on_grid = np.abs(t[nearest] - grid) < EXACT_SECONDS
-    values, breaks = np.hstack([gyro, accel]), gap_breaks(t)
+    values, breaks = np.hstack([imu.gyro, imu.accel]), gap_breaks(t)
     placed, off = values[nearest], np.flatnonzero(~on_grid)
     if len(off):
         placed[off] = lagrange(t, values, grid[off], points=_POINTS, breaks=breaks)

@@ -29,13 +29,12 @@ _MOST_REFINE = 10
 
 @dataclass(frozen=True, eq=False)
 class CleanImu:
-    """IMU samples in order, spikes bridged."""
+    """An IMU ready for the fit."""
 
-    t: Floats
+    samples: ImuSamples
+    """In order, spikes bridged."""
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
-    gyro: Floats
-    accel: Floats
     spikes: int
     tidy: TidyRows
 
@@ -45,20 +44,22 @@ class CleanImu:
         If joints are faster than the IMU, a coarser grid would lose samples that average encoder
         noise.
         """
-        t = self.ticks.t if use_ticks and self.ticks is not None else self.t
-        interval = float(np.median(np.diff(t)))
+        imu = self.samples
+        if use_ticks and self.ticks is not None:
+            imu = replace(imu, t=self.ticks.t)
+        interval = float(np.median(np.diff(imu.t)))
         refine = round(interval / robot_interval) if robot_interval > 0.0 else 1
-        grid = imu_grid(t, self.gyro, self.accel, min(max(refine, 1), _MOST_REFINE))
+        grid = imu_grid(imu, min(max(refine, 1), _MOST_REFINE))
         return replace(grid, noise=self.noise)
 
     def reversed(self) -> CleanImu:
         """The same samples with the accelerometer's sign reversed."""
-        return replace(self, accel=-self.accel)
+        return replace(self, samples=replace(self.samples, accel=-self.samples.accel))
 
     @cached_property
     def noise(self) -> tuple[float, float]:
         """White noise of a sample, m/s² and rad/s, root mean square over the axes."""
-        return noise_level(self.accel), noise_level(self.gyro)
+        return noise_level(self.samples.accel), noise_level(self.samples.gyro)
 
 
 def clean_imu(imu: ImuSamples) -> CleanImu:
@@ -77,7 +78,8 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
     gyro, gyro_spikes = _bridged(t, tidy.of(imu.gyro), _SPIKE_FLOOR_GYRO)
     accel, accel_spikes = _bridged(t, tidy.of(imu.accel), _SPIKE_FLOOR_ACCEL)
     spikes = int((gyro_spikes | accel_spikes).sum())
-    return CleanImu(t, constant_rate_ticks(t), gyro, accel, spikes, tidy)
+    samples = replace(imu, t=t, gyro=gyro, accel=accel)
+    return CleanImu(samples, constant_rate_ticks(t), spikes, tidy)
 
 
 def _bridged(t: Floats, values: Floats, floor: float) -> tuple[Floats, Bools]:

@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.signals.grid import imu_grid
+from imucalib_cli.signals.grid import ImuGrid, imu_grid
+from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.timing.stamps import EXACT_SECONDS
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import compare_turning
@@ -20,11 +21,15 @@ def _signal(t: Floats) -> tuple[Floats, Floats]:
     return np.sin(3 * t[:, None] + phases), 5 * np.cos(2 * t[:, None] + phases)
 
 
+def _grid(t: Floats, gyro: Floats, accel: Floats, refine: int = 1) -> ImuGrid:
+    return imu_grid(ImuSamples(t=t, gyro=gyro, accel=accel), refine)
+
+
 def test_samples_at_constant_rate_are_copied() -> None:
     t = 12.5 + np.arange(2000) / 200.0
     rng = np.random.default_rng(0)
     gyro, accel = rng.normal(size=(2, 2000, 3))
-    grid = imu_grid(t, gyro, accel)
+    grid = _grid(t, gyro, accel)
     np.testing.assert_array_equal(grid.gyro, gyro)
     np.testing.assert_array_equal(grid.accel, accel)
     np.testing.assert_allclose(grid.t, t, atol=1e-9)
@@ -38,7 +43,7 @@ def test_lost_samples_are_bridged_and_the_rest_copied() -> None:
     kept[[0, -1]] = True
     gyro, accel = _signal(t)
     mark = accel + np.random.default_rng(2).normal(size=accel.shape) * 1e-3
-    grid = imu_grid(t[kept], gyro[kept], mark[kept])
+    grid = _grid(t[kept], gyro[kept], mark[kept])
     assert len(grid.usable) == 4000
     np.testing.assert_array_equal(grid.accel[kept], mark[kept])
     np.testing.assert_allclose(grid.gyro, gyro, atol=1e-6)
@@ -48,7 +53,7 @@ def test_lost_samples_are_bridged_and_the_rest_copied() -> None:
 def test_jittered_samples_are_interpolated_at_their_stamps() -> None:
     rng = np.random.default_rng(3)
     t = np.arange(4000) / 200.0 + rng.uniform(-1e-3, 1e-3, 4000)
-    grid = imu_grid(t, *_signal(t))
+    grid = _grid(t, *_signal(t))
     gyro, accel = _signal(grid.t)
     inner = slice(3, -3)
     # Stamps within EXACT_SECONDS of the grid are copied: off by that times the slope, 3 and 10.
@@ -61,7 +66,7 @@ def test_rows_in_a_gap_are_unusable_and_neighbours_clean() -> None:
     kept = (t <= 5.0) | (t >= 6.3)
     gyro, accel = _signal(t)
     accel[t > 5.5] += 1000.0
-    grid = imu_grid(t[kept], gyro[kept], accel[kept])
+    grid = _grid(t[kept], gyro[kept], accel[kept])
     np.testing.assert_array_equal(grid.usable, kept)
     assert grid.gaps == 1
     np.testing.assert_array_equal(grid.accel[kept], accel[kept])
@@ -74,7 +79,7 @@ def test_jittered_samples_are_not_mixed_across_a_gap() -> None:
     gyro, accel = _signal(t)
     late = t > 5.5
     accel[late] += 1000.0
-    grid = imu_grid(t, gyro, accel)
+    grid = _grid(t, gyro, accel)
     expected = _signal(grid.t)[1] + 1000.0 * (grid.t > 5.5)[:, None]
     inner = np.flatnonzero(grid.usable)[3:-3]
     np.testing.assert_allclose(grid.accel[inner], expected[inner], atol=10 * EXACT_SECONDS)
@@ -84,7 +89,7 @@ def test_jittered_samples_are_not_mixed_across_a_gap() -> None:
 def test_finer_grid_keeps_samples_and_interpolates_between(refine: int) -> None:
     t = np.arange(1000) / 100.0
     gyro, accel = _signal(t)
-    grid = imu_grid(t, gyro, accel, refine)
+    grid = _grid(t, gyro, accel, refine)
     assert grid.dt == pytest.approx(0.01 / refine)
     np.testing.assert_array_equal(grid.gyro[::refine], gyro)
     np.testing.assert_allclose(grid.accel, _signal(grid.t)[1], atol=1e-6)
@@ -96,9 +101,9 @@ def test_stamps_spanning_years_are_refused(monkeypatch: pytest.MonkeyPatch) -> N
     t, values = np.arange(1000) / 100, np.zeros((1000, 3))
     t[500:] += 1.7e9
     with pytest.raises(InputError, match=r"span 1\.7e\+09 s, but its 1000 samples fill"):
-        imu_grid(t, values, values)
+        _grid(t, values, values)
     monkeypatch.setattr(Trajectory, "span", (0.0, 10.0), raising=False)
     with pytest.raises(InputError, match="cannot fill"):
         compare_turning(t, values, object.__new__(Trajectory), 1.0)
     t[500:] -= 1.7e9 - 60.0
-    assert imu_grid(t, values, values).gaps == 1
+    assert _grid(t, values, values).gaps == 1

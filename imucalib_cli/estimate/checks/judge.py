@@ -288,7 +288,8 @@ def _strikes(evidence: Evidence) -> Iterator[Finding]:
 def _sampled(evidence: Evidence) -> Iterator[Finding]:
     """Of the IMU and of the base IMU: motion between samples, and samples that stand alone."""
     clean, windowing = evidence.attempt.clean, evidence.fit.model.windowing
-    imus = [(evidence.topic, clean.accel, sample_interval(clean.t), clean.spikes)]
+    own = clean.samples
+    imus = [(evidence.topic, own.accel, sample_interval(own.t), clean.spikes)]
     imus += [
         (each.name, each.readings.accel, each.readings.dt, each.spikes)
         for each in windowing.trajectory.tracks

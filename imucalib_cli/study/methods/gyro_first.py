@@ -108,7 +108,7 @@ def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
     imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     if len(imu.t) < 10:
         raise InputError(f"{len(imu.t)} usable IMU samples: record a longer log")
-    grid = imu_grid(imu.t, imu.gyro, imu.accel)
+    grid = imu_grid(imu)
     samples = 2 * max(round(seconds / grid.dt / 2), (degree + 1) // 2 + 1) + 1
     starts = np.arange(len(grid.usable) - samples + 1)
     first = starts[all_hold(grid.usable, starts, samples)]
