@@ -35,7 +35,7 @@ _NEEDED = (
     "imucalib_cli.estimate.details",
     "imucalib_cli.estimate.matched",
     "imucalib_cli.logs.messages.decode",
-    "imucalib_cli.logs.scan",
+    "imucalib_cli.logs.chunked.scan",
     "imucalib_cli.logs.slow",
     "imucalib_cli.logs.messages.wire",
     "imucalib_cli.results.codec",

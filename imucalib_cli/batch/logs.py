@@ -14,7 +14,7 @@ from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.input.reading import path_text
 from imucalib_cli.logs.open import holds_log, is_own_output
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
-from imucalib_cli.logs.tum_euroc import TABLES
+from imucalib_cli.logs.text.tum_euroc import TABLES
 from imucalib_cli.results.atomic import identity
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, warning, warnings
-from imucalib_cli.logs.csv_file import CsvFile
 from imucalib_cli.logs.messages.protobuf import EXTRA, is_damaged, is_installed
 from imucalib_cli.logs.messages.shapes import numbers_of
 from imucalib_cli.logs.messages.table import MESSAGE_TYPES
 from imucalib_cli.logs.open import READERS, open_files
 from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
+from imucalib_cli.logs.text.csv_file import CsvFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

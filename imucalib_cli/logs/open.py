@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.bag_file import BagFile
-from imucalib_cli.logs.chunks import ChunkedFile, NoIndexError
-from imucalib_cli.logs.csv_file import NAMES, CsvFile
+from imucalib_cli.logs.bag.file import BagFile
+from imucalib_cli.logs.chunked.chunks import ChunkedFile, NoIndexError
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.mcap.file import McapFile
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
-from imucalib_cli.logs.tum_euroc import TABLES, EurocTable, TumFile
+from imucalib_cli.logs.text.csv_file import NAMES, CsvFile
+from imucalib_cli.logs.text.tum_euroc import TABLES, EurocTable, TumFile
 from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:

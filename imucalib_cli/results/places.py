@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.open import holds_log
-from imucalib_cli.logs.tum_euroc import TABLES
+from imucalib_cli.logs.text.tum_euroc import TABLES
 from imucalib_cli.results.atomic import check_writable, identity
 
 if TYPE_CHECKING:

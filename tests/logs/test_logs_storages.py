@@ -202,13 +202,13 @@ def test_chunks_without_wanted_topics_are_not_decompressed(
     log = open_log([path])
     unpacked = []
 
-    inflate = importlib.import_module("imucalib_cli.logs.inflate").inflate
+    inflate = importlib.import_module("imucalib_cli.logs.chunked.inflate").inflate
 
     def counting(*arguments: Any) -> Any:
         unpacked.append(1)
         return inflate(*arguments)
 
-    monkeypatch.setattr("imucalib_cli.logs.chunks.inflate", counting)
+    monkeypatch.setattr("imucalib_cli.logs.chunked.chunks.inflate", counting)
     log.read(["/tf_static"])
     assert len(unpacked) == 1
     unpacked.clear()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
+from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
@@ -185,7 +185,7 @@ class McapFile(ChunkedFile):
         return Located(data, starts, sizes, heads["log_time"].astype(np.int64)), sound
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
         file.seek(at)
         head = file.read(HEAD_ROOM)
         if len(head) < RECORD_HEAD.size:
@@ -217,7 +217,7 @@ class McapFile(ChunkedFile):
 
     @staticmethod
     def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
         view = data.data
         found: dict[int, list[tuple[int, int]]] = {}
         at, end = 0, len(view)
@@ -239,7 +239,7 @@ class McapFile(ChunkedFile):
         return {channel: np.array(rows, dtype=np.int64) for channel, rows in found.items()}, at
 
     def find_record(self, file: BinaryIO, start: int) -> int | None:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
         for base in range(start, self.size, _SEARCHED):
             file.seek(base)
             data = np.frombuffer(file.read(_SEARCHED + RECORD_HEAD.size - 1), dtype=np.uint8)

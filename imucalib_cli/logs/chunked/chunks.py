@@ -16,8 +16,8 @@ import numpy as np
 
 from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
+from imucalib_cli.logs.chunked.inflate import SLACK, Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.inflate import SLACK, Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
@@ -142,7 +142,7 @@ class ChunkedFile(ABC):
     """The file's name in messages about a truncated file."""
 
     def __init__(self, path: LogPath) -> None:
-        from imucalib_cli.logs.scan import scan
+        from imucalib_cli.logs.chunked.scan import scan
 
         self.path = path
         self._file = path

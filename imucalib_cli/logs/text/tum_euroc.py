@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, ClassVar
 
-from imucalib_cli.logs.csv_file import CsvFile
+from imucalib_cli.logs.text.csv_file import CsvFile
 
 if TYPE_CHECKING:
     from pathlib import Path

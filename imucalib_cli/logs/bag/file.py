@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.findings import note
-from imucalib_cli.logs.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
+from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.reader import Located, cut_values
 from imucalib_cli.logs.remote.file import announce
@@ -128,7 +128,7 @@ class BagFile(ChunkedFile):
         return Located(data, starts, sizes, entries[:, 0]), has_head & sound
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
         if at >= self.size:
             return Record("end", at)
         head, start, size = read_head(file, at)
@@ -150,7 +150,7 @@ class BagFile(ChunkedFile):
 
     @staticmethod
     def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
-        """See :class:`~imucalib_cli.logs.chunks.ChunkedFile`."""
+        """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
         cursor = Cursor(data.data)
         found: dict[int, list[tuple[int, int]]] = {}
         at = 0

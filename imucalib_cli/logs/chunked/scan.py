@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.chunks import Chunk, Contents
+from imucalib_cli.logs.chunked.chunks import Chunk, Contents
 from imucalib_cli.logs.damage import DamageError, Tally
 
 if TYPE_CHECKING:
-    from imucalib_cli.logs.chunks import ChunkedFile
+    from imucalib_cli.logs.chunked.chunks import ChunkedFile
 
 _BARE_RUN = 1 << 22
 """Bytes of messages outside of chunks read at a time."""

@@ -1,0 +1,1 @@
+"""What bags and MCAP files share: chunks, and one pass over them."""

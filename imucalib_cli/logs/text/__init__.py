@@ -1,0 +1,1 @@
+"""Logs of plain text: CSV files, TUM and EuRoC folders."""
