@@ -105,11 +105,10 @@ class MatchedOptions:
     def prior_std(self, unknown: Unknown) -> Floats | None:
         """Prior of an entry of the table, 1 sigma; None: learn it, 0: hold it."""
         held = {
-            "gravity": not self.has_gravity,
             "sensor": self.sensor_model == "ideal",
             "robot": self.robot == "exact",
         }
-        if held.get(unknown.group):
+        if held.get(unknown.group) or (unknown.needs_gravity and not self.has_gravity):
             return np.zeros(1)
         stated = self._stated_stds()
         if unknown.name in stated:

@@ -67,7 +67,7 @@ def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slic
         if origin.what == "rotation":
             # Nominal axes: noise that turns parallel axes apart would make their zeros known.
             x[each.part] = 0.0
-    chain = Chain.of(model.windowing.trajectory, model.layout, x)
+    chain = Chain.of(model.windowing.trajectory, model.layout, x, state.gravity)
     for part in blocks(centres, plan.hop, BLOCK):
         yield part, _block_columns(model, nodes, chain, state, centres[part])
 
@@ -140,6 +140,8 @@ class _Nodes:
     """(3, 3, M) and (3, M) each."""
     values: tuple[Floats, ...]
     rates: tuple[Floats, ...]
+    loads: dict[str, Floats]
+    """(M,) each, Nm/kg, of joints that may bend."""
     path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
@@ -319,7 +321,8 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
             turn, shift = nodes.twist(placed.joint)
-            curve = effect.basis(q, rate)[:, None]
+            load = nodes.loads.get(placed.joint.name, rate)
+            curve = effect.basis(q, rate, load)[:, None]
             force = cross(turn, nodes.force, -2)
             for name, along in (("turn", turn), ("shift", shift), ("force", force)):
                 channels[name].append((part, curve * along))
@@ -410,6 +413,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         frames=frames,
         values=values,
         rates=rates,
+        loads={} if chain.loads is None else chain.loads.at(t),
         path=chain.path,
         gravity=state.gravity,
         base=base,

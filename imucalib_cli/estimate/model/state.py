@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.model.loads import Loads
 from imucalib_cli.estimate.model.unknowns import (
     Clock,
     Gravity,
@@ -93,9 +94,11 @@ class Chain:
     scales: tuple[tuple[int, float], ...] = ()
     """Errors of pose streams: track, relative."""
     base: ReckonedBase | None = None
+    loads: Loads | None = None
+    """Where a joint may bend."""
 
     @classmethod
-    def of(cls, trajectory: Trajectory, layout: Layout, x: Floats) -> Chain:
+    def of(cls, trajectory: Trajectory, layout: Layout, x: Floats, gravity: Floats) -> Chain:
         """The chain for given values of the unknowns."""
         steps: list[Step] = list(trajectory.path.steps)
         for each, origin in layout.of(Origin):
@@ -124,6 +127,7 @@ class Chain:
                 if each.joint is not None and x[each.part].any()
             ),
             scales=tuple(streams["scale"].items()),
+            loads=Loads.of(trajectory, layout, gravity),
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:
@@ -136,9 +140,12 @@ class Chain:
         """Values of every track, errors removed, and their rates."""
         values, rates = self.trajectory.values_and_rates(t)
         reported = tuple(each.copy() for each in values) if self.curves else values
+        bends = any(curve.loaded for _, curve, _ in self.curves)
+        loads = self.loads.at(t) if self.loads is not None and bends else {}
         for joint, curve, size in self.curves:
             q, rate = (each[joint.track][:, joint.column] for each in (reported, rates))
-            values[joint.track][:, joint.column] += size @ curve.basis(q, rate)
+            error = size @ curve.basis(q, rate, loads.get(joint.name, rate))
+            values[joint.track][:, joint.column] += error
         return self._corrected(values, t), rates
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:

@@ -84,8 +84,10 @@ class Reading:
 class JointCurve:
     """Error of a joint's position: true = reported + value * basis(reported, rate)."""
 
-    basis: Callable[[Floats, Floats], Floats]
-    """Of (M,) positions, rad or m, and (M,) rates; gives (size, M)."""
+    basis: Callable[[Floats, Floats, Floats], Floats]
+    """Of (M,) positions, rad or m, (M,) rates and (M,) loads, Nm/kg; gives (size, M)."""
+    loaded: bool = False
+    """Whether it is a function of the load (model/loads.py); else that may be anything."""
     every: bool = True
     """For every joint that moves; else for those after the first that moves, without the last."""
     sliding: bool = True
@@ -198,6 +200,12 @@ class Unknown:
         return isinstance(self.effect, (JointCurve, Origin, PoseStream, OfBase))
 
     @property
+    def needs_gravity(self) -> bool:
+        """Whether it has no effect where there is no gravity."""
+        effect = self.effect
+        return isinstance(effect, Gravity) or (isinstance(effect, JointCurve) and effect.loaded)
+
+    @property
     def is_sensor_scale(self) -> bool:
         """Whether it is stated as measured over true."""
         return self.scale == "sensor_scale"
@@ -286,6 +294,7 @@ SCALES: Final[dict[str, Scale]] = {
     "joint_axis": Scale(low=2e-6, high=5e-3, like={"length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_lag": Scale(low=5e-7, high=4e-3),
+    "joint_sag": Scale(low=3e-7, high=2e-3),
     "joint_play": Scale(low=3e-7, high=1e-3),
 }
 """From as good as exact to the worst that is sold, in the unit of their entries.
@@ -499,7 +508,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_zero",
         healthy=0.02,
-        effect=JointCurve(lambda q, _: np.ones((1, len(q))), every=False, sliding=False),
+        effect=JointCurve(lambda q, *_: np.ones((1, len(q))), every=False, sliding=False),
         words="zero of a joint: true less reported position",
     ),
     Unknown(
@@ -508,7 +517,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_harmonic",
         healthy=0.01,
-        effect=JointCurve(lambda q, _: np.stack([np.sin(q), np.cos(q)]), sliding=False),
+        effect=JointCurve(lambda q, *_: np.stack([np.sin(q), np.cos(q)]), sliding=False),
         words="joint error once a turn (eccentric encoder)",
     ),
     Unknown(
@@ -518,7 +527,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         # A cycle of a slow controller. From there on its second order, of which no column knows,
         # is more than the zeros of an ordinary arm are off.
         healthy=0.01,
-        effect=JointCurve(lambda _, rate: rate[None]),
+        effect=JointCurve(lambda _, rate, __: rate[None]),
         words="delay of a joint's position",
     ),
     Unknown(
@@ -526,8 +535,17 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_play",
         healthy=0.005,
-        effect=JointCurve(lambda _, rate: np.tanh(rate / PLAY_RATE)[None]),
+        effect=JointCurve(lambda _, rate, __: np.tanh(rate / PLAY_RATE)[None]),
         words="play of a joint, to either side with its motion",
+    ),
+    Unknown(
+        name="joint_sag",
+        unit="rad/(Nm/kg)",
+        scale="joint_sag",
+        healthy=2e-3,
+        effect=JointCurve(lambda *of: of[2][None], loaded=True, sliding=False),
+        positive=True,
+        words="bending of a joint under the weight that it carries",
     ),
     Unknown(
         name="origin",

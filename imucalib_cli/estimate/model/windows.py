@@ -85,12 +85,14 @@ class WindowPlan:
         return np.asarray(self.gains * np.sqrt(self.hop))
 
 
-def plan_windows(length: int, degree: int, dt: float, hop: int | None = None) -> WindowPlan:
+def plan_windows(
+    length: int, degree: int, dt: float, hop: int | None = None, nodes: int = NODES
+) -> WindowPlan:
     """Filters for windows of ``length`` samples, odd, spaced ``dt`` seconds.
 
     The hop between windows is a third of a window by default.
     """
-    node = max((length - 1) // NODES, 1)
+    node = max((length - 1) // nodes, 1)
     if hop is None:
         hop = node * max(length // node // WINDOWS_PER_LENGTH, 1)
     while hop % node:
