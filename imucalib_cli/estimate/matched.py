@@ -25,7 +25,7 @@ from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.solution.robust import residual_scales
-from imucalib_cli.estimate.window_choice import choose_window
+from imucalib_cli.estimate.window_choice import choose_window, is_drowned
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.trajectory import Trajectory
@@ -45,8 +45,12 @@ _CLEARLY_BETTER: Final = 0.3
 """Least fall of the logarithm of both residual scales from which jittered stamps are believed: in
 noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better."""
 _ENOUGH_WINDOWS: Final = 50
-"""Windows, overlapping fourfold, that make a dozen independent ones; more windows than that are not
-sought below 0.1 s, where the noise of the kinematics' derivatives drowns all else."""
+"""Windows, overlapping fourfold, that make a dozen independent ones."""
+_ENOUGH_IF_NOISY: Final = 20
+"""Five independent windows: more of them that are shorter say less, and the many unknowns then fit
+the noise of the kinematics."""
+_SHORTEST: Final = 0.1
+"""s: in shorter windows that noise drowns all else."""
 _RECORDED: Final = get_args(CorrectionName)
 """Entries of the table that results list under ``corrections`` where they stand clear."""
 
@@ -164,13 +168,13 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
     if offset is None:
         offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
     windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    while (  # too few windows fit into the log or between its gaps
-        options.window == WindowChoice()
-        and len(windowing.centres(offset)) < _ENOUGH_WINDOWS
-        and window.seconds > 0.1
-    ):
-        shorter = WindowChoice(seconds=0.7 * window.seconds)
-        length, window = choose_window(shorter, grid, trajectory, degree)
+    while options.window == WindowChoice() and window.seconds > _SHORTEST:
+        shorter = 0.7 * window.seconds
+        noisy = is_drowned(shorter, grid, trajectory)
+        if len(windowing.centres(offset)) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
+            break
+        # Too few windows fit into the log or between its gaps.
+        length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
         window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
         windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     lean = lean_fit(windowing, options, offset)

@@ -58,17 +58,23 @@ def choose_window(
 
 def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
-    accel, turning = max(grid.noise[0], COMMON_IMU[0]), lever_power(grid, trajectory)
+    turning = lever_power(grid, trajectory)
     for seconds in _LENGTHS:
-        # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
-        own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
-        drowned = kinematic_variance(seconds, trajectory)[0] > own
-        if attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION and not drowned:
+        is_lever_right = attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION
+        if is_lever_right and not is_drowned(seconds, grid, trajectory):
             if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
             reason = "automatic: long enough to reduce the noise of the kinematics below the IMU's"
             return seconds, reason
     return _LENGTHS[-1], "automatic: the longest, the kinematics are noisy"
+
+
+def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
+    """Whether noise of the kinematics is louder than the accelerometer's in windows of a length."""
+    accel = max(grid.noise[0], COMMON_IMU[0])
+    # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
+    own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
+    return kinematic_variance(seconds, trajectory)[0] > own
 
 
 def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float:
