@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.common import arguments, parallel, rms, table
-from benchmarks.robots import ANY, ROBOTS, ROWS, Row, row_of
+from benchmarks.robots import ANY, LINK_MASS, ROBOTS, ROWS, Row, row_of
 from benchmarks.sweeps import Job, Line, read
 from imucalib_cli.estimate.matched import best_attempt
 from imucalib_cli.estimate.model.unknowns import SCALES
@@ -56,6 +56,7 @@ def drawn_with(row: Row) -> dict[str, float]:
         "joint_harmonic": row.eccentricity,
         "joint_lag": row.lag,
         "joint_play": row.play,
+        "joint_sag": row.softness * LINK_MASS,
         "origin": row.origin,
         "joint_axis": row.axis,
         "pose_scale": row.track_scale,

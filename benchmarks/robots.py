@@ -49,6 +49,10 @@ MOUNT_RADIUS = 0.15
 """m: the IMU sits within this of the parent's origin."""
 MAX_OFFSET = 0.03
 """s: the time offset is uniform between this and its negative."""
+LINK_MASS = 10.0
+"""kg, of the first link; each further one has seven tenths, as arms have, by a random factor."""
+OFF_CENTRE = 0.02
+"""m, 1 sigma of each component: of a link's centre of mass from the middle of the link."""
 LEAD = 0.5
 """s the sensors run before the log starts, so that a driver's filter has settled."""
 TRACK_RATE = 100.0
@@ -146,6 +150,7 @@ class Row:
     eccentricity: float = 0.0  # of errors of the reading as sin q, and as cos q, rad
     lag: float = 0.0  # of each joint's reading behind the joint, s
     play: float = 0.0  # of the error that changes sign with the direction of motion, rad
+    softness: float = 0.0  # rad/Nm, of each joint by a random factor; weight bends it
     track_noise: tuple[float, float] = (0.0, 0.0)  # of a tracked base's components, m and rad
     track_scale: float = 0.0  # of the tracker's lengths
     track_delay: float = 0.0  # of its stamps behind those of the joints, s
@@ -198,6 +203,7 @@ ROWS = {
     "everyday": _EVERYDAY,
     "worn": replace(_EVERYDAY, eccentricity=4e-4, lag=1e-3, play=2e-4),
     "tilted": replace(_EVERYDAY, axis=1e-3),
+    "elastic": replace(_EVERYDAY, softness=5e-5),
     "late-tracker": replace(_QUIET, track_delay=5e-3),
     "gross-link": Row(noise=MEMS, long_link=0.01),
     "gross-zero": Row(noise=MEMS, gross_zero=0.01),
@@ -272,6 +278,7 @@ def row_of(name: str, seed: int) -> Row:
         driver=drivers[int(rng.integers(len(drivers)))],
         axis=size(5e-5, 2e-3),
         track_delay=size(2e-4, 8e-3),
+        softness=size(5e-7, 5e-5),
     )
 
 
@@ -372,6 +379,20 @@ class Truth:
             own = pin.getFrameClassicalAcceleration(self._model, self._data, self._imu, pin.LOCAL)
             forces.append(own.linear + gravity * place.rotation[2])
         return np.array(forces)
+
+    def torques(self, motion: Motion, t: Floats, rng: np.random.Generator) -> Floats:
+        """(N, joints), Nm, that hold the links against gravity; the base has no weight."""
+        model = self._model.copy()
+        ends = [model.jointPlacements[j].translation for j in range(self.base + 2, model.njoints)]
+        ends.append(model.frames[self._imu].placement.translation)
+        for place, end in enumerate(ends):
+            mass = LINK_MASS * 0.7**place * np.exp(0.3 * rng.normal())
+            centre = 0.5 * end + OFF_CENTRE * rng.normal(size=3)
+            link = pin.Inertia(mass, centre, np.zeros((3, 3)))
+            model.appendBodyToJoint(self.base + 1 + place, link, pin.SE3.Identity())
+        data = model.createData()
+        held = [pin.computeGeneralizedGravity(model, data, q).copy() for q in motion(t)[0]]
+        return np.array(held)[:, self.base :]
 
     def base_poses(self, motion: Motion, t: Floats) -> tuple[Floats, Floats]:
         """Of a moving base: (N, 3, 3) and (N, 3), m, in the world."""
@@ -561,6 +582,11 @@ def _tracks(
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
     read += row.encoder * noise_rng.normal(size=q.shape)
+    if row.softness:
+        # A motor's encoder reads more than the joint behind it, which the weight pulls down.
+        sag_rng = np.random.default_rng([*key, 2])
+        soft = row.softness * np.exp(0.5 * sag_rng.normal(size=count))
+        read += soft * truth.torques(motion, t, sag_rng)
     names = tuple(f"j{index}" for index in range(count))
     joints = Track(name="/joint_states", kind="joints", t=t, values=read, names=names)
     read_tracks, exact = (joints,), (replace(joints, values=q),)

@@ -82,6 +82,17 @@ def test_wrong_joint_axes_are_in_sigma(robot: str, seed: int) -> None:
     assert np.linalg.norm(found.sigma[:3]) < 3e-4
 
 
+@pytest.mark.parametrize(
+    ("robot", "seed"), slow_after(1, [("ur10e", 0), *((robot, 1) for robot in ROBOTS)])
+)
+def test_joints_that_bend_under_weight_are_corrected(robot: str, seed: int) -> None:
+    """By some milliradians, as pinocchio's gravity on links of other masses bends them."""
+    log, _ = everyday(robot, "elastic", seed)
+    found, rigid = solve(log), solve_exact(log)
+    assert found.covered
+    assert np.linalg.norm(found.error[3:]) < 0.5 * np.linalg.norm(rigid.error[3:])
+
+
 @pytest.mark.parametrize("seed", slow_after(1, [401, 407]))
 def test_late_tracker_of_the_base_is_found(seed: int) -> None:
     """Its stamps are 7 and 5 ms off those of the joints."""

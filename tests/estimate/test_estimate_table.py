@@ -202,7 +202,7 @@ def _has(robot: str, name: str) -> bool:
     """Whether a robot has an unknown."""
     if name.startswith("base_"):
         return robot == RECKONED
-    if name.startswith("gravity_"):
+    if name.startswith("gravity_") or name == "joint_sag":
         return robot != RECKONED
     return robot == "mixed" or not name.startswith("pose_")
 
