@@ -173,6 +173,7 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
     "s²": (1e6, "ms²"),
     "s/s": (1e6, "µs a second"),
     "1": (100.0, "%"),
+    "rad/(Nm/kg)": (math.degrees(9.80665), "deg for each m of lever"),
     "m/(m/s²)": (1e3 * 9.80665, "mm for each g"),
 }
 """Units of the table of unknowns as people write them: factor and name; other units stay."""

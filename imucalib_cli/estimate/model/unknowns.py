@@ -294,16 +294,16 @@ SCALES: Final[dict[str, Scale]] = {
     "joint_axis": Scale(low=2e-6, high=5e-3, like={"length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_lag": Scale(low=5e-7, high=4e-3),
-    "joint_sag": Scale(low=3e-7, high=2e-3),
     "joint_play": Scale(low=3e-7, high=1e-3),
+    "joint_sag": Scale(low=3e-7, high=2e-3),
 }
 """From as good as exact to the worst that is sold, in the unit of their entries.
 
 A tenth of the best that is made cannot be distinguished from exact, as a simulated system is. The
 best are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on
-the output. The worst are consumer sensors, hobby arms, legs whose joints are zeroed by turning them
-to a stop by hand, encoders behind a worn gear, a field bus cycle of delay. The IMU on a moving base
-is placed by measured holes or by eye. Zeros are never assumed better than one arc minute, as on
+the output, joints of 1e6 Nm/rad. The worst are consumer sensors, hobby arms, legs whose joints are zeroed by turning them
+to a stop by hand, encoders behind a worn gear, a field bus cycle of delay, 20 kg on a joint of 1e4
+Nm/rad. The IMU on a moving base is placed by measured holes or by eye. Zeros are never assumed better than one arc minute, as on
 calibrated arms: zeros of joints that stand still in a log are known only from those of the others.
 
 Zeros and lengths are found by one measurement, whose error goes into either: at the end of a link
