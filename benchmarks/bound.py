@@ -81,7 +81,7 @@ def bound(line: Line) -> tuple[float, float, float]:
         if each.unknown.name not in FREE:
             std[each.part] = max(drawn.get(each.unknown.name, 0.0), KNOWN)
     known = _least(fit, std)
-    std[layout.part("gyro_misalignment")] = SCALES["sensor_axes"].high
+    std[layout.part("gyro_misalignment")] = SCALES["sensor_turn"].high
     return *known, _least(fit, std)[1]
 
 

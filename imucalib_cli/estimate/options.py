@@ -120,7 +120,12 @@ class MatchedOptions:
 
     def largest(self, scale: str) -> float:
         """Upper limit of a learnt scale by the sensor's data sheet; inf where there is none."""
-        sheet = {"sensor_scale": self.sensor_scale_most, "sensor_axes": self.sensor_axes_most}
+        axes = self.sensor_axes_most
+        sheet = {
+            "sensor_scale": self.sensor_scale_most,
+            "sensor_axes": axes,
+            "sensor_turn": axes,
+        }
         return sheet.get(scale, math.inf)
 
     def _stated_stds(self) -> dict[str, float | Floats]:

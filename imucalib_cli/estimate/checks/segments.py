@@ -24,6 +24,8 @@ FOLDS: Final = 12
 """Parts that are left out in turn."""
 _LEAST_SEGMENTS: Final = 2
 """Least distance of a change from either end of a log: longer than a shock."""
+_LEAST_WINDOWS: Final = 3.0
+"""The same in lengths of the window: as many as the whole log needs."""
 DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
@@ -157,6 +159,13 @@ class Segments:
         self.edges: Floats = np.linspace(first, last, PARTS + 1)
         """(PARTS + 1,), s of the log."""
 
+    @property
+    def _parts_in_window(self) -> float:
+        """Length of a window over that of a part."""
+        windowing = self._fit.model.windowing
+        seconds = windowing.plan.length * windowing.grid.dt
+        return seconds / float(self.edges[1] - self.edges[0])
+
     def _places(self, *names: str) -> Indices:
         wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
@@ -231,7 +240,10 @@ class Segments:
 
     def _likeliest_cut(self, part: Indices, wander: Floats) -> int | None:
         """Where a change explains most; None where it explains less than it costs everywhere."""
-        cuts = slice(_LEAST_SEGMENTS, len(self._A) - _LEAST_SEGMENTS + 1)
+        least = max(_LEAST_SEGMENTS, math.ceil(_LEAST_WINDOWS * self._parts_in_window))
+        cuts = slice(least, len(self._A) - least + 1)
+        if cuts.start >= cuts.stop:
+            return None
         cross, left, size = self._step(part, cuts)
         gain = squared_distance(size, inverse_of(left) + wander)
         gainful = gain > self._price(part)
@@ -247,7 +259,7 @@ class Segments:
             gainful &= gain >= 0.2 * left_over
         if not gainful.any():
             return None
-        return _LEAST_SEGMENTS + int(np.argmax(np.where(gainful, gain, 0.0)))
+        return least + int(np.argmax(np.where(gainful, gain, 0.0)))
 
     def _change(self, kind: Kind, part: Indices, cut: int, wander: Floats) -> Change:
         """A change of some components at a cut."""
@@ -261,8 +273,8 @@ class Segments:
         b[later] += self._A[later][:, :, part] @ size
         each = -(b @ inverse @ cross)
         each[later] += b[later][:, part]
-        scatter = C @ (each.T @ each) @ C * len(each) / (len(each) - 1.0)
-        C = np.where(np.trace(scatter @ left) > len(part), scatter, C) + wander
+        scatter = C @ self._sum_of_squares(each) @ C * len(each) / (len(each) - 1.0)
+        C = _larger(scatter, C) + wander
         evidence = squared_distance(size, C) - self._price(part)
         pose = self._places("translation", "rotation")
         low = high = cut  # in a gap the instant is unknown
@@ -282,6 +294,18 @@ class Segments:
             evidence=float(evidence),
             moves_pose=size if kind == "mount" else embedded(moved[pose], seen),
         )
+
+    def _sum_of_squares(self, each: Floats) -> Floats:
+        """(k, k), of contributions of the parts (p, k); parts that share a window are alike.
+
+        Source: Newey and West, Econometrica 55(3), 1987.
+        """
+        shared = math.ceil(self._parts_in_window)
+        total = each.T @ each
+        for apart in range(1, min(shared, len(each) - 1) + 1):
+            across = (1.0 - apart / (shared + 1.0)) * each[apart:].T @ each[:-apart]
+            total += across + across.T
+        return total
 
     def _wander(self, part: Indices) -> Floats:
         """Covariance of a step by the usual walk of a bias.
@@ -303,6 +327,15 @@ class Segments:
             np.median(steps, axis=0) / MEDIAN_CHI2 - np.median(expected, axis=0), 0.0
         )
         return np.diag(walked / _APART * len(self._A) / 3.0)
+
+
+def _larger(scatter: Floats, C: Floats) -> Floats:
+    """(k, k), the larger of two covariances along each of their common axes."""
+    root = np.linalg.cholesky(C)
+    back = np.linalg.inv(root)
+    values, axes = np.linalg.eigh(back @ scatter @ back.T)
+    along = root @ axes
+    return np.asarray((along * np.maximum(values, 1.0)) @ along.T)
 
 
 def parts_of_log(log: LogStatistics, std: Floats) -> LogParts | None:

@@ -284,6 +284,7 @@ _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 SCALES: Final[dict[str, Scale]] = {
     "sensor_scale": Scale(low=5e-7, high=2e-2),
     "sensor_axes": Scale(low=5e-7, high=2e-2),
+    "sensor_turn": Scale(low=5e-7, high=2e-2),
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
     "mount_give": Scale(low=3e-8, high=3e-3),
@@ -301,10 +302,15 @@ SCALES: Final[dict[str, Scale]] = {
 
 A tenth of the best that is made cannot be distinguished from exact, as a simulated system is. The
 best are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on
-the output, joints of 1e6 Nm/rad. The worst are consumer sensors, hobby arms, legs whose joints are zeroed by turning them
-to a stop by hand, encoders behind a worn gear, a field bus cycle of delay, 20 kg on a joint of 1e4
-Nm/rad. The IMU on a moving base is placed by measured holes or by eye. Zeros are never assumed better than one arc minute, as on
-calibrated arms: zeros of joints that stand still in a log are known only from those of the others.
+the output, joints of 1e6 Nm/rad. The worst are consumer sensors, hobby arms, legs whose joints are
+zeroed by turning them to a stop by hand, encoders behind a worn gear, a field bus cycle of delay,
+20 kg on a joint of 1e4 Nm/rad. The IMU on a moving base is placed by measured holes or by eye.
+Zeros are never assumed better than one arc minute, as on calibrated arms: zeros of joints that
+stand still in a log are known only from those of the others.
+
+The rotation between the triads of the two sensors is that of two chips in one package, and no log
+shows it without the pose. It is not assumed as small as the skews of each triad, which a log shows:
+a sensor that is square would then be taken to be without it.
 
 Zeros and lengths are found by one measurement, whose error goes into either: at the end of a link
 of half a metre they count alike. Axes come from the machine that makes the lengths: some hundredths
@@ -468,7 +474,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="gyro_misalignment",
         labels=_XYZ,
         unit="rad",
-        scale="sensor_axes",
+        scale="sensor_turn",
         healthy=0.05,
         effect=Reading("gyro", lambda s: -cross(np.eye(3)[:, None], s.gyro[None]), turns=True),
         words="rotation of the gyroscope's axes relative to the accelerometer's",
