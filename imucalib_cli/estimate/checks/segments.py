@@ -305,7 +305,7 @@ class Segments:
         for apart in range(1, min(shared, len(each) - 1) + 1):
             across = (1.0 - apart / (shared + 1.0)) * each[apart:].T @ each[:-apart]
             total += across + across.T
-        return total
+        return np.asarray(total)
 
     def _wander(self, part: Indices) -> Floats:
         """Covariance of a step by the usual walk of a bias.

@@ -20,6 +20,7 @@ from imucalib_cli.estimate.model.unknowns import (
 )
 from imucalib_cli.estimate.solution.scales import Prior
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
+from imucalib_cli.robot.rotations import cross
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -38,6 +39,8 @@ _INSTANTS = 200
 """Instants at which the chain is examined for motion."""
 _PERPENDICULAR = 1e-2
 """Cosine of axes that are perpendicular: a per cent of a wrong axis does not matter."""
+_DISPLACED = 1e-3
+"""m: a milliradian of a shorter lever is less than any mount is known to."""
 _CONSTANT = 1e-8
 """Variance of a direction cosine below which a direction does not turn: rounding."""
 
@@ -307,7 +310,8 @@ class _Chain:
         """(k, 3), axes about which the rotation of a constant step is no error of another kind.
 
         About the axis of the next joint it is that joint's zero, or passes a sliding joint and is
-        an error of the step behind it. About the axis of the joint before, it is the zero of that.
+        an error of the step behind it. About the axis of the joint before, it is the zero of that,
+        and a displacement that an origin takes up.
         """
         steps, fixed = self._path.steps, self._path.steps[index]
         before, after = steps[index - 1], (*steps, None)[index + 1]
@@ -318,7 +322,10 @@ class _Chain:
             # Oblique, it is the zero of both together, and one of these may be part of the mount.
             plain = all(abs(before.axis @ axis) < _PERPENDICULAR for axis in axes)
             turns = before.kind == "revolute" or index - 1 == self._first
-            axes += [before.axis] * (plain and turns)
+            # A displacement along the last axis is part of the mount, and no origin takes it up.
+            moved = cross(before.axis, fixed.p)
+            in_mount = index + 1 == self._last and any(abs(moved @ a) > _DISPLACED for a in axes)
+            axes += [before.axis] * (plain and turns and not in_mount)
         *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
         return _towards_axes(directions[len(axes) :])
 
