@@ -16,7 +16,7 @@ import imucalib_cli as ic
 from benchmarks import robots
 from benchmarks.robots import ROBOTS, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
-from tests.estimate.estimate_arm import Log, Mount, solve, solve_exact
+from tests.estimate.estimate_arm import Flaws, Log, Mount, Moves, make_log, solve, solve_exact
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
@@ -80,6 +80,31 @@ def test_wrong_joint_axes_are_in_sigma(robot: str, seed: int) -> None:
     assert found.trusted
     assert found.covered
     assert np.linalg.norm(found.sigma[:3]) < 3e-4
+
+
+def test_axis_that_moves_the_imu_along_the_last_axis_is_in_sigma() -> None:
+    """Without its own unknown it looks like a zero, and the IMU is 0.17 mm off, six sigma."""
+    row = Row(noise=robots.INDUSTRIAL, axis=1e-3)
+    log, _ = everyday("panda", row, 2, seconds=60.0, imu_rate=100.0, joint_rate=100.0)
+    assert solve(log).covered
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_turned_gyroscope_of_a_square_sensor_is_in_sigma(seed: int) -> None:
+    """Skews that are zero say nothing about the turn between the two triads."""
+    turn = 7e-4 * np.random.default_rng(seed).normal(size=3)
+    flaws = Flaws(gyro_turn=(turn[0], turn[1], turn[2]))
+    log = make_log(Moves(seconds=16.0), flaws=flaws).noisy(seed, "mems")
+    assert solve(log).covered
+
+
+def test_a_few_windows_do_not_look_like_a_mount_that_moved() -> None:
+    errors = {"encoder": 2e-4, "zero": 1e-3, "origin": 5e-4, "axis": 1e-3, "scale": 5e-3}
+    row = Row(noise=robots.INDUSTRIAL, **errors)
+    rates = {"seconds": 15.0, "imu_rate": 100.0, "joint_rate": 50.0}
+    found = solve(everyday("panda", row, 31, **rates)[0])
+    assert found.window.seconds > 0.3
+    assert "change.mount" not in found.codes
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jsonschema
 import numpy as np
@@ -13,6 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from tests.conftest import Imucalib
 
 ROOT = Path(__file__).parents[2]
@@ -21,6 +22,14 @@ SYSTEMS = {
     "rihibot.mcap": ["--urdf", str(DATA / "rihibot.urdf")],
     "barbot.bag": ["--gravity", "none"],
 }
+
+
+def _error(document: Any, truth: Any) -> Floats:
+    """(6,), of the pose, m and rad."""
+    found, true = document["transform"], truth["transform"]
+    turned = Rotation.from_quat(found["rotation_xyzw"])
+    turn = (turned * Rotation.from_quat(true["rotation_xyzw"]).inv()).as_rotvec()
+    return np.concatenate((np.subtract(found["translation"], true["translation"]), turn))
 
 
 @pytest.mark.parametrize("log", SYSTEMS)
@@ -33,10 +42,8 @@ def test_result_matches_truth_within_sigma(log: str, imucalib: Imucalib) -> None
         truth["transform"]["parent"],
         truth["transform"]["child"],
     )
-    shift = np.subtract(transform["translation"], truth["transform"]["translation"])
-    found = Rotation.from_quat(transform["rotation_xyzw"])
-    turn = (found * Rotation.from_quat(truth["transform"]["rotation_xyzw"]).inv()).as_rotvec()
-    error = np.concatenate((shift, turn))
+    error = _error(document, truth)
+    shift, turn = error[:3], error[3:]
     squared = error @ np.linalg.solve(np.array(document["covariance"]), error)
     # chi² of 6 degrees of freedom exceeds 22.5 once in a thousand logs
     assert squared < 22.5
@@ -46,6 +53,17 @@ def test_result_matches_truth_within_sigma(log: str, imucalib: Imucalib) -> None
     assert np.linalg.norm(turn) < math.radians(1e-3 if log == "rihibot.mcap" else 5e-3)
     offset = document["time_offset"]
     assert abs(offset["seconds"] - truth["time_offset"]) < 4 * offset["std"] < 1e-4
+
+
+@pytest.mark.parametrize(("start", "end"), [(3.0, 5.0), (3.0, 5.5), (2.5, 5.5)])
+def test_short_part_is_within_sigma(start: float, end: float, imucalib: Imucalib) -> None:
+    """Its automatic window is not so short that noise of the joints looks like motion."""
+    log, options = DATA / "rihibot.mcap", SYSTEMS["rihibot.mcap"]
+    document = yaml.safe_load(imucalib("run", log, *options, "--from", start, "--to", end).out)
+    truth = yaml.safe_load(log.with_suffix(".truth.yaml").read_text())
+    off, C = _error(document, truth), np.array(document["covariance"])
+    assert off @ np.linalg.solve(C, off) < 22.5
+    assert np.linalg.norm(off[:3]) < 0.06
 
 
 def test_apply_replaces_the_joint_origin(tmp_path: Path, imucalib: Imucalib) -> None:
