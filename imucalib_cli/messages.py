@@ -365,6 +365,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "perhaps a local minimum: give a better --initial guess or use --method matched",
     "paper.gaps": "the method assumes a constant rate; the log has {count} gaps, and the parts "
     "between them were filtered separately: prefer --method matched",
+    "paper.no_sigma": "the published method gives no sigma, and assumes that both clocks agree and "
+    "that the sensor has no bias: compare with --method matched",
     **{f"cause.{kind.partition('.')[0]}": cause for kind in CAUSES},
     "cause.publishers": publishers,
     "cause.base_moves": "the IMU [turns at {turning:deg.2g}/s][turning? and is accelerated by "

@@ -83,6 +83,7 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
         found_out.append(untrusted("paper.unexplained", force=force_left, rate=rate_left))
     if gaps:
         found_out.append(warning("paper.gaps", count=gaps))
+    found_out.append(warning("paper.no_sigma"))
     return Estimate(
         method="paper",
         R_parent_imu=R_parent_imu,
