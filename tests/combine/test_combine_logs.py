@@ -158,13 +158,14 @@ def test_disagreeing_log_is_found_and_its_offset_measured() -> None:
 
 
 def test_each_log_keeps_its_own_biases() -> None:
-    estimates = [solve(log) for log in recordings(4, 3)]
-    for own, found in zip(together(estimates).own, estimates, strict=True):
+    logs = recordings(4, 3)
+    estimates = [solve(log) for log in logs]
+    for own, found, log in zip(together(estimates).own, estimates, logs, strict=True):
         part = found.log_statistics.equations.layout.part("gyro_bias")
         assert found.gyro_bias_std is not None
-        off = (own.state.x[part] - found.gyro_bias) / found.gyro_bias_std
-        # Another log's are eighty sigmas off.
-        assert np.abs(off).max() < 1.1
+        off = (own.state.x[part] - log.gyro_bias) / found.gyro_bias_std
+        # Another log's are eighty sigmas off; chance exceeds this once in a hundred such tests.
+        assert np.abs(off).max() < 3.3
 
 
 @pytest.mark.slow

@@ -199,6 +199,8 @@ class Log:
     path: KinematicPath
     mount: Mount
     time_offset: float = 0.0
+    gyro_bias: Triple = (0.0, 0.0, 0.0)
+    """rad/s, that :meth:`noisy` added."""
 
     def with_imu(
         self, t: Floats | None = None, gyro: Floats | None = None, accel: Floats | None = None
@@ -229,10 +231,11 @@ class Log:
         rng = np.random.default_rng(seed)
         root = np.sqrt(0.5 / np.median(np.diff(self.imu.t)))
         noise = rng.normal(size=(2, len(self.imu.t), 3)) * root
-        return self.with_imu(
+        noisy = self.with_imu(
             gyro=self.imu.gyro + gyro_bias + densities[1] * noise[1],
             accel=self.imu.accel + accel_bias + densities[0] * noise[0],
         )
+        return replace(noisy, gyro_bias=gyro_bias)
 
 
 def make_log(

@@ -151,7 +151,9 @@ def test_bias_priors_come_from_data_sheet_unless_given(tmp_path: Path, imucalib:
 
 def test_prior_helps_only_where_log_lacks_information(tmp_path: Path) -> None:
     log = written(tmp_path, "adis16448")
-    told, untold = result(log, "adis16448"), result(log, None)
+    told = result(log, "adis16448")
+    limits = ("sensor_axes_most", "sensor_scale_most")  # which move the points of the integral
+    untold = result(log, None, **{name: told.provenance.options[name] for name in limits})
     covariance = untold.uncertain_pose.covariance
     assert covariance is not None
     off = told.pose.t - untold.pose.t
