@@ -99,8 +99,7 @@ def test_turned_gyroscope_of_a_square_sensor_is_in_sigma(seed: int) -> None:
 
 
 def test_a_few_windows_do_not_look_like_a_mount_that_moved() -> None:
-    errors = {"encoder": 2e-4, "zero": 1e-3, "origin": 5e-4, "axis": 1e-3, "scale": 5e-3}
-    row = Row(noise=robots.INDUSTRIAL, **errors)
+    row = Row(noise=robots.INDUSTRIAL, encoder=2e-4, zero=1e-3, origin=5e-4, axis=1e-3, scale=5e-3)
     rates = {"seconds": 15.0, "imu_rate": 100.0, "joint_rate": 50.0}
     found = solve(everyday("panda", row, 31, **rates)[0])
     assert found.window.seconds > 0.3

@@ -153,7 +153,8 @@ def test_prior_helps_only_where_log_lacks_information(tmp_path: Path) -> None:
     log = written(tmp_path, "adis16448")
     told = result(log, "adis16448")
     limits = ("sensor_axes_most", "sensor_scale_most")  # which move the points of the integral
-    untold = result(log, None, **{name: told.provenance.options[name] for name in limits})
+    known: Any = {name: told.provenance.options[name] for name in limits}
+    untold = result(log, None, **known)
     covariance = untold.uncertain_pose.covariance
     assert covariance is not None
     off = told.pose.t - untold.pose.t
