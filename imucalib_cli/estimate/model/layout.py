@@ -318,7 +318,7 @@ class _Chain:
         axes = []
         if isinstance(after, JointStep) and isinstance(fixed, FixedStep):
             axes.append(fixed.R @ after.axis)
-        if isinstance(before, JointStep):
+        if isinstance(before, JointStep) and isinstance(fixed, FixedStep):
             # Oblique, it is the zero of both together, and one of these may be part of the mount.
             plain = all(abs(before.axis @ axis) < _PERPENDICULAR for axis in axes)
             turns = before.kind == "revolute" or index - 1 == self._first
