@@ -46,12 +46,19 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     return answer, [*([] if wrong is None else [wrong]), *rest]
 
 
+def lengths(distance: Floats) -> Floats:
+    """(2,), of the translation and the rotation of a distance (6,), m and rad."""
+    return np.asarray(np.linalg.norm(distance.reshape(2, 3), axis=1))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnValues:
     """One of several logs solved together."""
 
     distance: Floats
     """(6,), its pose less that of all others, m and rad; zero in held components."""
+    from_common: Floats
+    """(6,), its pose less the common one, of which it is a part, likewise."""
     sigmas: float
     """That distance in sigmas, the scatter between logs included."""
     disagrees: bool
@@ -64,7 +71,7 @@ class OwnValues:
     @property
     def apart(self) -> Floats:
         """(2,), lengths of the distance, m and rad."""
-        return np.asarray(np.linalg.norm(self.distance.reshape(2, 3), axis=1))
+        return lengths(self.distance)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,6 +123,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
     )
     differences = equations.differences(posterior.u, posterior.step)
     distances, squares = equations.distances(posterior.u)
+    own_poses = equations.own_poses(posterior.step)
     strangers = disagreeing(equations, posterior.u)
     own = []
     for log, one in enumerate(each):
@@ -124,6 +132,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         own.append(
             OwnValues(
                 distance=embedded(distances[log], shared.free[shared.pose]),
+                from_common=embedded(own_poses[log], shared.free[shared.pose]),
                 sigmas=float(np.sqrt(strangers.get(log, squares[log]))),
                 disagrees=log in strangers,
                 state=one.at.moved(one.layout, one.start + one.follow @ step),

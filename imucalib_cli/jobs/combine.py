@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -10,7 +11,7 @@ from msgspec import UNSET, structs
 
 from imucalib_cli import __version__
 from imucalib_cli.combine.imus import SOLVED_TOGETHER
-from imucalib_cli.combine.logs import combine_logs, solve_again
+from imucalib_cli.combine.logs import combine_logs, lengths, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
@@ -315,8 +316,7 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
                 rotation=own.apart[1],
                 sigmas=own.sigmas,
             )
-    if not any(own.disagrees for own in found.own):
-        yield from _apart(logs, found)
+    yield from _apart(logs, found)
     if len(logs) < _FEW:
         yield warning(
             "logs.few",
@@ -327,18 +327,24 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
 
 
 def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
-    """The log that is farthest from the others, if that is more than a firm mount allows."""
-    far = 0.0
-    for log, own in zip(logs, found.own, strict=True):
-        covariance = log.result.uncertain_pose.covariance
-        if covariance is None or log.result.diagnostics.unobservable:
-            continue
-        sizes = own.apart
-        sigmas = np.sqrt([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
-        clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
-        if clear.any() and (sizes / judge.SLIP).max() > far:
-            far, worst = float((sizes / judge.SLIP).max()), sizes
+    """The two logs that are farthest apart, if that is more than a firm mount allows.
+
+    Logs that are said to disagree are left out, and so are those that do not determine their pose.
+    """
+    known = [
+        (own.from_common, np.asarray(covariance))
+        for log, own in zip(logs, found.own, strict=True)
+        if (covariance := log.result.uncertain_pose.covariance) is not None
+        and not (own.disagrees or log.result.diagnostics.unobservable)
+    ]
+    far = []
+    for (one, C_one), (other, C_other) in combinations(known, 2):
+        sizes, variances = lengths(one - other), np.diag(C_one + C_other)
+        sigmas = np.sqrt(variances.reshape(2, 3).sum(axis=1))
+        if ((sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)).any():
+            far.append(sizes)
     if far:
+        worst = max(far, key=lambda sizes: float((sizes / judge.SLIP).max()))
         yield untrusted("logs.apart", translation=worst[0], rotation=worst[1])
 
 
