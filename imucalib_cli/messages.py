@@ -280,6 +280,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "statistics to be valid there: run it again with --initial and --prior-std near the common "
     "pose",
     "logs.left_out": "{log} is not trusted on its own and was left out: {reason}",
+    "logs.one_left": "{log} is the only log left, and {other}, which was left out, has a pose "
+    "{translation:mm.2g} and {rotation:deg.2g} from its own: one log does not show how far the "
+    "mount moves between recordings; give more logs, or run on {log} alone",
     "logs.missing": "{missing} of the {logs} logs give no result for this IMU: the result is from "
     "the other {used}; run on each alone to see why",
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",

@@ -24,6 +24,7 @@ from imucalib_cli.results import result as tree
 from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
 from imucalib_cli.results.statistics_file import StoredLog
+from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -114,7 +115,8 @@ def _of_imu(
     once: dict[tuple[str, ...], StoredLog] = {}  # whatever their files are called
     for log in logs:
         once.setdefault(log.result.provenance.log_identity or (log.name,), log)
-    logs, left_out = _usable([*once.values()])
+    every = [*once.values()]
+    logs, left_out = _usable(every)
     twice = given - len(logs) - len(left_out)
     _require_one_robot(logs)
     options = [_changed(log, change) for log in logs]
@@ -130,6 +132,8 @@ def _of_imu(
     if asked > given:
         found.append(warning("logs.missing", missing=asked - given, logs=asked, used=len(logs)))
     found += [warning("logs.left_out", log=each.name, reason=each.reason) for each in left_out]
+    if len(logs) == 1:
+        found += [_one_left(logs[0], log) for log in every if log is not logs[0]]
     estimate = replace(estimate, findings=(*estimate.findings, *found))
     if tolerance is not None:
         estimate = require(estimate, first.parent, tolerance)
@@ -164,6 +168,18 @@ def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftO
             f"{left_out[0].name}: {left_out[0].reason}"
         )
     return usable, left_out
+
+
+def _one_left(left: StoredLog, other: StoredLog) -> Finding:
+    """The finding for the only log that is not left out."""
+    pose, off = left.result.pose, other.result.pose
+    return untrusted(
+        "logs.one_left",
+        log=left.name,
+        other=other.name,
+        translation=float(np.linalg.norm(off.t - pose.t)),
+        rotation=float(rotation_angle(off.R @ pose.R.T)),
+    )
 
 
 def _require_one_robot(logs: Sequence[StoredLog]) -> None:

@@ -105,6 +105,16 @@ def test_duplicate_log_counts_once_and_untrusted_log_is_excluded(logs: list[Stor
     assert isinstance(failure, UntrustedError)
 
 
+def test_only_log_left_is_untrusted_with_the_distance_of_the_other(logs: list[StoredLog]) -> None:
+    """What the mount does between recordings is unknown then."""
+    wrong = _moved(_untrusted(logs[1]), np.array([0.0, 4e-3, 0.0]))
+    (result,), _ = combine([logs[0], wrong], as_it_was)
+    (found,) = (each for each in result.diagnostics.findings if each.code == "logs.one_left")
+    assert result.status == "untrusted"
+    assert (found.values["log"], found.values["other"]) == (logs[0].name, wrong.name)
+    assert found.values["translation"] == pytest.approx(4e-3, abs=5e-4)
+
+
 def test_unused_logs_are_reported_in_the_result(
     request_of_three: CalibrationRequest, tmp_path: Path
 ) -> None:
@@ -143,7 +153,9 @@ def _moved(log: StoredLog, away: NDArray[np.float64]) -> StoredLog:
     assert file.sha256 is not None
     files = [structs.replace(file, sha256=file.sha256[::-1])]
     provenance = structs.replace(log.result.provenance, files=files)
-    result = structs.replace(log.result, provenance=provenance)
+    (x, y, z), (dx, dy, dz) = log.result.transform.translation, away.tolist()
+    transform = structs.replace(log.result.transform, translation=(x + dx, y + dy, z + dz))
+    result = structs.replace(log.result, provenance=provenance, transform=transform)
     return StoredLog(name=f"moved {log.name}", result=result, statistics=statistics)
 
 
