@@ -124,6 +124,15 @@ def holds_log(path: Path) -> bool:
     return is_known or _reader(path, head, READERS) is not None
 
 
+def holds_log_alone(path: Path) -> bool:
+    """As :func:`holds_log`, but of tables only those that name columns of an IMU or of joints."""
+    if not holds_log(path):
+        return False
+    head = _head(path)
+    reader = _reader(path, head, READERS)
+    return reader is None or not issubclass(reader, CsvFile) or reader.is_named(head)
+
+
 def is_own_output(path: Path) -> bool:
     """Whether a file is one that imucalib writes beside a result; False if it cannot be read."""
     try:

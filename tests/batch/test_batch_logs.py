@@ -58,6 +58,21 @@ def test_log_files_are_detected_by_content(tmp_path: Path) -> None:
     assert found(tmp_path, tmp_path) == [["log.recorded"]]
 
 
+def test_text_beside_logs_is_no_log(tmp_path: Path) -> None:
+    """A table is one if its columns are those of an IMU or of joints, by the documented names."""
+    texts = {
+        "imu.csv": "t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n",
+        "joints.csv": "t,joint.elbow\n0,1\n",
+        "notes.txt": "time, x, y\nhello\n",
+        "replay.py": "import subprocess,signal,time,sys,os\nos.nice(5)\n",
+        "temperature.csv": "time,celsius\n0,36.6\n",
+        "truth.tum": "0 0 0 0 0 0 0 1\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    assert found(tmp_path, tmp_path) == [["imu.csv"], ["joints.csv"]]
+
+
 def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:
     made(tmp_path, "r_0.mcap", "r_1.mcap", "r_10.bag", "day_1.mcap", "day_2.mcap", "s_0.bag")
     parts = [["day_1.mcap"], ["day_2.mcap"], ["r_0.mcap", "r_1.mcap"], ["r_10.bag"], ["s_0.bag"]]

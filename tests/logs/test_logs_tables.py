@@ -223,6 +223,22 @@ def test_tables_beside_a_log_are_ignored(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "import subprocess,signal,time,sys,os\nos.nice(5)\n",
+        "time, x, y\nhello\n",
+        "time, x, y\nhello, dear, reader\n",
+        "time,x\n0,1,2\n",
+    ],
+)
+def test_table_of_unknown_columns_begins_with_a_row_of_as_many_numbers(
+    tmp_path: Path, text: str
+) -> None:
+    with pytest.raises(InputError, match=r"notes\.txt is not a log"):
+        open_log([write(tmp_path / "notes.txt", text)])
+
+
+@pytest.mark.parametrize(
     "text", ["", "t,\n", "a,b,c\n1,2,3\n", "filename,timestamp\n", "1 2 3 4 5 6 7 8\n", "{}"]
 )
 def test_other_text_is_not_a_log(tmp_path: Path, text: str) -> None:

@@ -75,6 +75,8 @@ class _Group:
     columns: tuple[int, ...]
     """In the order of the quantities, or of the joints."""
     joints: tuple[str, ...] = ()
+    named: bool = True
+    """Whether the names of its columns say what it is; else it may be any table."""
     times: array[int] = field(default_factory=lambda: array("q"))
     """ns."""
     values: array[float] = field(default_factory=lambda: array("d"))
@@ -141,16 +143,31 @@ class CsvFile:
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
-        """Whether a file begins with a header whose columns are known."""
+        """Whether a file begins with a header whose columns are known.
+
+        Columns of other names may be joints if the first row has as many numbers.
+        """
         if b"\0" in head:
             return False
         lines = [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
         if not lines:
             return False
-        names, separator, _ = _header(iter(lines[:1]), ())
+        names, separator, rows = _header(iter(lines), ())
         if cls.COLUMNS:
             return len(names) == len(cls.COLUMNS) and _is_number(names[0])
-        return len(names) > 1 and separator != " " and _layout(names) is not None
+        layout = _layout(names) if len(names) > 1 and separator != " " else None
+        if layout is None or any(group.named for group in layout[2]):
+            return layout is not None
+        row = next((line for line in rows if not line.startswith(("#", "%"))), "")
+        cells = _cells(row.replace(",", ".") if separator == ";" else row, separator)
+        return len(cells) == len(names) and all(map(_is_number, filter(None, cells)))
+
+    @classmethod
+    def is_named(cls, head: bytes) -> bool:
+        """Whether a header, or the format, names columns of an IMU or of joints."""
+        lines = head.decode("utf-8-sig", "replace").splitlines()
+        layout = _layout(_header((line for line in lines if line.strip()), cls.COLUMNS)[0])
+        return any(each.named and each.kind != "pose" for each in (layout or (0, "", []))[2])
 
     @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
@@ -247,17 +264,18 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
     for k, name in enumerate(bare):
         if name.lower() in _PLACES:
             places.setdefault(_PLACES[name.lower()], k)
-    groups = []
+    groups, named = [], True
     for kind, (_, _, quantities, _) in _KINDS.items():
         wanted = [(each, axis) for each in quantities for axis in range(len(_SPELLINGS[each][0]))]
         if wanted and places.keys() >= set(wanted):
             groups.append(_Group(kind, tuple(places[each] for each in wanted)))
     joints = {known[1]: k for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))}
     if not groups and not joints:
+        named = False
         further = {name: k for k, name in enumerate(bare) if k not in times}
         joints = {name: k for name, k in further.items() if name.strip("-")}
     if joints:
-        groups.append(_Group("joints", tuple(joints.values()), tuple(joints)))
+        groups.append(_Group("joints", tuple(joints.values()), tuple(joints), named))
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))
