@@ -177,6 +177,13 @@ def test_in_place_overwrites_the_urdf(apply: Any, urdf: Path) -> None:
     assert urdf.read_text() == URDF.replace("0.303", "0.3")
 
 
+def test_write_protected_urdf_is_not_changed_in_place(apply: Any, urdf: Path) -> None:
+    urdf.chmod(0o444)
+    said = apply([imu("left")], "--in-place", code=1).err
+    assert f"error: {urdf}: cannot be written: it is write-protected" in said
+    assert urdf.read_text() == URDF
+
+
 def test_refused_output_is_not_called_old(apply: Any, urdf: Path) -> None:
     """Neither the input nor a URDF of another origin is of an earlier run."""
     assert "is of an earlier run" not in apply([imu("left")], "-o", urdf, code=2).err

@@ -51,6 +51,7 @@ def apply_command(
     """Write a URDF with each IMU's joint at the calibrated pose; all other bytes stay the same."""
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.jobs.result_files import result_names
+    from imucalib_cli.results.atomic import check_writable
     from imucalib_cli.results.places import check_places
 
     if in_place and (output is not None or str(urdf) == "-"):
@@ -61,6 +62,8 @@ def apply_command(
         raise ChoiceError("--kinematics writes a separate URDF: leave --in-place out")
     if kinematics and output is None and str(urdf) != "-":
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
+    if in_place:
+        check_writable(urdf)
     names = result_names(results)
     read = files_of(*names, urdf)
     with warning_of_old_outputs(output, read=read):
