@@ -157,6 +157,16 @@ def test_motion_is_read_without_a_urdf(
         (arm, {"world": "uper"}, "ChoiceError: --world uper: no such link"),
         (arm, {"parent": "base"}, "InputError: base never moves"),
         (
+            lambda w: w.imu().joints(names=("knee", "hip")),
+            {"parent": "base"},
+            r"InputError: base never .* none of the log's joints \(knee, hip missing\): check",
+        ),
+        (
+            lambda w: w.imu().joints(names=("pan", "lift", "knee")),
+            {"parent": "base"},
+            r"InputError: base never .* not all of the log's joints \(knee missing\): check",
+        ),
+        (
             lambda w: arm(w).tf("map", "base").tf("odom", "base"),
             {},
             "ChoiceError: several poses move links of .*--pose-topic",

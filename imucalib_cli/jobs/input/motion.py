@@ -40,6 +40,8 @@ _NUMBERED = (
     "its motors have only numbers: name the joints by --joints TOPIC:FIELD=name,..., "
     "such as --joints /lowstate:motor_state.q[0:3]=a,b,c"
 )
+_MOST_LISTED = 12
+"""Names of joints in a sentence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,11 +137,25 @@ def _checked(motion: Motion, request: CalibrationRequest) -> Motion:
     if is_still(path):
         raise InputError(
             f"{mount.parent} never moves in {path.world} according to "
-            f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
+            f"{', '.join(motion.topics) or _urdf_of_fixed(motion.sources)}: "
             "check --parent and --urdf, record a log in which the robot moves, or give what moves "
             "it by --pose-topic"
         )
     return motion
+
+
+def _urdf_of_fixed(sources: Sources) -> str:
+    """The URDF that moves nothing, and the joints of the log that it lacks."""
+    text = "the URDF, whose joints on the way are all fixed"
+    names = dict.fromkeys(name for track in sources.joints for name in track.names)
+    known = () if sources.robot is None else sources.robot.joint_by_name
+    missing = [name for name in names if name not in known]
+    if sources.robot is None or not missing:
+        return text
+    some = "none" if len(missing) == len(names) else "not all"
+    more = ", …" if len(missing) > _MOST_LISTED else ""
+    listed = ", ".join(missing[:_MOST_LISTED]) + more
+    return f"{text} and which has {some} of the log's joints ({listed} missing)"
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
