@@ -276,7 +276,7 @@ def about_nominal(
 _OTHER_CLOCK = {
     "log": "if one clock is wrong, rerun with --clock log to use the times of receipt",
     "header": "rerun with --clock header to use the stamps of the headers",
-    None: "no other stamps in the log are sound, so record again",
+    None: "the log has no other sound stamps, so record again",
 }
 """What to do about the clock, by its alternative."""
 
