@@ -227,7 +227,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "frozen, or something else moves the robot; these stretches were left out",
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "
     "stood still: record again with a publisher that runs throughout",
-    "robot.static": "the robot does not move in this log",
+    "robot.static": "the robot does not move in this[part? part of the] log",
+    "robot.frozen": "{topics:list}: the robot stands still[part? in this part of the log], while "
+    "the IMU turns at {rate:.2g} rad/s: a publisher repeats its last message, or the IMU is on "
+    "another robot; restart the publisher and record again, or choose other topics",
     "nominal.inverted": "[joint {joint}||the nominal pose] seems to hold the pose of the parent "
     "in the IMU instead of the pose of the IMU in the parent: its inverse is "
     "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} from the pose found, the pose itself "
