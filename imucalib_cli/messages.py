@@ -79,6 +79,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "are there",
     "log.messages_undecoded": "{topic}: {undecoded} of {messages} messages do not fit {type} and "
     "are left out",
+    "log.row_unreadable": "{file}: row {row} is the first that cannot be read: {text:quoted}"
+    "[comma?: write numbers with a decimal point]",
     "log.files_overlap": "{first} and {second} overlap by {seconds:.3g} s: if they are two "
     "recordings, name each alone",
     # Contents of messages.

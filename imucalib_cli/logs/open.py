@@ -218,6 +218,9 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
 def _no_log(path: LogPath, head: bytes, readers: Readers) -> InputError:
     if not head:
         return InputError(f"{path} is empty: record or copy it again")
+    for each in readers:
+        if issubclass(each, CsvFile) and each.IS_NAMED_BY_USER and b"\0" not in head:
+            return InputError(f"{path} {each.why_not(head)}")
     if path.name.lower().endswith(".csv"):
         return InputError(f"{path} has no header with known columns: {NAMES}, or use --csv-columns")
     return InputError(f"{path} is not a log: expected {_known(readers)}")

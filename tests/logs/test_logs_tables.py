@@ -174,7 +174,33 @@ def test_invalid_rows_are_skipped_and_counted(tmp_path: Path) -> None:
     )
     data = read(path)
     assert_imu(data, "/imu")
-    assert data.losses == ("/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",)
+    assert data.losses == (
+        f"{path}: row 10 is the first that cannot be read: '12,1,2,3,4,5'",
+        "/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",
+    )
+
+
+def test_decimal_commas_are_named(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "imu.csv",
+        f"{IMU_HEADER.replace(',', ';')}\n1;0,5;0;0;0;0;9,8\n".replace("t_ns", "t"),
+    )
+    assert read(path).losses[0] == (
+        f"{path}: row 1 is the first that cannot be read: '1;0,5;0;0;0;0;9,8': write numbers with "
+        "a decimal point"
+    )
+
+
+def test_named_columns_that_do_not_fit_are_explained(tmp_path: Path) -> None:
+    path = write(tmp_path / "imu.csv", "when,gx,gy,gz,ax,ay,z\n0,0,0,0,0,0,9.8\n")
+    columns = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+    with pytest.raises(
+        InputError, match=r"imu\.csv begins with a header without the columns t, az"
+    ):
+        open_log([path], columns)
+    path.write_text("0,0,0,0,0,0,9.8,1\n")
+    with pytest.raises(InputError, match=r"has rows of 8 cells, and --csv-columns names 7"):
+        open_log([path], columns)
 
 
 def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.reader import Catalogue, Piece
 
@@ -58,6 +59,8 @@ _TIME = re.compile(r"(?:t|time|stamp|timestamp)(?:_(ns|us|ms|s))?")
 _JOINT = re.compile(r"joint[.:/](.+)")
 _LONGEST_STEP_S = 1.0
 """Rows further apart, if the unit is assumed to be seconds, show that it is another one."""
+_SHOWN = 100
+"""Letters of a row in a message."""
 NAMES = (
     "name a column t (or t_ns), and gx gy gz ax ay az of an IMU, joint.NAME of joints, or "
     "x y z qx qy qz qw of a pose"
@@ -83,8 +86,8 @@ class _Group:
     bad: int = 0
     """Rows with cells that are not numbers."""
 
-    def take(self, stamp: int, cells: list[str]) -> None:
-        """Keep the numbers of a row.
+    def take(self, stamp: int, cells: list[str]) -> bool:
+        """Keep the numbers of a row; False if they are none.
 
         Rows of empty cells are skipped: tables of several sensors joined by time have them.
         """
@@ -93,9 +96,10 @@ class _Group:
             values = [float(each) for each in texts]
         except ValueError:
             self.bad += any(texts)
-        else:
-            self.times.append(stamp)
-            self.values.extend(values)
+            return not any(texts)
+        self.times.append(stamp)
+        self.values.extend(values)
+        return True
 
     def piece(self) -> Piece:
         """All rows."""
@@ -127,6 +131,7 @@ class CsvFile:
     IS_TEXT: ClassVar[bool] = True
     COLUMNS: ClassVar[tuple[str, ...]] = ()
     """Names of the columns where the file has no header."""
+    IS_NAMED_BY_USER: ClassVar[bool] = False
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
         self.path: LogPath = path
@@ -178,7 +183,23 @@ class CsvFile:
         """
         if _layout(list(names)) is None:
             raise InputError(f"--csv-columns {','.join(names)}: {NAMES}")
-        return type("HeadlessCsvFile", (cls,), {"COLUMNS": tuple(names)})
+        known = {"COLUMNS": tuple(names), "IS_NAMED_BY_USER": True}
+        return type("HeadlessCsvFile", (cls,), known)
+
+    @classmethod
+    def why_not(cls, head: bytes) -> str:
+        """Why columns that the user names are not those of a table, in words."""
+        lines = head.decode("utf-8-sig", "replace").splitlines()
+        names = _header((line for line in lines if line.strip()), ())[0]
+        if _is_number(names[0]):
+            count = len(cls.COLUMNS)
+            return f"has rows of {len(names)} cells, and --csv-columns names {count}: name each"
+        missing = ", ".join(each for each in cls.COLUMNS if each not in {"-", *names})
+        which = f" without the columns {missing}" if missing else " of unknown columns"
+        return (
+            f"begins with a header{which}, and --csv-columns is for tables without one: rename the "
+            "columns there, or remove the header"
+        )
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -205,7 +226,7 @@ class CsvFile:
         """Read the numbers of all rows."""
         named = bool(unit)
         width = 1 + max(time, *(max(each.columns) for each in self._groups))
-        for line in lines:
+        for row, line in enumerate(lines, 1):
             if line.startswith(("#", "%")):
                 continue
             cells = _cells(line, separator)
@@ -215,12 +236,21 @@ class CsvFile:
             except (ValueError, OverflowError, IndexError):
                 for group in self._groups:
                     group.bad += 1
+                self._lose(row, line, separator)
                 continue
             cells += [""] * (width - len(cells))
-            for group in self._groups:
-                group.take(stamp, cells)
+            taken = [group.take(stamp, cells) for group in self._groups]
+            if not all(taken):
+                self._lose(row, line, separator)
         if not named and unit == "s":
             self._check_seconds()
+
+    def _lose(self, row: int, line: str, separator: str) -> None:
+        """Report the first row that cannot be read."""
+        if not self.losses:
+            comma = separator != "," and "," in line
+            values = {"row": row, "text": line.strip()[:_SHOWN], "comma": comma}
+            self.losses.append(warning("log.row_unreadable", **values))
 
     def _check_seconds(self) -> None:
         for group in self._groups:
