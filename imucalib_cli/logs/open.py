@@ -96,6 +96,8 @@ def _mode(path: Path) -> int:
 
 def _why_missing(path: Path) -> str:
     """The likely reason why a path does not exist."""
+    if str(path) == "-":
+        return "is no log: a log cannot be read from standard input: write it to a file first"
     broken = next((each for each in (path, *path.parents) if each.is_symlink()), None)
     if broken is not None and not broken.exists():
         return (

@@ -65,6 +65,12 @@ def test_every_imu_is_applied_and_reported(apply: Any) -> None:
     assert "moved by 3 mm and 90 deg" in apply([imu("left", R_parent_imu=R)]).err
 
 
+def test_origin_that_stays_is_not_said_to_move(apply: Any, urdf: Path) -> None:
+    """Rounding of the numbers in a URDF is no move."""
+    urdf.write_text(URDF.replace("0.303", "0.30000000000005"))
+    assert "its origin moved by 0 mm and 0 deg" in apply([imu("left")]).err
+
+
 def test_untrusted_imu_does_not_block_the_other(apply: Any) -> None:
     pair = [
         imu("left"),

@@ -248,7 +248,7 @@ def test_poor_fit_of_unknown_cause_advises_no_motion() -> None:
     assert case.found == ()
     assert case.explained.distrust == case.plain.distrust
     for direction in case.explained.unobservable:
-        assert "mend the cause of the poor fit first" in direction.motion
+        assert "correct the cause of the poor fit first" in direction.motion
 
 
 def test_position_swapped_with_another_limb_is_found() -> None:
