@@ -344,9 +344,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
     "sensor has ({limit:in unit}): [other?not so by a window of {other:.2g} s (try --window), "
     "vibration may look like that][other=?{name:cure negative}]",
-    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its zero||do not "
-    "move in this log: errors of their zeros] and "
-    "lengths look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
+    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
+    "zero||do not move in this log: errors of their zeros] and lengths "
+    "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
     "sigma; move them too, or give --robot exact or --robot DEG,MM",
     "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
     "from what is stated; leave the option out, or measure again",
