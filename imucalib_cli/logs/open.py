@@ -16,7 +16,7 @@ from imucalib_cli.logs.mcap.file import McapFile
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.text.csv_file import NAMES, CsvFile
-from imucalib_cli.logs.text.tum_euroc import TABLES, EurocTable, TumFile
+from imucalib_cli.logs.text.tum_euroc import EurocTable, TumFile, tables_of
 from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:
@@ -277,7 +277,7 @@ def _listed(folder: Path) -> list[Path]:
 def _guessed(folder: Path, readers: Readers) -> list[Path]:
     """Log files of a folder without metadata.yaml: one recording, if their names show it."""
     logs = []
-    tables = [each for each in sorted(folder.glob(TABLES)) if EurocTable.matches(_head(each), each)]
+    tables = [each for each in tables_of(folder) if EurocTable.matches(_head(each), each)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
         head = _head(path)
         reader = None if is_own_output(path) else _reader(path, head, readers)

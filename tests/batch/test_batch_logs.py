@@ -50,6 +50,7 @@ def test_each_recording_in_a_folder_is_one_log(tmp_path: Path) -> None:
         each for each in logs if each != ["deep/er/c.db3"]
     ]
     assert found(tmp_path, tmp_path / "day" / "drive") == [["day/drive"]]
+    assert found(tmp_path, tmp_path / "day/flight/mav0") == [["day/flight/mav0"]]
 
 
 def test_log_files_are_detected_by_content(tmp_path: Path) -> None:

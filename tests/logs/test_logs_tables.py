@@ -214,7 +214,7 @@ def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:
     assert data.losses == ()
 
 
-def test_euroc_folder_is_read(tmp_path: Path) -> None:
+def test_euroc_folder_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Headers as in the published data set; images and positions alone are left alone."""
     mav = tmp_path / "MH_01" / "mav0"
     write(mav / "imu0" / "data.csv", f"{EUROC_IMU}\n{lines(STAMPS, VALUES)}")
@@ -223,6 +223,12 @@ def test_euroc_folder_is_read(tmp_path: Path) -> None:
     write(mav / name / "data.csv", f"{EUROC_POSE}\n{lines(STAMPS, ordered)}")
     write(mav / "cam0" / "data.csv", "#timestamp [ns],filename\n1403636579763555584,1.png\n")
     write(mav / "leica0" / "data.csv", "#timestamp [ns],p_RS_R_x [m]\n1403636579763555584,1.0\n")
+    inner = open_log([mav])
+    assert [str(path) for path in inner.paths] == [
+        str(path) for path in open_log([mav.parent]).paths
+    ]
+    monkeypatch.chdir(mav)
+    assert read(Path()).imus.keys() == {"/imu0"}
     log = open_log([tmp_path / "MH_01"])
     files = [path.parent.name for path in log.paths if isinstance(path, Path)]
     assert files == ["imu0", name]  # which have a hash
