@@ -152,7 +152,9 @@ def diff(
 
 def within_entry(within: Tolerance) -> answers.Within:
     """A tolerance as answers write it."""
-    return answers.Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
+    # as asked, not as it is after being converted twice
+    sizes = (within.translation * 1e3, math.degrees(within.rotation))
+    return answers.Within(*(plain(float(f"{size:.12g}")) for size in sizes))
 
 
 def _named(urdf: SourceFile) -> str:
