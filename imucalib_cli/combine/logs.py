@@ -46,11 +46,6 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     return answer, [*([] if wrong is None else [wrong]), *rest]
 
 
-def lengths(distance: Floats) -> Floats:
-    """(2,), of the translation and the rotation of a distance (6,), m and rad."""
-    return np.asarray(np.linalg.norm(distance.reshape(2, 3), axis=1))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnValues:
     """One of several logs solved together."""
@@ -71,7 +66,7 @@ class OwnValues:
     @property
     def apart(self) -> Floats:
         """(2,), lengths of the distance, m and rad."""
-        return lengths(self.distance)
+        return np.asarray(np.linalg.norm(self.distance.reshape(2, 3), axis=1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

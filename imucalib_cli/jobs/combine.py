@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import combinations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -11,7 +10,7 @@ from msgspec import UNSET, structs
 
 from imucalib_cli import __version__
 from imucalib_cli.combine.imus import SOLVED_TOGETHER
-from imucalib_cli.combine.logs import combine_logs, lengths, solve_again
+from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
@@ -348,20 +347,20 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
     Logs that are said to disagree are left out, and so are those that do not determine their pose.
     """
     known = [
-        (own.from_common, np.asarray(covariance))
+        (own.from_common, np.diag(covariance))
         for log, own in zip(logs, found.own, strict=True)
         if (covariance := log.result.uncertain_pose.covariance) is not None
         and not (own.disagrees or log.result.diagnostics.unobservable)
     ]
-    far = []
-    for (one, C_one), (other, C_other) in combinations(known, 2):
-        sizes, variances = lengths(one - other), np.diag(C_one + C_other)
-        sigmas = np.sqrt(variances.reshape(2, 3).sum(axis=1))
-        if ((sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)).any():
-            far.append(sizes)
-    if far:
-        worst = max(far, key=lambda sizes: float((sizes / judge.SLIP).max()))
-        yield untrusted("logs.apart", translation=worst[0], rotation=worst[1])
+    count = len(known)
+    poses, variances = np.array(known).reshape(count, 2, 2, 3).swapaxes(0, 1)
+    sizes = np.linalg.norm(poses[:, None] - poses, axis=3)
+    sigmas = np.sqrt((variances[:, None] + variances).sum(axis=3))
+    clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
+    if clear.any():
+        slips = np.where(clear.any(axis=2), (sizes / judge.SLIP).max(axis=2), 0.0)
+        translation, rotation = sizes.reshape(-1, 2)[np.argmax(slips)]
+        yield untrusted("logs.apart", translation=translation, rotation=rotation)
 
 
 def _residuals(logs: Sequence[tree.Diagnostics]) -> Residuals:
