@@ -13,6 +13,7 @@ from imucalib_cli.logs.bag.file import BagFile
 from imucalib_cli.logs.chunked.chunks import ChunkedFile, NoIndexError
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.mcap.file import McapFile
+from imucalib_cli.logs.reader import HEAD
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.text.csv_file import NAMES, CsvFile
@@ -31,8 +32,6 @@ READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, EurocTable, CsvFile,
 """Every format that can be read. A new format is one file in this package and one name here."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_HEAD = 4096
-"""First bytes of a file, by which formats are recognised."""
 _METADATA = b"rosbag2_bagfile_information"
 _MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
 """The library of our debugging MCAP, and the columns of our table: files beside a result, which
@@ -109,7 +108,7 @@ def _why_missing(path: Path) -> str:
 def _head(path: Path) -> bytes:
     _mode(path)
     with path.open("rb") as file:
-        return file.read(_HEAD)
+        return file.read(HEAD)
 
 
 def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
@@ -190,7 +189,7 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
     if remote.is_folder:
         raise InputError(f"{remote} is a folder: name its .mcap or .bag files one by one")
     try:
-        head = remote.head(_HEAD)
+        head = remote.head(HEAD)
         reader = _reader(Path(remote.name), head, readers)
         if head.startswith(_ZSTD):
             reason = "it is compressed as a whole"

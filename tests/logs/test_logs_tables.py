@@ -150,6 +150,13 @@ def test_other_columns_are_joints(tmp_path: Path) -> None:
     np.testing.assert_array_equal(joints.position, VALUES[:, :2])
 
 
+def test_a_table_may_have_hundreds_of_joints(tmp_path: Path) -> None:
+    names = tuple(f"segment_{number}_joint" for number in range(300))
+    path = write(tmp_path / "x.csv", f"t_ns,{','.join(names)}\n{'1,' * 300}1\n{'2,' * 300}1\n")
+    (joints,) = read(path).joints["/x"]
+    assert joints.names == names
+
+
 def test_one_table_can_contain_everything(tmp_path: Path) -> None:
     """Joined by time: a row holds one sensor, the cells of the others are empty."""
     header = f"{IMU_HEADER},temperature,joint.elbow,joint.wrist"
@@ -197,6 +204,9 @@ def test_named_columns_that_do_not_fit_are_explained(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"imu\.csv begins with a header without the columns t, az"
     ):
+        open_log([path], columns)
+    path.write_text("\n")
+    with pytest.raises(InputError, match="--csv-columns"):
         open_log([path], columns)
     path.write_text("0,0,0,0,0,0,9.8,1\n")
     with pytest.raises(InputError, match=r"has rows of 8 cells, and --csv-columns names 7"):

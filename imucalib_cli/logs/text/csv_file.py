@@ -18,7 +18,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.reader import Catalogue, Piece
+from imucalib_cli.logs.reader import HEAD, Catalogue, Piece
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -163,6 +163,8 @@ class CsvFile:
         layout = _layout(names) if len(names) > 1 and separator != " " else None
         if layout is None or any(group.named for group in layout[2]):
             return layout is not None
+        if len(lines) < 3 and len(head) == HEAD:
+            return True  # too many columns to see the first row whole
         row = next((line for line in rows if not line.startswith(("#", "%"))), "")
         cells = _cells(row.replace(",", ".") if separator == ";" else row, separator)
         return len(cells) == len(names) and all(map(_is_number, filter(None, cells)))
@@ -191,7 +193,7 @@ class CsvFile:
         """Why columns that the user names are not those of a table, in words."""
         lines = head.decode("utf-8-sig", "replace").splitlines()
         names = _header((line for line in lines if line.strip()), ())[0]
-        if _is_number(names[0]):
+        if names and _is_number(names[0]):
             count = len(cls.COLUMNS)
             return f"has rows of {len(names)} cells, and --csv-columns names {count}: name each"
         missing = ", ".join(each for each in cls.COLUMNS if each not in {"-", *names})
