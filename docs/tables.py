@@ -58,7 +58,7 @@ def options(command: str, *panels: str, without: Iterable[str] = ()) -> str:
                 kind = get_args(kind)[0]
             names = ", ".join(f"`{each}`" for each in (*option.opts, *option.secondary_opts))
             tables.setdefault(option.rich_help_panel or "Options", []).append(
-                (names, _value(kind, option.metavar), _default(option), option.help or "")
+                (names, _value(kind, option.metavar), _default(option), _unescaped(option.help))
             )
     wanted = [each for each in panels or tables if each not in without]
     return "\n".join(
@@ -134,6 +134,11 @@ def _imported_by(room: str) -> set[str]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("imucalib_cli.")
     }
+
+
+def _unescaped(text: str | None) -> str:
+    """A text of the help, in which a bracket is escaped for rich."""
+    return (text or "").replace("\\[", "[")
 
 
 def _value(kind: Any, metavar: str | None) -> str:

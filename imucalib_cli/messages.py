@@ -79,6 +79,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "are there",
     "log.messages_undecoded": "{topic}: {undecoded} of {messages} messages do not fit {type} and "
     "are left out",
+    "log.row_unreadable": "{file}: row {row} is the first that cannot be read: {text:quoted}"
+    "[comma?: write numbers with a decimal point]",
     "log.files_overlap": "{first} and {second} overlap by {seconds:.3g} s: if they are two "
     "recordings, name each alone",
     # Contents of messages.
@@ -227,7 +229,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "frozen, or something else moves the robot; these stretches were left out",
     "robot.held_in_motion": "{share:.0%} of the IMU's rotation happened while the robot's stream "
     "stood still: record again with a publisher that runs throughout",
-    "robot.static": "the robot does not move in this log",
+    "robot.static": "the robot does not move in this[part? part of the] log",
+    "robot.frozen": "{topics:list}: the robot stands still[part? in this part of the log], while "
+    "the IMU turns at {rate:.2g} rad/s: a publisher repeats its last message, or the IMU is on "
+    "another robot; restart the publisher and record again, or choose other topics",
     "nominal.inverted": "[joint {joint}||the nominal pose] seems to hold the pose of the parent "
     "in the IMU instead of the pose of the IMU in the parent: its inverse is "
     "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} from the pose found, the pose itself "
@@ -280,6 +285,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "statistics to be valid there: run it again with --initial and --prior-std near the common "
     "pose",
     "logs.left_out": "{log} is not trusted on its own and was left out: {reason}",
+    "logs.one_left": "{log} is the only log left, and {other}, which was left out, has a pose "
+    "{translation:mm.2g} and {rotation:deg.2g} from its own: one log does not show how far the "
+    "mount moves between recordings; give more logs, or run on {log} alone",
     "logs.missing": "{missing} of the {logs} logs give no result for this IMU: the result is from "
     "the other {used}; run on each alone to see why",
     "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
@@ -336,8 +344,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
     "sensor has ({limit:in unit}): [other?not so by a window of {other:.2g} s (try --window), "
     "vibration may look like that][other=?{name:cure negative}]",
-    "robot.joints_still": "{joints:list} do not move in this log: errors of their zeros and "
-    "lengths look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
+    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
+    "zero||do not move in this log: errors of their zeros] and lengths "
+    "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
     "sigma; move them too, or give --robot exact or --robot DEG,MM",
     "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
     "from what is stated; leave the option out, or measure again",

@@ -25,7 +25,7 @@ GITHUB, GITLAB = (
     yaml.safe_load(block)
     for block in re.findall(r"^```yaml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
 )
-INSTALL = re.compile(r"(?:pipx|pip) install \"imucalib\[plot\]\"")
+INSTALL = re.compile(r"(?:pipx|pip) install \"imucalib\[plot\] @ git\+https://\S+/imucalib\"")
 
 
 def github_steps() -> list[str]:

@@ -103,6 +103,14 @@ EXAMPLES = (
 )
 
 
+def test_a_joint_is_singular_and_joints_are_plural() -> None:
+    values = {"translation": 1e-3, "rotation": 1e-3}
+    one = warning("robot.joints_still", joints=("a",), count=1, **values).message
+    two = warning("robot.joints_still", joints=("a", "b"), count=2, **values).message
+    assert one.startswith("a does not move in this log: errors of its zero and lengths")
+    assert two.startswith("a, b do not move in this log: errors of their zeros and lengths")
+
+
 @pytest.mark.parametrize("finding", EXAMPLES, ids=lambda finding: finding.code)
 def test_messages_are_one_line_without_a_full_stop(finding: Finding) -> None:
     message = finding.message

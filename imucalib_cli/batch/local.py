@@ -177,6 +177,6 @@ def _why(exitcode: int | None) -> str:
         with contextlib.suppress(ValueError):
             reason = signal.Signals(-exitcode).name
     return (
-        f"its process ended {_TRIES} times without a result ({reason}), for want of memory "
-        "perhaps: run the same command again, with fewer --workers"
+        f"its process ended {_TRIES} times without a result ({reason}), perhaps because "
+        "memory ran out: run the same command again with a larger --memory or fewer --workers"
     )

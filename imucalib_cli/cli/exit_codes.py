@@ -45,13 +45,12 @@ EXIT_CODES: dict[int, Meaning] = {
         "one line on stderr with the candidates",
     ),
     EXIT_UNTRUSTED: Meaning(
-        "computed but not trustworthy, or unknown",
-        "A result was computed and should not be trusted: a direction that the motion did not "
-        "determine, a contradiction in the data, a sigma above `--require`. `verify`, `diff` and "
-        "`trend`: the answer is unknown. `compare`: the result of `imucalib run` is untrusted. "
-        "Formats that hold only a pose (`urdf`, `tf`, `matrix` and others) and `imucalib apply` "
-        "refuse such a result unless `--force` is given. Also: nothing in the log moves, so there "
-        "is no result.",
+        "not trustworthy or unknown",
+        "A result should not be trusted: a direction that the motion did not determine, a "
+        "contradiction in the data, a sigma above `--require`. Or there is none, because nothing "
+        "in the log moves. `verify`, `diff` and `trend`: the answer is unknown. `compare`: the "
+        "result of `imucalib run` is untrusted. Formats that hold only a pose (`urdf`, `tf`, "
+        "`matrix` and others) and `imucalib apply` refuse such a result unless `--force` is given.",
         "the result with `status: untrusted`, and the reasons on stderr; only one line if nothing "
         "moves",
     ),
@@ -68,7 +67,8 @@ EXIT_CODES: dict[int, Meaning] = {
     ),
     EXIT_BROKEN_PIPE: Meaning(
         "stdout closed",
-        "The reader of stdout ended (as in `imucalib run … | head`).",
+        "The reader of stdout ended before all was written (as in `imucalib batch … | head`). A "
+        "short output fits into the pipe: the code is then one of those above.",
         "what the reader read",
     ),
 }

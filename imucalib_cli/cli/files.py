@@ -90,9 +90,14 @@ def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
 
 
 @contextmanager
-def warning_of_old_outputs(*outputs: Path | None) -> Iterator[None]:
-    """If the command fails, warn of outputs of an earlier run, which it has not replaced."""
+def warning_of_old_outputs(*outputs: Path | None, read: Iterable[Path] = ()) -> Iterator[None]:
+    """If the command fails, warn of outputs of an earlier run, which it has not replaced.
+
+    Files that it reads are none of them.
+    """
+    inputs = {_identity(path) for path in read}
     before = {path: _identity(path) for path in outputs if path is not None}
+    before = {path: identity for path, identity in before.items() if identity not in inputs}
     try:
         yield
     except (ImucalibError, typer.Exit, KeyboardInterrupt) as error:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from imucalib_cli.cli.entry import was_interrupted
 from imucalib_cli.cli.exit_codes import (
@@ -67,10 +68,29 @@ def common(
     del version
 
 
+def _without_types(params: list[Any]) -> list[Any]:
+    """Parameters of which the help shows no type: arguments have names, and flags no value."""
+    for each in params:
+        if each.param_type_name == "argument" or each.is_flag:
+            each.display_type_rich = lambda ctx: None  # noqa: ARG005 - as newer typers call it
+    return params
+
+
+class _Command(TyperCommand):
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types(super().get_params(ctx))
+
+
+class _Group(TyperGroup):
+    def get_params(self, ctx: Any) -> list[Any]:
+        return _without_types(super().get_params(ctx))
+
+
 def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """The command line with some of its commands; reading the options of all takes time."""
     app = typer.Typer(
         name="imucalib",
+        cls=_Group,
         help="Find the pose of an IMU on a robot, from a log of motion and a URDF.",
         epilog=f"Exit codes: {', '.join(_CODES)}.",
         no_args_is_help=True,
@@ -78,7 +98,7 @@ def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     for name in names:
-        app.command(name)(command_of(name))
+        app.command(name, cls=_Command)(command_of(name))
     app.callback()(common)
     return app
 

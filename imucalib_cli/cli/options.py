@@ -238,7 +238,7 @@ class RecordingOptions:
         None,
         metavar="FILE|URL",
         parser=path_or_url,
-        help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib[xacro]'); "
+        help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib\\[xacro]'); "
         "without it the log's /robot_description or its frames must give the motion.",
     )
     description_topics: list[str] = _robot(

@@ -148,12 +148,17 @@ class CountProgress:
         """Number that an earlier session did."""
         return self._before or 0
 
+    @property
+    def _counted(self) -> str:
+        """The noun, singular for one."""
+        return self.noun.removesuffix("s") if self._all == 1 else self.noun
+
     def report(self, done: int, of: int) -> None:
         """Report how many are done; the first call tells how many an earlier session did."""
         if self._before is None:
             self._before, self._begun = done, time.monotonic()
         self._done, self._all = done, of
-        words = f"{done} of {of} {self.noun}{self._time_left()}"
+        words = f"{done} of {of} {self._counted}{self._time_left()}"
         self._bar.report(f"{self.name}: {words}", done / max(of, 1))
         if not self._lines or time.monotonic() - self._begun < LINE_PATIENCE:
             return
@@ -169,8 +174,8 @@ class CountProgress:
             return
         self.quiet = True  # once is enough
         again = f"the same command {'without --fresh ' if self.fresh else ''}goes on"
-        kept = f"{self._done} of {self._all} {self.noun} are kept in {self.place}; {again}"
-        say("interrupted", kept if self._done else f"none of {self._all} {self.noun} was done")
+        kept = f"{self._done} of {self._all} {self._counted} are kept in {self.place}; {again}"
+        say("interrupted", kept if self._done else f"none of {self._all} {self._counted} was done")
 
     def _say_begun(self) -> None:
         with self._lock:
@@ -179,7 +184,7 @@ class CountProgress:
             self._said = self._done * _LINES // max(self._all, 1)
             before = f", {self._before} of them done before" if self._before else ""
             kept = f", {self.kept} in {self.place}" if self.kept else ""
-            say(self.name, f"{self._all} {self.noun}{before}{kept}")
+            say(self.name, f"{self._all} {self._counted}{before}{kept}")
 
     def _time_left(self) -> str:
         """The time for the rest, at the speed of this session."""

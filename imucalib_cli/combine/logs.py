@@ -52,6 +52,8 @@ class OwnValues:
 
     distance: Floats
     """(6,), its pose less that of all others, m and rad; zero in held components."""
+    from_common: Floats
+    """(6,), its pose less the common one, of which it is a part, likewise."""
     sigmas: float
     """That distance in sigmas, the scatter between logs included."""
     disagrees: bool
@@ -116,6 +118,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
     )
     differences = equations.differences(posterior.u, posterior.step)
     distances, squares = equations.distances(posterior.u)
+    own_poses = equations.own_poses(posterior.step)
     strangers = disagreeing(equations, posterior.u)
     own = []
     for log, one in enumerate(each):
@@ -124,6 +127,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         own.append(
             OwnValues(
                 distance=embedded(distances[log], shared.free[shared.pose]),
+                from_common=embedded(own_poses[log], shared.free[shared.pose]),
                 sigmas=float(np.sqrt(strangers.get(log, squares[log]))),
                 disagrees=log in strangers,
                 state=one.at.moved(one.layout, one.start + one.follow @ step),

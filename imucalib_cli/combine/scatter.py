@@ -136,6 +136,13 @@ class Together:
         score = self.score[:, :p] + self.information[:, :p] @ step
         return np.asarray(-np.linalg.solve(inner, score[:, :, None])[:, :, 0])
 
+    def own_poses(self, step: Floats) -> Floats:
+        """(K, p), each log's pose by its own equations less the common one, after a step (m,)."""
+        p = len(self.scattered)
+        left = self.score[:, :p] + self.information[:, :p] @ step
+        poses = zip(self.information[:, :p, :p], left, strict=True)
+        return np.array([-inverse_of(pose) @ each for pose, each in poses])
+
     def distances(self, u: Floats) -> tuple[Floats, Floats]:
         """(K, p), each log's pose less that of all others, and (K,) its square in sigmas."""
         each, p, spread = self.reduced(u), len(self.scattered), self._spread(u)

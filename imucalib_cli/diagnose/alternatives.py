@@ -290,7 +290,15 @@ def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
 
 def _best(given: Trial, trials: Iterable[Trial]) -> list[Trial]:
     explaining = [trial for trial in trials if trial.good and trial.falls_from(given)]
-    return _most_likely(explaining, given)
+    found = _most_likely(explaining, given)
+    # Each trial frees the offset: with another one too, a fault explains nothing beside it.
+    if any(trial.hypothesis.kind == "offset" for trial in found):
+        found = [
+            trial
+            for trial in found
+            if trial.hypothesis.kind == "offset" or _searched(given, trial.offset)
+        ]
+    return found
 
 
 def _most_likely(trials: list[Trial], given: Trial) -> list[Trial]:

@@ -44,7 +44,7 @@ _FOLLOWING: Final = GENERIC | {
     "imu.accel_sign_in_doubt",
 }
 """Findings that a wrong model causes too."""
-_AFTER: Final = "mend the cause of the poor fit first"
+_AFTER: Final = "correct the cause of the poor fit first"
 
 
 def needs_diagnosis(estimate: Estimate) -> bool:

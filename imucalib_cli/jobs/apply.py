@@ -150,11 +150,16 @@ def _with_origins(content: bytes, origins: Iterable[JointOrigin]) -> bytes:
     return content
 
 
+def _shown(size: float) -> str:
+    """A size in mm or degrees; rounding of the URDF's numbers is none."""
+    return figures(round(size, 6), 3)
+
+
 def _change(robot: Robot, origin: JointOrigin) -> str:
     joint = robot.joint_by_name[origin.joint]
     shift = float(np.linalg.norm(np.array(origin.xyz) - joint.p_origin))
     turn = float(rotation_angle(joint.R_origin.T @ matrix_from_rpy(origin.rpy)))
     return (
         f"joint '{origin.joint}' ({joint.child} on {joint.parent}): its origin moved by "
-        f"{figures(shift * 1e3, 3)} mm and {figures(math.degrees(turn), 3)} deg"
+        f"{_shown(shift * 1e3)} mm and {_shown(math.degrees(turn))} deg"
     )

@@ -23,6 +23,7 @@ from imucalib_cli.results import result as tree
 from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
 from imucalib_cli.results.statistics_file import StoredLog
+from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -113,7 +114,8 @@ def _of_imu(
     once: dict[tuple[str, ...], StoredLog] = {}  # whatever their files are called
     for log in logs:
         once.setdefault(log.result.provenance.log_identity or (log.name,), log)
-    logs, left_out = _usable([*once.values()])
+    every = [*once.values()]
+    logs, left_out = _usable(every)
     twice = given - len(logs) - len(left_out)
     _require_one_robot(logs)
     options = [_changed(log, change) for log in logs]
@@ -129,6 +131,8 @@ def _of_imu(
     if asked > given:
         found.append(warning("logs.missing", missing=asked - given, logs=asked, used=len(logs)))
     found += [warning("logs.left_out", log=each.name, reason=each.reason) for each in left_out]
+    if len(logs) == 1:
+        found += [_one_left(logs[0], log) for log in every if log is not logs[0]]
     estimate = replace(estimate, findings=(*estimate.findings, *found))
     if tolerance is not None:
         estimate = require(estimate, first.parent, tolerance)
@@ -163,6 +167,18 @@ def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftO
             f"{left_out[0].name}: {left_out[0].reason}"
         )
     return usable, left_out
+
+
+def _one_left(left: StoredLog, other: StoredLog) -> Finding:
+    """The finding for the only log that is not left out."""
+    pose, off = left.result.pose, other.result.pose
+    return untrusted(
+        "logs.one_left",
+        log=left.name,
+        other=other.name,
+        translation=float(np.linalg.norm(off.t - pose.t)),
+        rotation=float(rotation_angle(off.R @ pose.R.T)),
+    )
 
 
 def _require_one_robot(logs: Sequence[StoredLog]) -> None:
@@ -315,8 +331,7 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
                 rotation=own.apart[1],
                 sigmas=own.sigmas,
             )
-    if not any(own.disagrees for own in found.own):
-        yield from _apart(logs, found)
+    yield from _apart(logs, found)
     if len(logs) < _FEW:
         yield warning(
             "logs.few",
@@ -327,19 +342,25 @@ def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
 
 
 def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
-    """The log that is farthest from the others, if that is more than a firm mount allows."""
-    far = 0.0
-    for log, own in zip(logs, found.own, strict=True):
-        covariance = log.result.uncertain_pose.covariance
-        if covariance is None or log.result.diagnostics.unobservable:
-            continue
-        sizes = own.apart
-        sigmas = np.sqrt([np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])])
-        clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
-        if clear.any() and (sizes / judge.SLIP).max() > far:
-            far, worst = float((sizes / judge.SLIP).max()), sizes
-    if far:
-        yield untrusted("logs.apart", translation=worst[0], rotation=worst[1])
+    """The two logs that are farthest apart, if that is more than a firm mount allows.
+
+    Logs that are said to disagree are left out, and so are those that do not determine their pose.
+    """
+    known = [
+        (own.from_common, np.diag(covariance))
+        for log, own in zip(logs, found.own, strict=True)
+        if (covariance := log.result.uncertain_pose.covariance) is not None
+        and not (own.disagrees or log.result.diagnostics.unobservable)
+    ]
+    count = len(known)
+    poses, variances = np.array(known).reshape(count, 2, 2, 3).swapaxes(0, 1)
+    sizes = np.linalg.norm(poses[:, None] - poses, axis=3)
+    sigmas = np.sqrt((variances[:, None] + variances).sum(axis=3))
+    clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
+    if clear.any():
+        slips = np.where(clear.any(axis=2), (sizes / judge.SLIP).max(axis=2), 0.0)
+        translation, rotation = sizes.reshape(-1, 2)[np.argmax(slips)]
+        yield untrusted("logs.apart", translation=translation, rotation=rotation)
 
 
 def _residuals(logs: Sequence[tree.Diagnostics]) -> Residuals:

@@ -54,7 +54,7 @@ class Clock:
     findings: tuple[Finding, ...] = ()
     """Problems of the stamps of single topics, and how they were handled."""
     alternative: Kind | None = None
-    """The kind that is not used, if its stamps look sound."""
+    """The kind that is not used, if its stamps are others and look sound."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -108,7 +108,9 @@ def choose_clock(
     else:
         findings = [_handled(fault, "no better", log_faults) for fault in header_faults]
     origin = min((first_plausible(_stamps(each, kind)) for each in moving), default=0)
-    sound = None if faults[other] else other
+    # of a table both are the same
+    differ = any(not np.array_equal(each.header_ns, each.log_ns) for each in moving)
+    sound = other if differ and not faults[other] else None
     return Clock(kind=kind, origin_ns=origin, findings=tuple(findings), alternative=sound)
 
 

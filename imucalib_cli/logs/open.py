@@ -13,10 +13,11 @@ from imucalib_cli.logs.bag.file import BagFile
 from imucalib_cli.logs.chunked.chunks import ChunkedFile, NoIndexError
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.mcap.file import McapFile
+from imucalib_cli.logs.reader import HEAD
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.text.csv_file import NAMES, CsvFile
-from imucalib_cli.logs.text.tum_euroc import TABLES, EurocTable, TumFile
+from imucalib_cli.logs.text.tum_euroc import EurocTable, TumFile, tables_of
 from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, EurocTable, CsvFile,
 """Every format that can be read. A new format is one file in this package and one name here."""
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
-_HEAD = 4096
-"""First bytes of a file, by which formats are recognised."""
 _METADATA = b"rosbag2_bagfile_information"
 _MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")
 """The library of our debugging MCAP, and the columns of our table: files beside a result, which
@@ -96,6 +95,8 @@ def _mode(path: Path) -> int:
 
 def _why_missing(path: Path) -> str:
     """The likely reason why a path does not exist."""
+    if str(path) == "-":
+        return "is no log: a log cannot be read from standard input: write it to a file first"
     broken = next((each for each in (path, *path.parents) if each.is_symlink()), None)
     if broken is not None and not broken.exists():
         return (
@@ -107,7 +108,7 @@ def _why_missing(path: Path) -> str:
 def _head(path: Path) -> bytes:
     _mode(path)
     with path.open("rb") as file:
-        return file.read(_HEAD)
+        return file.read(HEAD)
 
 
 def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
@@ -122,6 +123,15 @@ def holds_log(path: Path) -> bool:
         return False
     is_known = head.startswith(_ZSTD) or _METADATA in head
     return is_known or _reader(path, head, READERS) is not None
+
+
+def holds_log_alone(path: Path) -> bool:
+    """As :func:`holds_log`, but of tables only those that name columns of an IMU or of joints."""
+    if not holds_log(path):
+        return False
+    head = _head(path)
+    reader = _reader(path, head, READERS)
+    return reader is None or not issubclass(reader, CsvFile) or reader.is_named(head)
 
 
 def is_own_output(path: Path) -> bool:
@@ -179,7 +189,7 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
     if remote.is_folder:
         raise InputError(f"{remote} is a folder: name its .mcap or .bag files one by one")
     try:
-        head = remote.head(_HEAD)
+        head = remote.head(HEAD)
         reader = _reader(Path(remote.name), head, readers)
         if head.startswith(_ZSTD):
             reason = "it is compressed as a whole"
@@ -209,6 +219,9 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
 def _no_log(path: LogPath, head: bytes, readers: Readers) -> InputError:
     if not head:
         return InputError(f"{path} is empty: record or copy it again")
+    for each in readers:
+        if issubclass(each, CsvFile) and each.IS_NAMED_BY_USER and b"\0" not in head:
+            return InputError(f"{path} {each.why_not(head)}")
     if path.name.lower().endswith(".csv"):
         return InputError(f"{path} has no header with known columns: {NAMES}, or use --csv-columns")
     return InputError(f"{path} is not a log: expected {_known(readers)}")
@@ -263,7 +276,7 @@ def _listed(folder: Path) -> list[Path]:
 def _guessed(folder: Path, readers: Readers) -> list[Path]:
     """Log files of a folder without metadata.yaml: one recording, if their names show it."""
     logs = []
-    tables = [each for each in sorted(folder.glob(TABLES)) if EurocTable.matches(_head(each), each)]
+    tables = [each for each in tables_of(folder) if EurocTable.matches(_head(each), each)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
         head = _head(path)
         reader = None if is_own_output(path) else _reader(path, head, readers)

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     """A file on disk, or behind a URL."""
 
 Progress = Callable[[float], None]
+HEAD = 4096
+"""First bytes of a file, by which formats are recognised."""
 
 
 @dataclass(frozen=True, kw_only=True)

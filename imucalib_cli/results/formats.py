@@ -117,9 +117,14 @@ def _xacro(results: Sequence[Result]) -> str:
     return "".join(lines)
 
 
-def _matrix(result: Result) -> str:
-    """T_parent_imu, four rows of four numbers."""
-    return "".join(" ".join(map(_number, row)) + "\n" for row in _matrix4(result))
+def _matrix(results: Sequence[Result]) -> str:
+    """T_parent_imu, four rows of four numbers; of several IMUs, each below its name."""
+    lines = []
+    for result in results:
+        if len(results) > 1:
+            lines.append(f"# {printable(result.child)} in {printable(result.parent)}")
+        lines += [" ".join(map(_number, row)) for row in _matrix4(result)]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _kalibr(result: Result) -> str:
@@ -192,7 +197,7 @@ FORMATS: dict[str, Format] = {
     ),
     "launch": Format(".launch.xml", True, _each(_launch), "a <node> of a ROS 2 launch file"),
     "xacro": Format(".xacro", True, _xacro, "xacro properties to paste"),
-    "matrix": Format(".txt", True, _each(_matrix), "4x4, T_parent_imu"),
+    "matrix": Format(".txt", True, _matrix, "4x4, T_parent_imu"),
     "kalibr": Format(
         ".kalibr.yaml", True, _each(_kalibr, "---\n"), "for a parent that is a camera"
     ),

@@ -72,6 +72,7 @@ def test_log_of_killed_worker_is_retried_once(tmp_path: Path) -> None:
     told = {"a": "ok", "b": "ok", "c": "failed", "d": "ok", "e": "failed"}
     assert statuses(done) == told
     assert "ended 2 times without a result (SIGKILL)" in done["c"].errors[0]
+    assert "with a larger --memory or fewer --workers" in done["c"].errors[0]
     assert "not enough memory for this log: raise --memory" in done["e"].errors[0]
     assert done["c"].key is done["e"].key is None
     assert done["a"].key is not None

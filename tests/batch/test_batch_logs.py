@@ -50,12 +50,28 @@ def test_each_recording_in_a_folder_is_one_log(tmp_path: Path) -> None:
         each for each in logs if each != ["deep/er/c.db3"]
     ]
     assert found(tmp_path, tmp_path / "day" / "drive") == [["day/drive"]]
+    assert found(tmp_path, tmp_path / "day/flight/mav0") == [["day/flight/mav0"]]
 
 
 def test_log_files_are_detected_by_content(tmp_path: Path) -> None:
     (tmp_path / "log.recorded").write_bytes(b"#ROSBAG V2.0\n")
     (tmp_path / "readme").write_text("no log")
     assert found(tmp_path, tmp_path) == [["log.recorded"]]
+
+
+def test_text_beside_logs_is_no_log(tmp_path: Path) -> None:
+    """A table is one if its columns are those of an IMU or of joints, by the documented names."""
+    texts = {
+        "imu.csv": "t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n",
+        "joints.csv": "t,joint.elbow\n0,1\n",
+        "notes.txt": "time, x, y\nhello\n",
+        "replay.py": "import subprocess,signal,time,sys,os\nos.nice(5)\n",
+        "temperature.csv": "time,celsius\n0,36.6\n",
+        "truth.tum": "0 0 0 0 0 0 0 1\n",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    assert found(tmp_path, tmp_path) == [["imu.csv"], ["joints.csv"]]
 
 
 def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:

@@ -65,6 +65,12 @@ def test_every_imu_is_applied_and_reported(apply: Any) -> None:
     assert "moved by 3 mm and 90 deg" in apply([imu("left", R_parent_imu=R)]).err
 
 
+def test_origin_that_stays_is_not_said_to_move(apply: Any, urdf: Path) -> None:
+    """Rounding of the numbers in a URDF is no move."""
+    urdf.write_text(URDF.replace("0.303", "0.30000000000005"))
+    assert "its origin moved by 0 mm and 0 deg" in apply([imu("left")]).err
+
+
 def test_untrusted_imu_does_not_block_the_other(apply: Any) -> None:
     pair = [
         imu("left"),
@@ -175,6 +181,25 @@ def test_in_place_overwrites_the_urdf(apply: Any, urdf: Path) -> None:
     assert "leave -o out" in apply([imu("left")], "--in-place", "-o", "x.urdf", code=2).err
     assert apply([imu("left")], "--in-place").out == ""
     assert urdf.read_text() == URDF.replace("0.303", "0.3")
+
+
+def test_write_protected_urdf_is_not_changed_in_place(apply: Any, urdf: Path) -> None:
+    urdf.chmod(0o444)
+    said = apply([imu("left")], "--in-place", code=1).err
+    assert f"error: {urdf}: cannot be written: it is write-protected" in said
+    assert urdf.read_text() == URDF
+
+
+def test_refused_output_is_not_called_old(apply: Any, urdf: Path) -> None:
+    """Neither the input nor a URDF of another origin is of an earlier run."""
+    assert "is of an earlier run" not in apply([imu("left")], "-o", urdf, code=2).err
+    assert "is of an earlier run" not in apply([imu("gone")], "-o", urdf, code=1).err
+    other = urdf.with_name("other.urdf")
+    other.write_text(URDF.replace('"r"', '"other"'))
+    assert "is of an earlier run" not in apply([imu("left")], "-o", other, code=2).err
+    other.write_text(URDF)
+    old = apply([imu("gone")], "-o", other, code=1).err
+    assert f"warning: {other} is of an earlier run: this one has not written it" in old
 
 
 def test_numeric_xacro_origin_is_edited(tmp_path: Path, imucalib: Imucalib) -> None:

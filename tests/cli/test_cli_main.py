@@ -15,10 +15,12 @@ from unittest import mock
 import jsonschema
 import numpy as np
 import pytest
+import typer
+from rich.markup import render
 
 from imucalib_cli import __version__
 from imucalib_cli.cli.exit_codes import worst
-from imucalib_cli.cli.main import main
+from imucalib_cli.cli.main import COMMANDS, app_of, main
 from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
@@ -293,6 +295,15 @@ def test_failure_outranks_untrusted_result() -> None:
     assert worst([3, 2]) == 2
     assert worst([3, 1, 2]) == 1
     assert worst([3, 1, 4, 2]) == 4
+
+
+def test_help_shows_brackets_and_no_types_of_arguments_and_flags(imucalib: Imucalib) -> None:
+    for name in COMMANDS:
+        shown = imucalib(name, "--help").out
+        assert not re.search(r"<(list|bool|object)", shown)
+        for each in typer.main.get_command(app_of()).commands[name].params:  # type: ignore[attr-defined]
+            words = each.help or ""
+            assert render(words).plain == words.replace("\\[", "[")
 
 
 def test_help_groups_are_in_order_of_use(imucalib: Imucalib) -> None:

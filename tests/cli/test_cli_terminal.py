@@ -22,7 +22,7 @@ import yaml
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.cli.output import say, wants_colour
-from imucalib_cli.cli.progress import ProgressBar
+from imucalib_cli.cli.progress import CountProgress, ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import TEXT, untrusted
@@ -357,6 +357,13 @@ def test_long_name_in_message_is_handled_quickly() -> None:
     long = "x" * 1_000_000  # minutes where the time grows with its square
     assert str(ChoiceError(long)) == long
     assert similar_names(long, [long, "xx"]) == ""
+
+
+def test_one_task_is_counted_in_the_singular(capsys: pytest.CaptureFixture[str]) -> None:
+    progress = CountProgress("batch", "logs", Path("out"), fresh=False, jobs=1, quiet=False)
+    progress.report(0, 1)
+    progress.__exit__(KeyboardInterrupt)
+    assert capsys.readouterr().err == "interrupted: none of 1 log was done\n"
 
 
 def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:

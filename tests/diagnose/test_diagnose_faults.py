@@ -156,6 +156,15 @@ def test_a_wrong_stated_time_offset_is_contradicted(late: float) -> None:
         assert "later than the robot's, not the 0 s that were given" in found.message
 
 
+def test_fault_that_needs_another_time_offset_too_is_not_named() -> None:
+    """With the offset freed too, any zero of a joint about gravity fits, and so does no zero."""
+    recording = noisy(ARM, flawed("none"))
+    case = misdescribed(recording, flawed("none")).judged(MatchedOptions(time_offset=7.0))
+    (found, *_) = case.explained.findings
+    assert found.code == "cause.offset"
+    assert [tie[0] for tie in value(found, "ties")] == ["offset"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("rate", [6.0, 11.8])
 def test_flexible_mount_is_reported_with_its_frequency(rate: float) -> None:
@@ -239,7 +248,7 @@ def test_poor_fit_of_unknown_cause_advises_no_motion() -> None:
     assert case.found == ()
     assert case.explained.distrust == case.plain.distrust
     for direction in case.explained.unobservable:
-        assert "mend the cause of the poor fit first" in direction.motion
+        assert "correct the cause of the poor fit first" in direction.motion
 
 
 def test_position_swapped_with_another_limb_is_found() -> None:

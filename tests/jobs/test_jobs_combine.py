@@ -27,6 +27,8 @@ from imucalib_cli.simulate.write_log import write_log
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from imucalib_cli.estimate.options import MatchedOptions
 
 ARM = "rihibot"
@@ -103,6 +105,16 @@ def test_duplicate_log_counts_once_and_untrusted_log_is_excluded(logs: list[Stor
     assert isinstance(failure, UntrustedError)
 
 
+def test_only_log_left_is_untrusted_with_the_distance_of_the_other(logs: list[StoredLog]) -> None:
+    """What the mount does between recordings is unknown then."""
+    wrong = _moved(_untrusted(logs[1]), np.array([0.0, 4e-3, 0.0]))
+    (result,), _ = combine([logs[0], wrong], as_it_was)
+    (found,) = (each for each in result.diagnostics.findings if each.code == "logs.one_left")
+    assert result.status == "untrusted"
+    assert (found.values["log"], found.values["other"]) == (logs[0].name, wrong.name)
+    assert found.values["translation"] == pytest.approx(4e-3, abs=5e-4)
+
+
 def test_unused_logs_are_reported_in_the_result(
     request_of_three: CalibrationRequest, tmp_path: Path
 ) -> None:
@@ -113,6 +125,38 @@ def test_unused_logs_are_reported_in_the_result(
     assert "empty.mcap is empty" in str(failure)
     (found,) = (each for each in result.diagnostics.findings if each.code == "logs.missing")
     assert (found.values["missing"], found.values["logs"], found.values["used"]) == (1, 2, 1)
+
+
+def test_logs_on_either_side_of_a_move_are_untrusted(logs: list[StoredLog]) -> None:
+    """Each is less than 2 mm from the mean of the others, whose poses are 3 mm apart."""
+    away = np.array([0.0, 3e-3, 0.0])
+    (result,), _ = combine([*logs, *(_moved(log, away) for log in logs)], as_it_was)
+    (found,) = (each for each in result.diagnostics.findings if each.code == "logs.apart")
+    assert result.status == "untrusted"
+    assert found.values["translation"] == pytest.approx(3e-3, abs=5e-4)
+
+
+def test_move_of_one_log_is_stated_in_full(logs: list[StoredLog]) -> None:
+    """Whichever of the findings names it."""
+    away = np.array([0.0, 6e-3, 0.0])
+    (result,), _ = combine([logs[0], _moved(logs[1], away)], as_it_was)
+    (found,) = (each for each in result.diagnostics.findings if each.code == "logs.apart")
+    assert found.values["translation"] == pytest.approx(6e-3, abs=5e-4)
+
+
+def _moved(log: StoredLog, away: NDArray[np.float64]) -> StoredLog:
+    """Another recording with the same noise, of the mount elsewhere."""
+    equations = log.statistics.equations
+    at = replace(equations.at, t=equations.at.t + away)
+    statistics = replace(log.statistics, equations=replace(equations, at=at))
+    (file,) = log.result.provenance.files
+    assert file.sha256 is not None
+    files = [structs.replace(file, sha256=file.sha256[::-1])]
+    provenance = structs.replace(log.result.provenance, files=files)
+    (x, y, z), (dx, dy, dz) = log.result.transform.translation, away.tolist()
+    transform = structs.replace(log.result.transform, translation=(x + dx, y + dy, z + dz))
+    result = structs.replace(log.result, provenance=provenance, transform=transform)
+    return StoredLog(name=f"moved {log.name}", result=result, statistics=statistics)
 
 
 def _untrusted(log: StoredLog) -> StoredLog:

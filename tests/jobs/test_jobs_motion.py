@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.errors import ImucalibError, InputError, UntrustedError
+from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.logs.part import Part
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
@@ -157,6 +159,16 @@ def test_motion_is_read_without_a_urdf(
         (arm, {"world": "uper"}, "ChoiceError: --world uper: no such link"),
         (arm, {"parent": "base"}, "InputError: base never moves"),
         (
+            lambda w: w.imu().joints(names=("knee", "hip")),
+            {"parent": "base"},
+            r"InputError: base never .* none of the log's joints \(knee, hip missing\): check",
+        ),
+        (
+            lambda w: w.imu().joints(names=("pan", "lift", "knee")),
+            {"parent": "base"},
+            r"InputError: base never .* not all of the log's joints \(knee missing\): check",
+        ),
+        (
             lambda w: arm(w).tf("map", "base").tf("odom", "base"),
             {},
             "ChoiceError: several poses move links of .*--pose-topic",
@@ -185,6 +197,32 @@ def test_unusable_motion_is_refused(
     with pytest.raises(ImucalibError) as caught:
         motion_of(log(log_writer).write(), **{"urdf": arm_urdf, **wishes})
     assert re.match(message, f"{type(caught.value).__name__}: {caught.value}")
+
+
+@pytest.mark.parametrize(
+    ("gyro", "part", "message"),
+    [
+        (0.5, None, "/joint_states: the robot stands still, while the IMU turns at 0.3"),
+        (
+            0.5,
+            Part(start=0.5, end=3.5),
+            "/joint_states: the robot stands still in this part of the log, while the IMU turns",
+        ),
+        (0.0, None, "the robot does not move in this log"),
+        (0.0, Part(start=0.5, end=3.5), "the robot does not move in this part of the log"),
+    ],
+)
+def test_frozen_joint_states_are_no_robot_at_rest(
+    gyro: float, part: Part | None, message: str, log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log_writer.imu(gyro=gyro).joints()
+    for topic, _, _, each in log_writer.messages:
+        if topic == "/joint_states":
+            each.position[:] = 1.0
+    request = CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf, part=part)
+    (failure,) = calibrate(request).failures
+    assert isinstance(failure, UntrustedError)
+    assert str(failure).startswith(message)
 
 
 def test_duplicate_pose_is_used_once_and_noted(log_writer: LogWriter) -> None:

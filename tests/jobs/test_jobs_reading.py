@@ -107,7 +107,7 @@ def test_log_without_any_time_gives_no_clock_advice(log_writer: LogWriter, arm_u
         (topic, kind, 0, message) for topic, kind, _, message in log_writer.messages
     ]
     assert failure(timeless.write(), arm_urdf) == (
-        "/imu/data: header stamps are all the same: no other stamps in the log are sound, so "
+        "/imu/data: header stamps are all the same: the log has no other sound stamps, so "
         "record again"
     )
 

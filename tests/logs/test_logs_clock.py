@@ -122,6 +122,8 @@ def test_only_valid_stamps_are_an_alternative() -> None:
     imu = stream()
     unreceived = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
     assert choose_clock([unreceived]).alternative is None
+    once = Stream(topic="/table", header_ns=unreceived.header_ns, log_ns=unreceived.header_ns)
+    assert choose_clock([once], "log").alternative is None
 
 
 def test_requested_clock_warns_only_if_another_is_better() -> None:

@@ -43,6 +43,11 @@ def test_pipes_and_devices_are_refused_at_once(tmp_path: Path) -> None:
     assert "is a pipe or a device" in refused(tmp_path / "link.bag")
 
 
+def test_standard_input_is_no_log() -> None:
+    with pytest.raises(InputError, match="a log cannot be read from standard input"):
+        open_log([Path("-")])
+
+
 def test_links_are_followed_and_broken_ones_named(written: Write, tmp_path: Path) -> None:
     path = written(mixed_messages(10), "mcap-none")
     link = tmp_path / "link.mcap"

@@ -150,6 +150,13 @@ def test_other_columns_are_joints(tmp_path: Path) -> None:
     np.testing.assert_array_equal(joints.position, VALUES[:, :2])
 
 
+def test_a_table_may_have_hundreds_of_joints(tmp_path: Path) -> None:
+    names = tuple(f"segment_{number}_joint" for number in range(300))
+    path = write(tmp_path / "x.csv", f"t_ns,{','.join(names)}\n{'1,' * 300}1\n{'2,' * 300}1\n")
+    (joints,) = read(path).joints["/x"]
+    assert joints.names == names
+
+
 def test_one_table_can_contain_everything(tmp_path: Path) -> None:
     """Joined by time: a row holds one sensor, the cells of the others are empty."""
     header = f"{IMU_HEADER},temperature,joint.elbow,joint.wrist"
@@ -174,7 +181,36 @@ def test_invalid_rows_are_skipped_and_counted(tmp_path: Path) -> None:
     )
     data = read(path)
     assert_imu(data, "/imu")
-    assert data.losses == ("/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",)
+    assert data.losses == (
+        f"{path}: row 10 is the first that cannot be read: '12,1,2,3,4,5'",
+        "/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",
+    )
+
+
+def test_decimal_commas_are_named(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "imu.csv",
+        f"{IMU_HEADER.replace(',', ';')}\n1;0,5;0;0;0;0;9,8\n".replace("t_ns", "t"),
+    )
+    assert read(path).losses[0] == (
+        f"{path}: row 1 is the first that cannot be read: '1;0,5;0;0;0;0;9,8': write numbers with "
+        "a decimal point"
+    )
+
+
+def test_named_columns_that_do_not_fit_are_explained(tmp_path: Path) -> None:
+    path = write(tmp_path / "imu.csv", "when,gx,gy,gz,ax,ay,z\n0,0,0,0,0,0,9.8\n")
+    columns = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+    with pytest.raises(
+        InputError, match=r"imu\.csv begins with a header without the columns t, az"
+    ):
+        open_log([path], columns)
+    path.write_text("\n")
+    with pytest.raises(InputError, match="--csv-columns"):
+        open_log([path], columns)
+    path.write_text("0,0,0,0,0,0,9.8,1\n")
+    with pytest.raises(InputError, match=r"has rows of 8 cells, and --csv-columns names 7"):
+        open_log([path], columns)
 
 
 def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:
@@ -188,7 +224,7 @@ def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:
     assert data.losses == ()
 
 
-def test_euroc_folder_is_read(tmp_path: Path) -> None:
+def test_euroc_folder_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Headers as in the published data set; images and positions alone are left alone."""
     mav = tmp_path / "MH_01" / "mav0"
     write(mav / "imu0" / "data.csv", f"{EUROC_IMU}\n{lines(STAMPS, VALUES)}")
@@ -197,6 +233,9 @@ def test_euroc_folder_is_read(tmp_path: Path) -> None:
     write(mav / name / "data.csv", f"{EUROC_POSE}\n{lines(STAMPS, ordered)}")
     write(mav / "cam0" / "data.csv", "#timestamp [ns],filename\n1403636579763555584,1.png\n")
     write(mav / "leica0" / "data.csv", "#timestamp [ns],p_RS_R_x [m]\n1403636579763555584,1.0\n")
+    assert open_log([mav]).paths == open_log([mav.parent]).paths
+    monkeypatch.chdir(mav)
+    assert read(Path()).imus.keys() == {"/imu0"}
     log = open_log([tmp_path / "MH_01"])
     files = [path.parent.name for path in log.paths if isinstance(path, Path)]
     assert files == ["imu0", name]  # which have a hash
@@ -220,6 +259,22 @@ def test_tables_beside_a_log_are_ignored(tmp_path: Path) -> None:
     write(tmp_path / "notes.csv", f"{IMU_HEADER}\n{lines(STAMPS, VALUES)}")
     write_log(tmp_path / "log.mcap", mixed_messages(5), "mcap-none")
     assert [path.name for path in open_log([tmp_path]).paths] == ["log.mcap"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import subprocess,signal,time,sys,os\nos.nice(5)\n",
+        "time, x, y\nhello\n",
+        "time, x, y\nhello, dear, reader\n",
+        "time,x\n0,1,2\n",
+    ],
+)
+def test_table_of_unknown_columns_begins_with_a_row_of_as_many_numbers(
+    tmp_path: Path, text: str
+) -> None:
+    with pytest.raises(InputError, match=r"notes\.txt is not a log"):
+        open_log([write(tmp_path / "notes.txt", text)])
 
 
 @pytest.mark.parametrize(

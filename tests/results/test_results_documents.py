@@ -526,6 +526,14 @@ def test_distance_matches_scipy_near_and_far() -> None:
 T_TRUE = np.vstack([np.column_stack([R_TRUE.as_matrix(), [-0.0225, 0.1, 1e-5]]), [0, 0, 0, 1]])
 
 
+def test_matrices_of_several_imus_have_their_names() -> None:
+    text = FORMATS["matrix"].render([make_result(), make_result(child="other_imu")])
+    lines = text.splitlines()
+    assert [lines[0], lines[5]] == ["# imu_link in wrist_3_link", "# other_imu in wrist_3_link"]
+    both = np.loadtxt(text.splitlines())
+    np.testing.assert_allclose(both, np.vstack([T_TRUE, T_TRUE]), atol=1e-11)
+
+
 def test_all_output_formats_give_the_same_pose() -> None:
     texts = {name: each.render([make_result()]) for name, each in FORMATS.items()}
     words = texts["tf"].split()

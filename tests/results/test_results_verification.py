@@ -15,6 +15,7 @@ from scipy.stats import ortho_group
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.comparison.verdicts import diff, verify
+from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.mount import NominalPose
 from tests.results.test_results_documents import ROLL, UP, make_estimate, make_result
 
@@ -76,6 +77,18 @@ def test_verdict_needs_two_sigma_from_tolerance(
     difference: dict[str, Any] = {key: off * np.array([0.48, 0.6, 0.64])}
     found = answer(found_at(**difference, covariance=np.diag(variances)))
     assert (found.verdict, getattr(found, part).verdict) == (verdict, verdict)
+
+
+def test_tolerance_is_given_as_asked() -> None:
+    asked = Tolerance(translation=5e-3, rotation=math.radians(1.5))
+    within = answer(found_at(), asked).within
+    assert (within.translation_mm, within.rotation_deg) == (5.0, 1.5)
+
+
+def test_urdf_on_stdin_is_named_in_words() -> None:
+    urdf = SourceFile(path="-", sha256=None)
+    said = verify(found_at(), TOLD, TIGHT, urdf).reason
+    assert "is where the URDF on standard input says (joint 'imu_joint')" in said
 
 
 def test_small_difference_is_judged_by_the_largest_sigma() -> None:

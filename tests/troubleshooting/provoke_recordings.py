@@ -411,6 +411,11 @@ def between_gaps() -> Recording:
     return replace(noisy(), robot=(rows_kept(robot, robot.t % 0.8 > 0.35),))
 
 
+def frozen_robot() -> Recording:
+    (robot,) = noisy().robot
+    return with_robot(noisy(), position=np.broadcast_to(robot.position[0], robot.position.shape))
+
+
 def moving_only(*joints: int) -> Callable[[], Recording]:
     """The arm's plan, the other joints held where they start."""
 
@@ -452,6 +457,7 @@ MOTION: dict[str, Provocation] = {
     "between-gaps": on_arm(between_gaps),
     "too-few-samples": on_arm(lambda: part(3.0, 3.2)),
     "standstill": on_arm(lambda: part(0.0, 2.0)),  # the plan begins with two seconds of rest
+    "frozen-robot": on_arm(frozen_robot),
     "one-axis": on_arm(moving_only(5)),
     "joints-still": on_arm(moving_only(3, 4)),
     "stated-contradicted": on_arm(noisy, "--gravity", "9.7"),

@@ -91,7 +91,8 @@ def damaged(scene: Scene) -> Seen:
 TOGETHER: dict[str, Provocation] = {
     "together-few": together(3, 4),
     "together-disagree": together(3, 4, 5, also=moved),
-    "together-left-out": together(3, also=mirrored),
+    "together-left-out": together(3, 4, also=mirrored),
+    "together-one-left": together(3, also=mirrored),
     "together-apart": together(3, also=moved),
     "together-far": together(3, 4, 5, also=moving_only(5)),
     "together-twice": together(3, 4, 5, 5),

@@ -103,6 +103,7 @@ NOT_HERE = {
     "log.part_missing",
     "log.part_unusable",
     "log.record_unknown",
+    "log.row_unreadable",
     "log.unpacks_too_large",
     # Where several faults meet, which tests/jobs and tests/estimate do.
     "imu.gyro_too_fast",

@@ -51,6 +51,7 @@ def apply_command(
     """Write a URDF with each IMU's joint at the calibrated pose; all other bytes stay the same."""
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.jobs.result_files import result_names
+    from imucalib_cli.results.atomic import check_writable
     from imucalib_cli.results.places import check_places
 
     if in_place and (output is not None or str(urdf) == "-"):
@@ -61,16 +62,18 @@ def apply_command(
         raise ChoiceError("--kinematics writes a separate URDF: leave --in-place out")
     if kinematics and output is None and str(urdf) != "-":
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
-    with warning_of_old_outputs(output):
-        names = result_names(results)
+    if in_place:
+        check_writable(urdf)
+    names = result_names(results)
+    read = files_of(*names, urdf)
+    with warning_of_old_outputs(output, read=read):
         applied = apply(names, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
+    if applied.content is not None and output is not None:
+        # what is refused here is not of an earlier run
+        check_places(read=read, written=[output], force=force, made_here=applied.made)
+    with warning_of_old_outputs(output, read=read):
         if applied.content is not None:
-            if in_place:
-                output = urdf
-            elif output is not None:
-                read = files_of(*names, urdf)
-                check_places(read=read, written=[output], force=force, made_here=applied.made)
-            deliver(applied.content, output, quiet=quiet)
+            deliver(applied.content, urdf if in_place else output, quiet=quiet)
         if not quiet:
             for change in applied.changes:
                 say("applied", change)

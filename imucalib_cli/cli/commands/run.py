@@ -102,7 +102,10 @@ def run_command(
         folder=folder,
     )
     older = [*single, *beside, *([] if folder is None else files_named_after(folder, logs[0]))]
-    with warning_of_old_outputs(*older), reading(*logs, recording.urdf, verbose=verbose):
+    with (
+        warning_of_old_outputs(*older, read=read),
+        reading(*logs, recording.urdf, verbose=verbose),
+    ):
         request = options.calibration_request(ctx, logs, recording, estimator, require)
         request = replace(request, details=bool(beside))
         chosen = chosen_format(fmt, target)

@@ -521,7 +521,11 @@ def _still(answer: Answer) -> Iterator[Finding]:
     if (by_hidden > 0.5 * np.diag(answer.pose_covariance)).any():
         std = np.sqrt([by_hidden[:3].sum(), by_hidden[3:].sum()])
         yield warning(
-            "robot.joints_still", joints=layout.still, translation=std[0], rotation=std[1]
+            "robot.joints_still",
+            joints=layout.still,
+            count=len(layout.still),
+            translation=std[0],
+            rotation=std[1],
         )
 
 

@@ -24,6 +24,7 @@ from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, require_nom
 from imucalib_cli.robot.names import name_without_prefix
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.shown import near_matches
+from imucalib_cli.signals.imu.base import is_turning, turning_rate
 from imucalib_cli.signals.moves import track_moves
 
 if TYPE_CHECKING:
@@ -34,12 +35,15 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.signals.samples import ImuSamples
 
 
 _NUMBERED = (
     "its motors have only numbers: name the joints by --joints TOPIC:FIELD=name,..., "
     "such as --joints /lowstate:motor_state.q[0:3]=a,b,c"
 )
+_MOST_LISTED = 12
+"""Names of joints in a sentence."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,6 +99,21 @@ class Motion:
         return self.sources.topics_of(self.path)
 
 
+def find_motion_of(
+    samples: ImuSamples, sources: Sources, frame_id: str, request: CalibrationRequest
+) -> Motion:
+    """As :func:`find_motion`, but it tells a robot at rest from a stream that is frozen."""
+    try:
+        return find_motion(sources, frame_id, request)
+    except UntrustedError as error:
+        is_static = error.finding is not None and error.finding.code == "robot.static"
+        if not is_static or not is_turning(samples):
+            raise
+        values = {"rate": turning_rate(samples), "part": request.part is not None}
+        topics = tuple(dict.fromkeys(sources.topics[track.name] for track in _moving(sources)))
+        raise UntrustedError(untrusted("robot.frozen", topics=topics, **values)) from error
+
+
 def find_motion(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
     """Find the link that carries the IMU of a frame_id and the path that moves it.
 
@@ -131,15 +150,29 @@ def _checked(motion: Motion, request: CalibrationRequest) -> Motion:
     if request.needs_nominal and mount.nominal is None:
         raise ChoiceError(no_nominal(mount.parent, mount.child))
     if _nothing_moves(path, motion.sources):
-        raise UntrustedError(untrusted("robot.static"))
+        raise UntrustedError(untrusted("robot.static", part=request.part is not None))
     if is_still(path):
         raise InputError(
             f"{mount.parent} never moves in {path.world} according to "
-            f"{', '.join(motion.topics) or 'the URDF, whose joints on the way are all fixed'}: "
+            f"{', '.join(motion.topics) or _urdf_of_fixed(motion.sources)}: "
             "check --parent and --urdf, record a log in which the robot moves, or give what moves "
             "it by --pose-topic"
         )
     return motion
+
+
+def _urdf_of_fixed(sources: Sources) -> str:
+    """The URDF that moves nothing, and the joints of the log that it lacks."""
+    text = "the URDF, whose joints on the way are all fixed"
+    names = dict.fromkeys(name for track in sources.joints for name in track.names)
+    known = () if sources.robot is None else sources.robot.joint_by_name
+    missing = [name for name in names if name not in known]
+    if sources.robot is None or not missing:
+        return text
+    some = "none" if len(missing) == len(names) else "not all"
+    more = ", …" if len(missing) > _MOST_LISTED else ""
+    listed = ", ".join(missing[:_MOST_LISTED]) + more
+    return f"{text} and which has {some} of the log's joints ({listed} missing)"
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
@@ -149,9 +182,13 @@ def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
     """
     if all(isinstance(step, FixedStep) for step in path.steps):
         return False
-    tracks = [edge.track for edge in sources.edges if not edge.is_static]
-    tracks += [] if sources.base is None else [sources.base.track]
-    return not any(map(track_moves, (*sources.joints, *tracks)))
+    base = () if sources.base is None else (sources.base.track,)
+    return not any(map(track_moves, (*_moving(sources), *base)))
+
+
+def _moving(sources: Sources) -> tuple[Track, ...]:
+    """Joints and poses that could move."""
+    return (*sources.joints, *(edge.track for edge in sources.edges if not edge.is_static))
 
 
 def _from_robot(

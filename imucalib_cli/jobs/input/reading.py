@@ -238,7 +238,7 @@ def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None
         stamps = clock.stamps_ns(imu)
         if len(stamps) > 1 and not np.diff(stamps).any():
             name = "header stamps" if clock.kind == "header" else "receive times"
-            remedy = "no other stamps in the log are sound, so record again"
+            remedy = "the log has no other sound stamps, so record again"
             if clock.alternative is not None:
                 remedy = f"rerun with --clock {clock.alternative}"
             raise InputError(f"{imu.topic}: {name} are all the same: {remedy}", topic=imu.topic)

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.reader import Catalogue, Piece
+from imucalib_cli.logs.reader import HEAD, Catalogue, Piece
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -58,6 +59,8 @@ _TIME = re.compile(r"(?:t|time|stamp|timestamp)(?:_(ns|us|ms|s))?")
 _JOINT = re.compile(r"joint[.:/](.+)")
 _LONGEST_STEP_S = 1.0
 """Rows further apart, if the unit is assumed to be seconds, show that it is another one."""
+_SHOWN = 100
+"""Letters of a row in a message."""
 NAMES = (
     "name a column t (or t_ns), and gx gy gz ax ay az of an IMU, joint.NAME of joints, or "
     "x y z qx qy qz qw of a pose"
@@ -75,14 +78,16 @@ class _Group:
     columns: tuple[int, ...]
     """In the order of the quantities, or of the joints."""
     joints: tuple[str, ...] = ()
+    named: bool = True
+    """Whether the names of its columns say what it is; else it may be any table."""
     times: array[int] = field(default_factory=lambda: array("q"))
     """ns."""
     values: array[float] = field(default_factory=lambda: array("d"))
     bad: int = 0
     """Rows with cells that are not numbers."""
 
-    def take(self, stamp: int, cells: list[str]) -> None:
-        """Keep the numbers of a row.
+    def take(self, stamp: int, cells: list[str]) -> bool:
+        """Keep the numbers of a row; False if they are none.
 
         Rows of empty cells are skipped: tables of several sensors joined by time have them.
         """
@@ -91,9 +96,10 @@ class _Group:
             values = [float(each) for each in texts]
         except ValueError:
             self.bad += any(texts)
-        else:
-            self.times.append(stamp)
-            self.values.extend(values)
+            return not any(texts)
+        self.times.append(stamp)
+        self.values.extend(values)
+        return True
 
     def piece(self) -> Piece:
         """All rows."""
@@ -125,6 +131,7 @@ class CsvFile:
     IS_TEXT: ClassVar[bool] = True
     COLUMNS: ClassVar[tuple[str, ...]] = ()
     """Names of the columns where the file has no header."""
+    IS_NAMED_BY_USER: ClassVar[bool] = False
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
         self.path: LogPath = path
@@ -141,16 +148,33 @@ class CsvFile:
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
-        """Whether a file begins with a header whose columns are known."""
+        """Whether a file begins with a header whose columns are known.
+
+        Columns of other names may be joints if the first row has as many numbers.
+        """
         if b"\0" in head:
             return False
         lines = [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
         if not lines:
             return False
-        names, separator, _ = _header(iter(lines[:1]), ())
+        names, separator, rows = _header(iter(lines), ())
         if cls.COLUMNS:
             return len(names) == len(cls.COLUMNS) and _is_number(names[0])
-        return len(names) > 1 and separator != " " and _layout(names) is not None
+        layout = _layout(names) if len(names) > 1 and separator != " " else None
+        if layout is None or any(group.named for group in layout[2]):
+            return layout is not None
+        if len(lines) < 3 and len(head) == HEAD:
+            return True  # too many columns to see the first row whole
+        row = next((line for line in rows if not line.startswith(("#", "%"))), "")
+        cells = _cells(row.replace(",", ".") if separator == ";" else row, separator)
+        return len(cells) == len(names) and all(map(_is_number, filter(None, cells)))
+
+    @classmethod
+    def is_named(cls, head: bytes) -> bool:
+        """Whether a header, or the format, names columns of an IMU or of joints."""
+        lines = head.decode("utf-8-sig", "replace").splitlines()
+        layout = _layout(_header((line for line in lines if line.strip()), cls.COLUMNS)[0])
+        return any(each.named and each.kind != "pose" for each in (layout or (0, "", []))[2])
 
     @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
@@ -161,7 +185,23 @@ class CsvFile:
         """
         if _layout(list(names)) is None:
             raise InputError(f"--csv-columns {','.join(names)}: {NAMES}")
-        return type("HeadlessCsvFile", (cls,), {"COLUMNS": tuple(names)})
+        known = {"COLUMNS": tuple(names), "IS_NAMED_BY_USER": True}
+        return type("HeadlessCsvFile", (cls,), known)
+
+    @classmethod
+    def why_not(cls, head: bytes) -> str:
+        """Why columns that the user names are not those of a table, in words."""
+        lines = head.decode("utf-8-sig", "replace").splitlines()
+        names = _header((line for line in lines if line.strip()), ())[0]
+        if names and _is_number(names[0]):
+            count = len(cls.COLUMNS)
+            return f"has rows of {len(names)} cells, and --csv-columns names {count}: name each"
+        missing = ", ".join(each for each in cls.COLUMNS if each not in {"-", *names})
+        which = f" without the columns {missing}" if missing else " of unknown columns"
+        return (
+            f"begins with a header{which}, and --csv-columns is for tables without one: rename the "
+            "columns there, or remove the header"
+        )
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -188,7 +228,7 @@ class CsvFile:
         """Read the numbers of all rows."""
         named = bool(unit)
         width = 1 + max(time, *(max(each.columns) for each in self._groups))
-        for line in lines:
+        for row, line in enumerate(lines, 1):
             if line.startswith(("#", "%")):
                 continue
             cells = _cells(line, separator)
@@ -198,12 +238,21 @@ class CsvFile:
             except (ValueError, OverflowError, IndexError):
                 for group in self._groups:
                     group.bad += 1
+                self._lose(row, line, separator)
                 continue
             cells += [""] * (width - len(cells))
-            for group in self._groups:
-                group.take(stamp, cells)
+            taken = [group.take(stamp, cells) for group in self._groups]
+            if not all(taken):
+                self._lose(row, line, separator)
         if not named and unit == "s":
             self._check_seconds()
+
+    def _lose(self, row: int, line: str, separator: str) -> None:
+        """Report the first row that cannot be read."""
+        if not self.losses:
+            comma = separator != "," and "," in line
+            values = {"row": row, "text": line.strip()[:_SHOWN], "comma": comma}
+            self.losses.append(warning("log.row_unreadable", **values))
 
     def _check_seconds(self) -> None:
         for group in self._groups:
@@ -247,17 +296,18 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
     for k, name in enumerate(bare):
         if name.lower() in _PLACES:
             places.setdefault(_PLACES[name.lower()], k)
-    groups = []
+    groups, named = [], True
     for kind, (_, _, quantities, _) in _KINDS.items():
         wanted = [(each, axis) for each in quantities for axis in range(len(_SPELLINGS[each][0]))]
         if wanted and places.keys() >= set(wanted):
             groups.append(_Group(kind, tuple(places[each] for each in wanted)))
     joints = {known[1]: k for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))}
     if not groups and not joints:
+        named = False
         further = {name: k for k, name in enumerate(bare) if k not in times}
         joints = {name: k for name, k in further.items() if name.strip("-")}
     if joints:
-        groups.append(_Group("joints", tuple(joints.values()), tuple(joints)))
+        groups.append(_Group("joints", tuple(joints.values()), tuple(joints), named))
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))

@@ -11,8 +11,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-TABLES = "mav0/*/data.csv"
-"""Place of the tables in an EuRoC folder."""
+_ROOT = "mav0"
+_TABLES = "*/data.csv"
+
+
+def tables_of(folder: Path) -> list[Path]:
+    """The tables of an EuRoC folder, or of the ``mav0`` in it."""
+    is_root = folder.absolute().name == _ROOT
+    return sorted((folder if is_root else folder / _ROOT).glob(_TABLES))
 
 
 class TumFile(CsvFile):
@@ -45,4 +51,6 @@ class EurocTable(CsvFile):
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
         """Whether it lies in such a folder and is not a list of images."""
-        return path.match(TABLES) and (b"w_RS_S_x" in head or b"q_RS_w" in head)
+        return path.absolute().match(f"{_ROOT}/{_TABLES}") and (
+            b"w_RS_S_x" in head or b"q_RS_w" in head
+        )

@@ -59,7 +59,7 @@ def verify(
     doubts = _contradictions(result)
     verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{result.child} in {result.parent}"
-    source = "the log's own frames say" if urdf is None else f"{urdf.path} says"
+    source = "the log's own frames say" if urdf is None else f"{_named(urdf)} says"
     by = f"{source} (joint '{given.joint}')" if given.joint else source
     match verdict:
         case "yes":
@@ -152,7 +152,13 @@ def diff(
 
 def within_entry(within: Tolerance) -> answers.Within:
     """A tolerance as answers write it."""
-    return answers.Within(plain(within.translation * 1e3), plain(math.degrees(within.rotation)))
+    # as asked, not as it is after being converted twice
+    sizes = (within.translation * 1e3, math.degrees(within.rotation))
+    return answers.Within(*(plain(float(f"{size:.12g}")) for size in sizes))
+
+
+def _named(urdf: SourceFile) -> str:
+    return "the URDF on standard input" if urdf.path == "-" else urdf.path
 
 
 def _contradictions(result: Result) -> list[str]:

@@ -57,8 +57,13 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
 
 def is_turning(imu: ImuSamples) -> bool:
     """Whether an IMU turns faster than bias and noise explain, so that its carrier moves."""
+    return turning_rate(imu) > TURNING
+
+
+def turning_rate(imu: ImuSamples) -> float:
+    """Root mean square rate of an IMU without its bias, in its own unit."""
     middle = np.median(imu.gyro, axis=0)
-    return bool(np.sqrt(np.mean(((imu.gyro - middle) ** 2).sum(axis=1))) > TURNING)
+    return float(np.sqrt(np.mean(((imu.gyro - middle) ** 2).sum(axis=1))))
 
 
 def is_same_sensor(one: ImuSamples, other: ImuSamples) -> bool:
