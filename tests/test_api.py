@@ -73,7 +73,7 @@ def test_calibration_has_arrays_residuals_and_text(arm: ic.Calibration) -> None:
     html = arm._repr_html_()
     assert html.startswith("<table>")
     assert html.endswith("</table>")
-    assert "-22.508 ± 0.009 mm" in html
+    assert "-22.509 ± 0.009 mm" in html
 
 
 def test_names_are_escaped_in_html(arm: ic.Calibration) -> None:
