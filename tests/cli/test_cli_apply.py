@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.result import ParameterEntry, SourceFile
 from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
+from tests.results.results_samples import DOUBTS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -66,10 +66,7 @@ def test_every_imu_is_applied_and_reported(apply: Any) -> None:
 
 
 def test_untrusted_imu_does_not_block_the_other(apply: Any) -> None:
-    pair = [
-        imu("left"),
-        imu("right", findings=(untrusted(TEXT, text="it wobbles"),)),
-    ]
+    pair = [imu("left"), imu("right", findings=DOUBTS)]
     out, err = apply(pair, code=3)
     assert out == URDF.replace('<origin xyz="0.1 0.2 0.303" rpy="0 0 0"/>', MOVED)
     assert "error: right in hand: result is untrusted (it wobbles), so no URDF" in err

@@ -22,7 +22,7 @@ from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
-from tests.results.test_results_documents import make_result
+from tests.results.results_samples import make_result
 
 ROOT = Path(__file__).parents[2]
 SAMPLE, BAR = ROOT / "sample_data" / "rihibot", ROOT / "sample_data" / "barbot.bag"

@@ -25,7 +25,6 @@ from imucalib_cli.cli.output import say, wants_colour
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.formats import FORMATS
@@ -33,7 +32,7 @@ from imucalib_cli.shown import similar_names
 from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
-from tests.results.test_results_documents import make_result
+from tests.results.results_samples import DOUBTS, make_result
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
@@ -178,7 +177,7 @@ def test_run_into_a_folder_names_each_file(
 def test_redirected_stderr_has_reasons_beside_terminal_summary(
     shown: Shown, arm: tuple[object, ...], estimator: Estimator
 ) -> None:
-    estimator.estimate = replace(ESTIMATE, findings=(untrusted(TEXT, text="it wobbles"),))
+    estimator.estimate = replace(ESTIMATE, findings=DOUBTS)
     code, out, err = shown("run", *arm, streams=("stdout",))
     assert code == 3
     assert "UNTRUSTED" in out

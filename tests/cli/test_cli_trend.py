@@ -20,7 +20,7 @@ from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.cli.stand_in import ANSWERS
-from tests.results.trend_results import drawn, named, result, written
+from tests.results.results_samples import drawn, named, result, written
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
