@@ -303,7 +303,7 @@ def test_impossible_spikes_give_a_result_or_an_error_message(
     spike: float, log_writer: LogWriter, arm_urdf: Path
 ) -> None:
     log_writer.imu(seconds=8.0).joints(seconds=8.0)
-    imus = [message for topic, _, _, message in log_writer.messages if topic == "/imu/data"]
+    imus = [each.message for each in log_writer.messages if each.topic == "/imu/data"]
     for message in imus[50::200]:
         message.linear_acceleration.x = spike
     request = CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf)
