@@ -155,7 +155,10 @@ def test_robot_corrections_of_several_imus_must_agree(tmp_path: Path, imucalib: 
 
 def test_a_missing_joint_is_added(apply: Any, urdf: Path) -> None:
     results = [imu("left"), imu("tête")]
-    assert apply(results, code=1).out.count(MOVED) == 1  # the other one is applied
+    out, err = apply(results, code=1)
+    assert out.count(MOVED) == 1  # the other one is applied
+    assert '<joint name="tête_joint" type="fixed">\n' in err
+    assert '<parent link="hand"/>' in err
     said = apply(results, "--add", "-o", urdf.with_name("new.urdf"))
     assert "a joint that holds 'tête' on 'hand' was added" in said.err
     robot = load_robot(urdf.with_name("new.urdf"))

@@ -26,17 +26,18 @@ from tests.results.results_samples import make_result
 
 ROOT = Path(__file__).parents[2]
 SAMPLE, BAR = ROOT / "sample_data" / "rihibot", ROOT / "sample_data" / "barbot.bag"
-HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
+HEAVY = {"numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib"}
+HEAVY |= {"distributed", "msgspec"}
 
 
 def test_help_imports_no_heavy_module() -> None:
     """One process shows them all in turn: what one of them imports stays imported."""
-    commands = ("run", "inspect", "apply", "verify", "diff", "compare", "simulate", "study")
+    commands = "run", "inspect", "apply", "verify", "diff", "compare", "simulate", "study", "batch"
     program = (
         "import sys; from imucalib_cli.cli.main import main\n"
         f"codes = [main(['--version']), main(['--help'])] + "
         f"[main([name, '--help']) for name in {commands!r}]\n"
-        f"print('HEAVY', [name for name in {HEAVY!r} if name in sys.modules], set(codes))"
+        f"print('HEAVY', [*{HEAVY!r} & set(sys.modules)], set(codes))"
     )
     assert python("-c", program).stdout.splitlines()[-1] == "HEAVY [] {0}"
 

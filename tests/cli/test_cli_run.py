@@ -264,7 +264,6 @@ def test_prior_without_urdf_joint_needs_initial_pose(
         ("--gravity fixed --tilt-std 1", "--tilt-std has no effect with --gravity fixed"),
         ("--require 1mm,2mm", "--require 1mm,2mm: expected a length, an angle or both"),
         ("--require 0mm", "--require 0mm: must be positive"),
-        ("--degree 1", "Invalid value for '--degree'"),
         ("--unknown", "No such option: --unknown"),
         ("--imu-link nowhere", "--imu-link nowhere: no such link"),
         ("--fix x", "--fix x: 'x' is not a component; expected some of tx, ty, tz, rx, ry, rz"),

@@ -6,7 +6,6 @@ import fcntl
 import json
 import os
 import re
-import shlex
 import struct
 import sys
 import termios
@@ -27,7 +26,6 @@ from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.shown import similar_names
 from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
@@ -365,12 +363,6 @@ def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:
         time.sleep(0.2)
         bar.report("reading [/x]\x1b[2J", 0.5)
         assert bar._state["description"] == "reading [/x]\\x1b[2J"
-
-
-@pytest.mark.parametrize("name", ["x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"])
-def test_tf_arguments_are_quoted_for_shell(name: str) -> None:
-    words = shlex.split(FORMATS["tf"].render([make_result(child=name, parent="hand")]))
-    assert words[-4:] == ["--frame-id", "hand", "--child-frame-id", name]
 
 
 def test_pipe_or_endless_file_is_refused_quickly(

@@ -464,6 +464,9 @@ def test_names_execute_nothing_in_launch_file_or_shell() -> None:
         text = FORMATS[form].render([evil])
         assert text.count("\n") == 1
         assert shlex.split(text)[-1].startswith("$(command")
+    for name in ("x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"):
+        words = shlex.split(FORMATS["tf"].render([make_result(child=name)]))
+        assert words[-4:] == ["--frame-id", "wrist_3_link", "--child-frame-id", name]
 
 
 def test_untrusted_poses_are_refused_without_force() -> None:
