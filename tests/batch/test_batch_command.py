@@ -228,7 +228,6 @@ def test_finished_remote_logs_are_skipped_like_local_ones(
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
-    monkeypatch.setenv("no_proxy", "*")
     served, kept = tmp_path / "served", tmp_path / "results"
     served.mkdir()
     shutil.copy(SAMPLES / "rihibot.mcap", served / "log.mcap")

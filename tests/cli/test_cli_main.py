@@ -21,7 +21,7 @@ from imucalib_cli.cli.exit_codes import worst
 from imucalib_cli.cli.main import main
 from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
-from tests.processes import python
+from tests.processes import python, wait_for
 from tests.results.results_samples import make_result
 
 ROOT = Path(__file__).parents[2]
@@ -238,10 +238,7 @@ def test_interrupted_simulation_leaves_no_files(number: int, tmp_path: Path) -> 
     with subprocess.Popen(
         [sys.executable, "-m", "imucalib_cli", *command], cwd=tmp_path, stderr=subprocess.PIPE
     ) as process:
-        # until the log is being written
-        deadline = time.monotonic() + 60.0
-        while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_for(lambda: list(tmp_path.iterdir()))  # until the log is being written
         process.send_signal(number)
         _, err = process.communicate(timeout=20)
     assert (process.returncode, err) == (130, b"")

@@ -360,10 +360,10 @@ def test_base_less_level_than_stated_is_reported() -> None:
     assert solve(log, tilt_std=0.03).trusted
 
 
-def sprung(rate: float, damping: float = 0.05) -> Log:
+def sprung(rate: float) -> Log:
     """An IMU on a spring, which follows the link as a resonance does."""
     log, w = make_log(QUICK), 2.0 * np.pi * rate
-    b, a = bilinear([w**2], [1.0, 2 * damping * w, w**2], 200.0)  # passes rest unchanged
+    b, a = bilinear([w**2], [1.0, 0.1 * w, w**2], 200.0)  # passes rest unchanged
     rest = log.imu.accel[0]
     swung = log.with_imu(accel=rest + lfilter(b, a, log.imu.accel - rest, axis=0))
     return swung.noisy(1, "industrial")

@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tests.conftest import START_NS
-from tests.logs.logs_samples import Said, T, posed, positions, reading, say, tf, write_log
+from tests.logs.logs_samples import Said, posed, positions, reading, say, tf, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -211,11 +211,6 @@ def _pose_message(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:
     if topic == "/tf":
         return say(topic, tf(ns, "odom", child, xyz, xyzw), ns + 2)
     return say(topic, posed(ns, "odom", xyz, xyzw), ns + 2)
-
-
-def described(said: str) -> Said:
-    """The message of robot_state_publisher."""
-    return say("/robot_description", T["String"](data=said), START_NS)
 
 
 def random_mount(seed: int) -> pin.SE3:
