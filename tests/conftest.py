@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.cli.main import main
-from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
+from tests.logs.logs_samples import Said, T, posed, positions, reading, say, tf, vector, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+os.environ.update(no_proxy="*", NO_PROXY="*")  # the servers of tests are on this machine
 SLOW_PART = "IMUCALIB_SLOW_PART"
 """Environment variable: 0/3, 1/3 or 2/3 leaves in that third of the slow tests alone."""
 
@@ -69,7 +70,7 @@ class LogWriter:
     """Collects messages and writes them as one recording."""
 
     path: Path
-    messages: list[tuple[str, str, int, Any]] = field(default_factory=list)
+    messages: list[Said] = field(default_factory=list)
 
     def imu(
         self,
@@ -83,13 +84,11 @@ class LogWriter:
         rate: float = 100.0,
     ) -> LogWriter:
         """An IMU that is level and oscillates in rotation; no physics, unless a fake needs none."""
-        unknown = np.zeros(9)
 
         def message(ns: int, t: float) -> Any:
-            w, a = vector((0, 0, gyro * np.sin(2.0 * t))), vector((0, 0, accel))
-            return T["Imu"](header(ns, frame), _upright(), unknown, w, unknown, a, unknown)
+            return reading(ns, (0, 0, gyro * np.sin(2.0 * t)), (0, 0, accel), frame)
 
-        return self._add(topic, "sensor_msgs/msg/Imu", message, _times(start, seconds, rate))
+        return self._add(topic, message, _times(start, seconds, rate))
 
     def joints(
         self,
@@ -99,32 +98,22 @@ class LogWriter:
         start: float = 0.0,
         seconds: float = 4.0,
     ) -> LogWriter:
-        none = np.zeros(0)
-
         def message(ns: int, t: float) -> Any:
-            position = np.array([np.sin(t + i) for i in range(len(names))])
-            return T["JointState"](header(ns, ""), list(names), position, none, none)
+            return positions(ns, names, np.sin(t + np.arange(len(names))))
 
-        return self._add(topic, "sensor_msgs/msg/JointState", message, _times(start, seconds))
+        return self._add(topic, message, _times(start, seconds))
 
     def tf(
         self, parent: str, child: str, *, moving: bool = True, xyz: tuple[float, ...] = (1, 2, 3)
     ) -> LogWriter:
         def message(ns: int, t: float) -> Any:
-            pose = T["Transform"](vector(xyz), _turned(t))
-            return T["TFMessage"]([T["TransformStamped"](header(ns, parent), child, pose)])
+            return tf(ns, parent, child, xyz, _turned(t))
 
         times = _times() if moving else np.zeros(1)
-        return self._add(
-            "/tf" if moving else "/tf_static", "tf2_msgs/msg/TFMessage", message, times
-        )
+        return self._add("/tf" if moving else "/tf_static", message, times)
 
     def poses(self, topic: str = "/mocap/pose") -> LogWriter:
-        def message(ns: int, t: float) -> Any:
-            pose = T["Pose"](T["Point"](0.0, 0.0, 1.0), _turned(t))
-            return T["PoseStamped"](header(ns, "room"), pose)
-
-        return self._add(topic, "geometry_msgs/msg/PoseStamped", message)
+        return self._add(topic, lambda ns, t: posed(ns, "room", (0, 0, 1), _turned(t)))
 
     def odometry(self, topic: str = "/odom", *, reach: float = 0.5) -> LogWriter:
         """The pose of the arm's base in odom, oscillating by ``reach``, m."""
@@ -132,34 +121,29 @@ class LogWriter:
         still = T["TwistWithCovariance"](T["Twist"](vector((0, 0, 0)), vector((0, 0, 0))), unknown)
 
         def message(ns: int, t: float) -> Any:
-            pose = T["Pose"](T["Point"](reach * float(np.sin(t)), 0.0, 0.0), _upright())
-            told = T["PoseWithCovariance"](pose, unknown)
-            return T["Odometry"](header(ns, "odom"), "base", told, still)
+            there = posed(ns, "odom", (reach * np.sin(t), 0, 0), (0, 0, 0, 1))
+            told = T["PoseWithCovariance"](there.pose, unknown)
+            return T["Odometry"](there.header, "base", told, still)
 
-        return self._add(topic, "nav_msgs/msg/Odometry", message)
+        return self._add(topic, message)
 
     def text(self, topic: str = "/chatter", said: str = "hi") -> LogWriter:
-        return self._add(
-            topic, "std_msgs/msg/String", lambda _ns, _t: T["String"](data=said), np.zeros(1)
-        )
+        return self._add(topic, lambda _ns, _t: T["String"](data=said), np.zeros(1))
 
     def write(self) -> Path:
         """The MCAP file."""
-        rows = sorted(self.messages, key=lambda row: row[2])
-        said = (Said(topic, kind, message, ns) for topic, kind, ns, message in rows)
-        write_log(self.path, said, "mcap2")
+        write_log(self.path, sorted(self.messages, key=lambda each: each.log_ns), "mcap2")
         return next(self.path.glob("*.mcap"))
 
     def _add(
         self,
         topic: str,
-        kind: str,
         message: Callable[[int, float], Any],
         times: NDArray[np.float64] | None = None,
     ) -> LogWriter:
         for t in (_times() if times is None else times).tolist():
             ns = START_NS + round(t * 1e9)
-            self.messages.append((topic, kind, ns, message(ns, t)))
+            self.messages.append(say(topic, message(ns, t), ns))
         return self
 
 
@@ -167,12 +151,8 @@ def _times(start: float = 0.0, seconds: float = 4.0, rate: float = 50.0) -> NDAr
     return start + np.arange(round(seconds * rate)) / rate
 
 
-def _upright() -> Any:
-    return quaternion((0, 0, 0, 1))
-
-
-def _turned(t: float) -> Any:
-    return quaternion((0.0, 0.0, np.sin(t / 2), np.cos(t / 2)))
+def _turned(t: float) -> tuple[float, ...]:
+    return 0.0, 0.0, np.sin(t / 2), np.cos(t / 2)
 
 
 class Printed(NamedTuple):

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from typing import Any
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
@@ -12,3 +17,20 @@ def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, *map(str, arguments)]
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
     return subprocess.run(command, text=True, check=False, **given)
+
+
+def wait_for(condition: Callable[[], object]) -> None:
+    for _ in range(600):
+        if condition():
+            return
+        time.sleep(0.05)
+    raise AssertionError("waited half a minute in vain")
+
+
+def runs(pid: int) -> bool:
+    """Whether a process has not ended, even if its status has not been read yet."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"

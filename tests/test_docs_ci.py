@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 
-from tests.results.trend_results import drawn, named, written
+from tests.results.results_samples import drawn, named, written
 from tests.test_docs import ROOT, run
 
 if TYPE_CHECKING:

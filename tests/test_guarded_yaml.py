@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from imucalib_cli.guarded_yaml import YamlError, load_one, load_yaml
-from imucalib_cli.results.codec import PlainDumper, read_results, to_document, to_yaml
+from imucalib_cli.results.codec import PlainDumper, read_results, to_yaml
 from tests.processes import python
-from tests.results.test_results_documents import make_result
+from tests.results.results_samples import make_result
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -57,7 +57,7 @@ def test_numbers_follow_json_syntax() -> None:
 
 @pytest.mark.parametrize("name", ["1e3", "08", "0x10", "1:30", "2e-5", ".5", "~", "yes", "12"])
 def test_a_frame_that_looks_like_a_number_is_read_back(name: str) -> None:
-    (read,) = read_results(to_yaml([to_document(make_result(child=name))]), "r.yaml")
+    (read,) = read_results(to_yaml([make_result(child=name)]), "r.yaml")
     assert read.child == name
 
 

@@ -172,15 +172,6 @@ def test_changed_options_change_the_record_key(logs: Logs) -> None:
     assert len({*keys, key("--fix", "tx")}) == 6
 
 
-def test_duplicate_log_is_reported_and_processed_once(logs: Logs, capsys: Said) -> None:
-    given = logs("a.mcap")
-    Path("link.mcap").symlink_to("a.mcap")
-    batch("link.mcap", *given, "--format", "jsonl")
-    out, err = capsys.readouterr()
-    assert len(out.splitlines()) == 1
-    assert "note: a.mcap is the same log as link.mcap and is calibrated once\n" in err
-
-
 def test_github_annotations_and_ci_files_are_written(
     logs: Logs, monkeypatch: Patch, capsys: Said
 ) -> None:
@@ -237,7 +228,6 @@ def test_finished_remote_logs_are_skipped_like_local_ones(
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
-    monkeypatch.setenv("no_proxy", "*")
     served, kept = tmp_path / "served", tmp_path / "results"
     served.mkdir()
     shutil.copy(SAMPLES / "rihibot.mcap", served / "log.mcap")
@@ -277,12 +267,6 @@ def test_progress_prints_few_lines(logs: Logs, monkeypatch: Patch, capsys: Said)
     assert "batch: 30 logs, 30 of them done before\n" in capsys.readouterr().err
     batch(*given, "--quiet")
     assert capsys.readouterr().err == ""
-
-
-def test_help_imports_no_numpy() -> None:
-    script = "import sys; from imucalib_cli.cli.main import main; main(['batch', '--help'])\n"
-    script += "assert not {'numpy', 'distributed', 'msgspec'} & set(sys.modules)\n"
-    subprocess.run([sys.executable, "-c", script], check=True, stdout=subprocess.DEVNULL)
 
 
 @pytest.mark.parametrize("reader", ["whole", pytest.param("head", marks=pytest.mark.slow)])

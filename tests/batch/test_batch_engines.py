@@ -21,10 +21,11 @@ from imucalib_cli.batch.on_dask import DaskWorkers
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import batch, copying, here, task_for
+from tests.processes import runs, wait_for
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from imucalib_cli.batch.record import Record
 
@@ -46,22 +47,6 @@ def records(of: Any) -> dict[str, Record]:
 
 def statuses(found: dict[str, Record]) -> dict[str, str]:
     return {name: record.status for name, record in found.items()}
-
-
-def wait_for(condition: Callable[[], object]) -> None:
-    for _ in range(600):
-        if condition():
-            return
-        time.sleep(0.05)
-    raise AssertionError("waited half a minute in vain")
-
-
-def runs(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
 
 
 def test_log_of_killed_worker_is_retried_once(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.layout import csv_text, plain
 from imucalib_cli.results.codec import to_document
 from imucalib_cli.shown import printable
-from tests.results.test_results_documents import UP, make_result
+from tests.results.results_samples import UP, make_result
 
 HOSTILE = 'a,"b"\nc|d <i>*&amp;*</i> %0A::error::x\x1b[2J\u202e\u0000é'
 NAMED = printable(HOSTILE)

@@ -13,7 +13,7 @@ import yaml
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 from imucalib_cli.findings import TEXT, warning
-from tests.results.test_results_documents import make_estimate
+from tests.results.results_samples import make_estimate
 
 if TYPE_CHECKING:
     from tests.conftest import Printed

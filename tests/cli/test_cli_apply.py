@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.result import ParameterEntry, SourceFile
 from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
+from tests.results.results_samples import DOUBTS
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -72,10 +72,7 @@ def test_origin_that_stays_is_not_said_to_move(apply: Any, urdf: Path) -> None:
 
 
 def test_untrusted_imu_does_not_block_the_other(apply: Any) -> None:
-    pair = [
-        imu("left"),
-        imu("right", findings=(untrusted(TEXT, text="it wobbles"),)),
-    ]
+    pair = [imu("left"), imu("right", findings=DOUBTS)]
     out, err = apply(pair, code=3)
     assert out == URDF.replace('<origin xyz="0.1 0.2 0.303" rpy="0 0 0"/>', MOVED)
     assert "error: right in hand: result is untrusted (it wobbles), so no URDF" in err
@@ -164,7 +161,10 @@ def test_robot_corrections_of_several_imus_must_agree(tmp_path: Path, imucalib: 
 
 def test_a_missing_joint_is_added(apply: Any, urdf: Path) -> None:
     results = [imu("left"), imu("tête")]
-    assert apply(results, code=1).out.count(MOVED) == 1  # the other one is applied
+    out, err = apply(results, code=1)
+    assert out.count(MOVED) == 1  # the other one is applied
+    assert '<joint name="tête_joint" type="fixed">\n' in err
+    assert '<parent link="hand"/>' in err
     said = apply(results, "--add", "-o", urdf.with_name("new.urdf"))
     assert "a joint that holds 'tête' on 'hand' was added" in said.err
     robot = load_robot(urdf.with_name("new.urdf"))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.results.codec import to_yaml
 from tests.cli.stand_in import ANSWERS
-from tests.results.test_results_documents import UP, make_result
+from tests.results.results_samples import UP, make_result
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,7 +13,7 @@ import pytest
 
 from imucalib_cli.results.codec import to_json, to_yaml
 from tests.cli.stand_in import ANSWERS, answers
-from tests.results.test_results_documents import UP, make_result
+from tests.results.results_samples import UP, make_result
 
 if TYPE_CHECKING:
     from imucalib_cli.results.result import Result

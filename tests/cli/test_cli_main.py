@@ -23,22 +23,23 @@ from imucalib_cli.cli.exit_codes import worst
 from imucalib_cli.cli.main import COMMANDS, app_of, main
 from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
-from tests.processes import python
-from tests.results.test_results_documents import make_result
+from tests.processes import python, wait_for
+from tests.results.results_samples import make_result
 
 ROOT = Path(__file__).parents[2]
 SAMPLE, BAR = ROOT / "sample_data" / "rihibot", ROOT / "sample_data" / "barbot.bag"
-HEAVY = ("numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib")
+HEAVY = {"numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib"}
+HEAVY |= {"distributed", "msgspec"}
 
 
 def test_help_imports_no_heavy_module() -> None:
     """One process shows them all in turn: what one of them imports stays imported."""
-    commands = ("run", "inspect", "apply", "verify", "diff", "compare", "simulate", "study")
+    commands = "run", "inspect", "apply", "verify", "diff", "compare", "simulate", "study", "batch"
     program = (
         "import sys; from imucalib_cli.cli.main import main\n"
         f"codes = [main(['--version']), main(['--help'])] + "
         f"[main([name, '--help']) for name in {commands!r}]\n"
-        f"print('HEAVY', [name for name in {HEAVY!r} if name in sys.modules], set(codes))"
+        f"print('HEAVY', [*{HEAVY!r} & set(sys.modules)], set(codes))"
     )
     assert python("-c", program).stdout.splitlines()[-1] == "HEAVY [] {0}"
 
@@ -239,10 +240,7 @@ def test_interrupted_simulation_leaves_no_files(number: int, tmp_path: Path) -> 
     with subprocess.Popen(
         [sys.executable, "-m", "imucalib_cli", *command], cwd=tmp_path, stderr=subprocess.PIPE
     ) as process:
-        # until the log is being written
-        deadline = time.monotonic() + 60.0
-        while not list(tmp_path.iterdir()) and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_for(lambda: list(tmp_path.iterdir()))  # until the log is being written
         process.send_signal(number)
         _, err = process.communicate(timeout=20)
     assert (process.returncode, err) == (130, b"")

@@ -16,7 +16,7 @@ from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.places import check_places
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
-from tests.results.test_results_documents import make_estimate, make_result
+from tests.results.results_samples import make_estimate, make_result
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,7 +31,7 @@ def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Pat
     """A folder with one file of every kind that a command reads; none changes, whatever is run."""
     log = log_writer.imu().joints().write()
     configs = Path(str(_configs()))
-    (tmp_path / "result.yaml").write_text(to_yaml([to_document(make_result())]))
+    (tmp_path / "result.yaml").write_text(to_yaml([make_result()]))
     table = tmp_path / "euroc" / "mav0" / "imu0" / "data.csv"
     table.parent.mkdir(parents=True)
     table.write_text("t_ns,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n")
@@ -205,7 +205,7 @@ def test_file_redirected_to_stdin_is_an_input(
     command: list[str], tmp_path: Path, arm_urdf: Path
 ) -> None:
     result = tmp_path / "result.yaml"
-    before = to_yaml([to_document(make_result(parent="hand", child="imu_link"))])
+    before = to_yaml([make_result(parent="hand", child="imu_link")])
     result.write_text(before)
     with result.open("rb") as file:
         arguments = (*command, "-", "--urdf", arm_urdf, "-o", result)

@@ -26,10 +26,7 @@ URDF = SAMPLES / "rihibot.urdf"
 
 
 @pytest.fixture
-def web(monkeypatch: pytest.MonkeyPatch) -> Iterator[WebServer]:
-    for name in ("http_proxy", "https_proxy", "all_proxy"):
-        monkeypatch.delenv(name, raising=False)
-        monkeypatch.delenv(name.upper(), raising=False)
+def web() -> Iterator[WebServer]:
     with serving(SAMPLES) as server:
         yield server
 

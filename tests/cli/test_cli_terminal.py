@@ -6,7 +6,6 @@ import fcntl
 import json
 import os
 import re
-import shlex
 import struct
 import sys
 import termios
@@ -25,15 +24,13 @@ from imucalib_cli.cli.output import say, wants_colour
 from imucalib_cli.cli.progress import CountProgress, ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.shown import similar_names
 from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
-from tests.results.test_results_documents import make_result
+from tests.results.results_samples import DOUBTS, make_result
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
@@ -178,7 +175,7 @@ def test_run_into_a_folder_names_each_file(
 def test_redirected_stderr_has_reasons_beside_terminal_summary(
     shown: Shown, arm: tuple[object, ...], estimator: Estimator
 ) -> None:
-    estimator.estimate = replace(ESTIMATE, findings=(untrusted(TEXT, text="it wobbles"),))
+    estimator.estimate = replace(ESTIMATE, findings=DOUBTS)
     code, out, err = shown("run", *arm, streams=("stdout",))
     assert code == 3
     assert "UNTRUSTED" in out
@@ -373,12 +370,6 @@ def test_a_progress_bar_escapes_names(monkeypatch: pytest.MonkeyPatch) -> None:
         time.sleep(0.2)
         bar.report("reading [/x]\x1b[2J", 0.5)
         assert bar._state["description"] == "reading [/x]\\x1b[2J"
-
-
-@pytest.mark.parametrize("name", ["x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"])
-def test_tf_arguments_are_quoted_for_shell(name: str) -> None:
-    words = shlex.split(FORMATS["tf"].render([make_result(child=name, parent="hand")]))
-    assert words[-4:] == ["--frame-id", "hand", "--child-frame-id", name]
 
 
 def test_pipe_or_endless_file_is_refused_quickly(

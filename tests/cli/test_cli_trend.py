@@ -15,12 +15,12 @@ import pytest
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import LogOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.cli.stand_in import ANSWERS
-from tests.results.trend_results import drawn, named, result, written
+from tests.results.results_samples import drawn, named, result, written
+from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
@@ -164,11 +164,8 @@ def test_moved_mount_of_simulated_arm_is_detected(tmp_path: Path, imucalib: Imuc
     shift = np.array([2e-3, -1e-3, 1e-3])
     places = [here] * 4 + [here + shift] * 3
     clean = {
-        tuple(place): record(
-            system,
-            PhysicsOptions(
-                duration=24.0, imu_rate=100, robot_rate=100, mount_xyz=tuple(place.tolist())
-            ),
+        tuple(place): recorded(
+            "rihibot", duration=24.0, imu_rate=100, robot_rate=100, mount_xyz=tuple(place.tolist())
         )
         for place in places
     }

@@ -16,8 +16,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.findings import TEXT, untrusted
 from tests.cli.stand_in import ANSWERS, ESTIMATE, SIDEWAYS, Estimator, answers
+from tests.results.results_samples import DOUBTS
 
 if TYPE_CHECKING:
     from tests.conftest import Imucalib, LogWriter
@@ -101,7 +101,7 @@ def test_unobservable_direction_gives_unknown_unless_rest_is_wrong(
     assert "not determined: translation along (0.00 1.00 0.00) of hand" in document["reason"]
     assert document["found"]["status"] == "untrusted"
     verify_arm(code=4)
-    estimator.estimate = replace(ESTIMATE, findings=(untrusted(TEXT, text="it wobbles"),))
+    estimator.estimate = replace(ESTIMATE, findings=DOUBTS)
     said = verify_arm(code=3)
     assert "contradicts itself or its model: it wobbles" in said.err
 

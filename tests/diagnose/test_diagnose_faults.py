@@ -14,10 +14,9 @@ from imucalib_cli.diagnose.hypotheses import single_faults
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.robot.path import JointStep
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
 from tools.errors import error_of
 from tools.faults import Fault, misdescribed, with_faulty_sensor
@@ -33,8 +32,7 @@ ARM, BODY = "rihibot", "barbot"
 @cache
 def clean(system: str) -> Recording:
     seconds = 30.0 if system == ARM else 45.0
-    physics = PhysicsOptions(duration=seconds, imu_rate=125, robot_rate=125)
-    return record(load_system(system), physics)
+    return recorded(system, duration=seconds, imu_rate=125, robot_rate=125)
 
 
 @cache

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
@@ -45,6 +45,7 @@ approx = pytest.approx
 
 SHORT, LONG = Moves(seconds=24.0), Moves(seed=3, seconds=32.0)
 OTHER, LONGEST = Moves(seed=4, seconds=24.0), Moves(seconds=40.0)
+QUICK = replace(LONGEST, seed=1, move=0.8, pause=0.5, amplitude=(0.25, 0.2, 0.25, 0.45, 0.45, 0.6))
 SCALE, TURN = (1.01, 0.99, 1.005), (0.005, -0.01, 0.008)
 SKEW = (0.002, -0.003, 0.001)
 MOVED = np.array([0.004, -0.003, 0.005]), np.array([0.01, -0.02, 0.01])
@@ -359,24 +360,18 @@ def test_base_less_level_than_stated_is_reported() -> None:
     assert solve(log, tilt_std=0.03).trusted
 
 
-def sprung(rate: float, damping: float = 0.05) -> Log:
+def sprung(rate: float) -> Log:
     """An IMU on a spring, which follows the link as a resonance does."""
-    amplitude = (0.25, 0.2, 0.25, 0.45, 0.45, 0.6)
-    log = make_log(Moves(seed=1, seconds=40.0, move=0.8, pause=0.5, amplitude=amplitude))
-    w, k = 2.0 * np.pi * rate, 2.0 / float(np.median(np.diff(log.imu.t)))
-    # Bilinear transform of w² / (s² + 2 d w s + w²), which passes rest unchanged.
-    b = np.array([1.0, 2.0, 1.0]) * w**2
-    friction = 2 * damping * w * k
-    a = np.array([k**2 + friction + w**2, 2 * (w**2 - k**2), k**2 - friction + w**2])
+    log, w = make_log(QUICK), 2.0 * np.pi * rate
+    b, a = bilinear([w**2], [1.0, 0.1 * w, w**2], 200.0)  # passes rest unchanged
     rest = log.imu.accel[0]
-    swung = log.with_imu(accel=rest + lfilter(b / a[0], a / a[0], log.imu.accel - rest, axis=0))
+    swung = log.with_imu(accel=rest + lfilter(b, a, log.imu.accel - rest, axis=0))
     return swung.noisy(1, "industrial")
 
 
 def bending(rate: float, axis: tuple[float, float, float]) -> Log:
     """An IMU on a bracket that is a spring along one axis, much faster than the motion."""
-    amplitude = (0.25, 0.2, 0.25, 0.45, 0.45, 0.6)
-    log = make_log(Moves(seed=1, seconds=40.0, move=0.8, pause=0.5, amplitude=amplitude))
+    log = make_log(QUICK)
     force, turning = log.imu.accel, log.imu.gyro
     away = -force * axis / (2.0 * np.pi * rate) ** 2
     speed, swing = (np.gradient(each, log.imu.t, axis=0) for each in (away, turning))

@@ -15,18 +15,18 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.bound import Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.estimate.estimate_arm import Log, Mount, Solved, solve, solve_exact
+from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Recording
 
 Floats = NDArray[np.float64]
@@ -57,8 +57,7 @@ CASES: dict[str, NoiseOptions] = {
 
 @pytest.fixture(scope="module")
 def clean() -> Recording:
-    physics = PhysicsOptions(duration=18.0, imu_rate=RATE, robot_rate=125.0)
-    return record(load_system("rihibot"), physics)
+    return recorded("rihibot", duration=18.0, imu_rate=RATE, robot_rate=125.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tests.conftest import START_NS
-from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
+from tests.logs.logs_samples import reading, say, tf, write_log
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,21 +65,15 @@ def drive(
     )
     accel = push @ TRUE_R.as_matrix() + rng.normal(0.0, 0.01, push.shape)
     gyro = np.outer(rate, TRUE_R.as_matrix()[2]) + rng.normal(0.0, 1e-3, push.shape)
-    unknown = np.zeros(9)
     for ns, w, a in zip(_ns(t), gyro, accel, strict=True):
-        message = T["Imu"](
-            header(ns, "imu_link"),
-            quaternion((0, 0, 0, 1)), unknown, vector(w), unknown, vector(a), unknown,
-        )  # fmt: skip
-        said.append(Said("/imu", "sensor_msgs/msg/Imu", message, ns))
+        said.append(say("/imu", reading(ns, w, a), ns))
     t = t[::4]
     noise = rng.normal(0.0, pose_noise, (len(t), 6)) if pose_noise else np.zeros((len(t), 6))
     for ns, (x, y, yaw), off in zip(_ns(t), _derivative(t, 0).T, noise, strict=True):
         turned = Rotation.from_rotvec(off[3:]) * Rotation.from_euler("z", yaw)
         place = np.array([x, y, 0.0]) + off[:3]
-        pose = T["Transform"](vector(place), quaternion(turned.as_quat()))
-        tf = T["TFMessage"]([T["TransformStamped"](header(ns, "odom"), "base_link", pose)])
-        said.append(Said("/tf", "tf2_msgs/msg/TFMessage", tf, ns + 1))
+        message = tf(ns, "odom", "base_link", place, turned.as_quat())
+        said.append(say("/tf", message, ns + 1))
     log = write_log(folder / "log", sorted(said, key=lambda each: each.log_ns), "mcap2")
     urdf = folder / "cart.urdf"
     urdf.write_text(URDF.format(z=z))

@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tests.conftest import START_NS
-from tests.logs.logs_samples import Said, T, header, quaternion, vector, write_log
+from tests.logs.logs_samples import Said, posed, positions, reading, say, tf, write_log
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -174,7 +174,6 @@ def messages(
         pin.framesForwardKinematics(model, data, q)
         return data.oMf[frame] * mount
 
-    unknown = np.zeros(9)
     said = []
     for t in np.arange(0.0, seconds, 0.01):
         around = [imu_pose(t + k * _STEP) for k in range(-4, 5)]
@@ -185,18 +184,12 @@ def messages(
         w = _FIRST @ turned / _STEP + rng.normal(0.0, 1e-3, 3)
         a = R.T @ acceleration + rng.normal(0.0, 0.01, 3)
         ns = START_NS + round(float(t) * 1e9)
-        message = T["Imu"](
-            header(ns, imu_frame),
-            quaternion((0, 0, 0, 1)), unknown, vector(w), unknown, vector(a), unknown,
-        )  # fmt: skip
-        said.append(Said(f"{namespace}/imu", "sensor_msgs/msg/Imu", message, ns))
+        said.append(say(f"{namespace}/imu", reading(ns, w, a, imu_frame), ns))
         # a mimic joint is not published
         told = [k for k, name in enumerate(names) if name not in shape.fingers[1:]]
-        none, q = np.zeros(0), joints(float(t)) + rng.normal(0.0, 2e-5, len(names))
-        state = T["JointState"](
-            header(ns, ""), [joint_prefix + names[k] for k in told], q[told], none, none
-        )
-        said.append(Said(f"{namespace}/joint_states", "sensor_msgs/msg/JointState", state, ns + 1))
+        q = joints(float(t)) + rng.normal(0.0, 2e-5, len(names))
+        state = positions(ns, (joint_prefix + names[k] for k in told), q[told])
+        said.append(say(f"{namespace}/joint_states", state, ns + 1))
         if shape.base:
             said.append(_pose_message(base_topic, shape.base, base(float(t)), ns))
     return said
@@ -214,18 +207,10 @@ def assert_matches_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-
 
 
 def _pose_message(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:
-    xyz_quat, head = pin.SE3ToXYZQUAT(pose), header(ns, "odom")
-    if topic != "/tf":
-        stamped = T["Pose"](T["Point"](*xyz_quat[:3]), quaternion(xyz_quat[3:]))
-        return Said(topic, "geometry_msgs/msg/PoseStamped", T["PoseStamped"](head, stamped), ns + 2)
-    transform = T["Transform"](vector(xyz_quat[:3]), quaternion(xyz_quat[3:]))
-    tf = T["TFMessage"]([T["TransformStamped"](head, child, transform)])
-    return Said("/tf", "tf2_msgs/msg/TFMessage", tf, ns + 2)
-
-
-def described(said: str) -> Said:
-    """The message of robot_state_publisher."""
-    return Said("/robot_description", "std_msgs/msg/String", T["String"](data=said), START_NS)
+    xyz, xyzw = np.split(pin.SE3ToXYZQUAT(pose), [3])
+    if topic == "/tf":
+        return say(topic, tf(ns, "odom", child, xyz, xyzw), ns + 2)
+    return say(topic, posed(ns, "odom", xyz, xyzw), ns + 2)
 
 
 def random_mount(seed: int) -> pin.SE3:

@@ -19,10 +19,9 @@ from imucalib_cli.results.result import FindingEntry
 from imucalib_cli.results.statistics_file import StoredLog
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
+from tests.simulate.simulate_samples import recorded
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -44,10 +43,8 @@ def as_it_was(options: MatchedOptions) -> MatchedOptions:
 def request_of_three(tmp_path_factory: pytest.TempPathFactory) -> CalibrationRequest:
     """Recordings of one arm that differ by their noise."""
     folder: Path = tmp_path_factory.mktemp("together")
-    physics = PhysicsOptions(
-        duration=15.0, imu_rate=100, robot_rate=100, mount_xyz=tuple(TRUE_T), mount_rpy=TRUE_RPY
-    )
-    clean = record(load_system(ARM), physics)
+    mount = {"mount_xyz": tuple(TRUE_T), "mount_rpy": TRUE_RPY}
+    clean = recorded(ARM, duration=15.0, imu_rate=100, robot_rate=100, **mount)
     urdf = folder / "robot.urdf"
     urdf.write_text(urdf_text(load_system(ARM)))
     logs = [folder / f"log{seed}.mcap" for seed in (1, 2, 3)]

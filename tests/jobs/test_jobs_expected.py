@@ -16,11 +16,11 @@ from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.results.codec import result_from, to_document
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
-from imucalib_cli.simulate.load import load_imu, load_system
+from imucalib_cli.simulate.load import load_imu
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.options import LogOptions, NoiseOptions
 from imucalib_cli.simulate.write_log import write_log
+from tests.simulate.simulate_samples import recorded
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,8 +34,7 @@ RATE = 200.0
 
 @lru_cache(maxsize=1)
 def clean() -> Recording:
-    options = PhysicsOptions(duration=36.0, imu_rate=RATE, robot_rate=125.0)
-    return record(load_system("barbot"), options)
+    return recorded("barbot", duration=36.0, imu_rate=RATE, robot_rate=125.0)
 
 
 def written(folder: Path, noise: NoiseOptions | str) -> Path:

@@ -19,10 +19,8 @@ from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.clock import Clock
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
-from imucalib_cli.simulate.load import load_system
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.recordings import streams_of
+from tests.simulate.simulate_samples import recorded
 
 if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
@@ -62,8 +60,7 @@ def test_reversed_axis_and_inverted_urdf_mount_are_explained(tmp_path: Path) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize("told", ["tool", "bar_link"])
 def test_tf_frames_are_tried_like_links(told: str) -> None:
-    physics = PhysicsOptions(duration=45.0, imu_rate=125, robot_rate=125)
-    imu, path = streams_of(record(load_system("barbot"), physics))
+    imu, path = streams_of(recorded("barbot", duration=45.0, imu_rate=125, robot_rate=125))
     (track,) = path.tracks
     half = 0.4 * np.sin(1.3 * track.t)
     values = np.zeros((len(track.t), 7))

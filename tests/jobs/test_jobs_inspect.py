@@ -51,10 +51,10 @@ def test_inspect_reports_the_units_a_run_uses(log_writer: LogWriter, arm_urdf: P
 
 def test_bursts_are_reported(log_writer: LogWriter, arm_urdf: Path) -> None:
     log_writer.imu(seconds=8.0).joints(seconds=8.0)
-    for topic, _, _, message in log_writer.messages:
-        if topic == "/imu/data":
-            ns = message.header.stamp.nanosec
-            message.header.stamp.nanosec = ns // 50_000_000 * 50_000_000
+    for each in log_writer.messages:
+        if each.topic == "/imu/data":
+            ns = each.message.header.stamp.nanosec
+            each.message.header.stamp.nanosec = ns // 50_000_000 * 50_000_000
     found = inspect(CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf))
     said = "/imu/data: stamps come in bursts (80% of the intervals"
     assert any(each.startswith(said) for each in found.warnings)

@@ -36,15 +36,15 @@ def _find(request: CalibrationRequest) -> None:
 
 
 def _without_numbers(writer: LogWriter, topic: str) -> None:
-    for name, _, _, message in writer.messages:
-        if name == topic:
-            message.angular_velocity.x = float("nan")
+    for each in writer.messages:
+        if each.topic == topic:
+            each.message.angular_velocity.x = float("nan")
 
 
 def _without_positions(writer: LogWriter, topic: str = "/joint_states") -> None:
-    for name, _, _, message in writer.messages:
-        if name == topic:
-            message.position = np.zeros(1)
+    for each in writer.messages:
+        if each.topic == topic:
+            each.message.position = np.zeros(1)
 
 
 def test_imu_without_finite_values_is_reported(log_writer: LogWriter) -> None:
@@ -98,14 +98,12 @@ def test_topic_lost_to_damage_is_reported(tmp_path: Path) -> None:
 
 def test_log_without_any_time_gives_no_clock_advice(log_writer: LogWriter, arm_urdf: Path) -> None:
     log_writer.imu().joints()
-    for _, _, _, message in log_writer.messages:
-        message.header.stamp.sec = message.header.stamp.nanosec = 0
+    for each in log_writer.messages:
+        each.message.header.stamp.sec = each.message.header.stamp.nanosec = 0
     stamped = clock_of(log_writer.write(), arm_urdf)
     assert stamped == "log"  # the times of receipt serve
     timeless = LogWriter(log_writer.path.with_name("timeless"))
-    timeless.messages = [
-        (topic, kind, 0, message) for topic, kind, _, message in log_writer.messages
-    ]
+    timeless.messages = [replace(each, log_ns=0) for each in log_writer.messages]
     assert failure(timeless.write(), arm_urdf) == (
         "/imu/data: header stamps are all the same: the log has no other sound stamps, so "
         "record again"

@@ -11,12 +11,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from imucalib_cli.api import calibrate
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
+from tests.simulate.simulate_samples import recorded
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,8 +31,7 @@ EIGHT_G = 8 * 9.80665
 
 @pytest.fixture(scope="module")
 def walk() -> Recording:
-    clean = record(load_system("walker"), PhysicsOptions(duration=12.0))
-    return corrupt(clean, load_grade("mems"), seed=1)
+    return corrupt(recorded("walker", duration=12.0), load_grade("mems"), seed=1)
 
 
 def calibrated(walk: Recording, folder: Path) -> Calibration:

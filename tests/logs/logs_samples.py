@@ -200,11 +200,34 @@ def pose(rng: np.random.Generator) -> Any:
 
 
 def transform(ns: int, rng: np.random.Generator, parent: str, child: str) -> Any:
-    return T["TransformStamped"](
-        header(ns, parent),
-        child,
-        T["Transform"](vector(rng.normal(size=3)), quaternion(rng.normal(size=4))),
-    )
+    return tf(ns, parent, child, rng.normal(size=3), rng.normal(size=4)).transforms[0]
+
+
+def reading(ns: int, gyro: Any, accel: Any, frame: str = "imu_link") -> Any:
+    """What an IMU reads, which tells no orientation and no covariances."""
+    none = np.zeros(9)
+    w, a = vector(gyro), vector(accel)
+    return T["Imu"](header(ns, frame), quaternion((0, 0, 0, 1)), none, w, none, a, none)
+
+
+def positions(ns: int, names: Iterable[str], values: Any) -> Any:
+    """Of joints, without velocities and efforts."""
+    none = np.zeros(0)
+    return T["JointState"](header(ns, ""), list(names), np.asarray(values, float), none, none)
+
+
+def tf(ns: int, parent: str, child: str, xyz: Any, xyzw: Any) -> Any:
+    pose = T["Transform"](vector(xyz), quaternion(xyzw))
+    return T["TFMessage"]([T["TransformStamped"](header(ns, parent), child, pose)])
+
+
+def posed(ns: int, frame: str, xyz: Any, xyzw: Any) -> Any:
+    pose = T["Pose"](T["Point"](*map(float, xyz)), quaternion(xyzw))
+    return T["PoseStamped"](header(ns, frame), pose)
+
+
+def say(topic: str, message: Any, ns: int) -> Said:
+    return Said(topic, message.__msgtype__, message, ns)
 
 
 def mixed_messages(count: int = 300, *, seed: int = 0) -> list[Said]:
@@ -217,39 +240,33 @@ def mixed_messages(count: int = 300, *, seed: int = 0) -> list[Said]:
         ns = START_NS + k * 5_000_000
         at = iter(range(ns + 1_000_000, ns + 2_000_000, 1000))
 
-        def add(
-            topic: str, name: str, message: Any, at: Any = at, *, big: bool = k % 3 == 0
-        ) -> None:
-            said.append(Said(topic, name, message, next(at), big_endian=big))
+        def add(topic: str, message: Any, at: Any = at, *, big: bool = k % 3 == 0) -> None:
+            said.append(replace(say(topic, message, next(at)), big_endian=big))
 
-        add("/imu", "sensor_msgs/msg/Imu", imu(ns, rng, "/imu_link" if k % 7 else "imu_link"))
+        add("/imu", imu(ns, rng, "/imu_link" if k % 7 else "imu_link"))
         names = permuted if k % 5 == 2 else arm
         message = joints(ns, rng, names, velocity=k % 4 != 1, effort=k % 4 != 2)
-        add("/joint_states", "sensor_msgs/msg/JointState", message)
+        add("/joint_states", message)
         if k % 2:
             message = joints(ns + 7, rng, ["gripper"])
-            add("/joint_states", "sensor_msgs/msg/JointState", message)
+            add("/joint_states", message)
         edges = [("odom", "base"), ("base", "arm"), ("arm", "tool")][: k % 4]
-        tf = T["TFMessage"]([transform(ns, rng, *edge) for edge in edges])
-        add("/tf", "tf2_msgs/msg/TFMessage", tf)
-        stamped = T["PoseStamped"](header(ns, "map"), pose(rng))
-        add("/pose", "geometry_msgs/msg/PoseStamped", stamped)
+        add("/tf", T["TFMessage"]([transform(ns, rng, *edge) for edge in edges]))
+        add("/pose", T["PoseStamped"](header(ns, "map"), pose(rng)))
         covered = T["PoseWithCovariance"](pose(rng), rng.normal(size=36))
         message = T["PoseWithCovarianceStamped"](header(ns, "map"), covered)
-        add("/amcl", "geometry_msgs/msg/PoseWithCovarianceStamped", message)
+        add("/amcl", message)
         twist = T["TwistWithCovariance"](
             T["Twist"](vector(rng.normal(size=3)), vector(rng.normal(size=3))),
             rng.normal(size=36),
         )
         message = T["Odometry"](header(ns, "odom"), f"base{k % 2 * '_link'}", covered, twist)
-        add("/odom", "nav_msgs/msg/Odometry", message)
-        message = transform(ns, rng, "world", "drone")
-        add("/vicon", "geometry_msgs/msg/TransformStamped", message)
+        add("/odom", message)
+        add("/vicon", transform(ns, rng, "world", "drone"))
         if k == 0:
-            tf = T["TFMessage"]([transform(ns, rng, "tool", "imu_link")])
-            add("/tf_static", "tf2_msgs/msg/TFMessage", tf)
+            add("/tf_static", T["TFMessage"]([transform(ns, rng, "tool", "imu_link")]))
         if k % 10 == 0:
-            add("/chatter", "std_msgs/msg/String", T["String"](data="x" * 5000))
+            add("/chatter", T["String"](data="x" * 5000))
     return said
 
 

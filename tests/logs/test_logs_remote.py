@@ -38,11 +38,8 @@ TOPICS = ("/imu/data", "/joint_states")
 
 
 @pytest.fixture(autouse=True)
-def direct(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No proxy is used, and waiting times are short."""
-    for name in ("http_proxy", "https_proxy", "all_proxy"):
-        monkeypatch.delenv(name, raising=False)
-        monkeypatch.delenv(name.upper(), raising=False)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Waiting times are short."""
     monkeypatch.setattr(http, "_PAUSE_S", 0.01)
 
 

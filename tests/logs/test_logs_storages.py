@@ -23,6 +23,7 @@ from tests.logs.logs_samples import (
     one_file,
     read_all,
     said_on,
+    say,
     write_log,
 )
 
@@ -162,10 +163,10 @@ def test_large_messages_among_wanted_ones_are_handled(storage: str, written: Wri
     for k in range(20):
         ns = START_NS + k * 10_000_000
         said += [
-            Said("/imu", "sensor_msgs/msg/Imu", imu(ns, rng), ns),
-            Said("/text", "std_msgs/msg/String", T["String"](data="y" * 70_000), ns + 1),
-            Said("/joints", "sensor_msgs/msg/JointState", joints(ns, rng, names[k % 2 :]), ns + 2),
-            Said("/text", "std_msgs/msg/String", T["String"](data="z" * (10 + k)), ns + 3),
+            say("/imu", imu(ns, rng), ns),
+            say("/text", T["String"](data="y" * 70_000), ns + 1),
+            say("/joints", joints(ns, rng, names[k % 2 :]), ns + 2),
+            say("/text", T["String"](data="z" * (10 + k)), ns + 3),
         ]
     path = written(said, storage, chunk_bytes=500_000)
     assert_same(read_all(path), rows_of_messages(said))
@@ -278,7 +279,7 @@ def test_unknown_topic_lists_available_topics(messages: list[Said], written: Wri
     log = open_log([written(messages, "mcap-none")])
     with pytest.raises(ChoiceError, match=r"no topic /nope .*/amcl, /chatter, /imu"):
         log.read(["/nope"])
-    other = Said("/empty", "std_msgs/msg/Empty", T["Empty"](), messages[0].log_ns)
+    other = say("/empty", T["Empty"](), messages[0].log_ns)
     log = open_log([written([*messages, other], "mcap-none", name="other.mcap")])
     with pytest.raises(InputError, match=r"/empty .* holds std_msgs/Empty"):
         log.read(["/empty"])
@@ -287,7 +288,7 @@ def test_unknown_topic_lists_available_topics(messages: list[Said], written: Wri
 def test_each_text_is_read_once(messages: list[Said], storage: str, written: Write) -> None:
     described = "<robot>\n\t<!-- ° -->\n</robot>"
     said = [
-        Said("/robot_description", "std_msgs/msg/String", T["String"](data=text), each.log_ns)
+        say("/robot_description", T["String"](data=text), each.log_ns)
         for text, each in zip((described, "", described), messages, strict=False)
     ]
     log = open_log([written([*said, *messages], storage)])

@@ -7,13 +7,11 @@ import math
 import re
 import shlex
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import jsonschema
-import msgspec
 import numpy as np
 import pytest
 import yaml
@@ -22,134 +20,24 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError, UntrustedError
-from imucalib_cli.estimate.estimate import (
-    Consistency,
-    Correction,
-    Estimate,
-    ImuCheck,
-    Residuals,
-    SensorCheck,
-    UnobservableDirection,
-    Window,
-)
 from imucalib_cli.findings import TEXT, note, untrusted, warning
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
 from imucalib_cli.results.comparison.answers import schema_of
 from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
-from imucalib_cli.results.from_estimate import result_of, scalars
-from imucalib_cli.results.result import (
-    Provenance,
-    RecordingEntry,
-    Result,
-    SourceFile,
-    Topics,
+from tests.results.results_samples import (
+    DOUBTS,
+    R_TRUE,
+    RECORDED,
+    ROLL,
+    UP,
+    make_estimate,
+    make_result,
 )
-from imucalib_cli.robot.mount import NominalPose
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = jsonschema.Draft202012Validator(json.loads((ROOT / "docs/result.schema.json").read_text()))
-
-RECORDED = datetime(2026, 5, 4, 9, 15, 2, 250_000, tzinfo=timezone.utc)
-R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
-UP = UnobservableDirection(
-    kind="translation", direction_parent=np.array([0.0, 0.0, 1.0]), std=None, motion="tilt it"
-)
-ROLL = UnobservableDirection(
-    kind="rotation", direction_parent=np.array([1.0, 0.0, 0.0]), std=0.3, motion="roll it"
-)
-
-DOUBTS = (untrusted(TEXT, text="it wobbles"),)
-
-
-def make_estimate(**changes: Any) -> Estimate:
-    rng = np.random.default_rng(4)
-    root = rng.normal(scale=1e-4, size=(6, 6))
-    estimate = Estimate(
-        method="matched",
-        R_parent_imu=R_TRUE.as_matrix(),
-        t_parent_imu=np.array([-0.0225, 0.1, 1e-5]),
-        covariance=root @ root.T,
-        time_offset=-0.042,
-        time_offset_std=1e-5,
-        accel_bias=np.array([0.1, -0.2, 0.3]),
-        accel_bias_std=np.array([1e-3, 2e-3, 3e-3]),
-        gyro_bias=np.zeros(3),
-        gyro_bias_std=None,
-        gravity_world=np.array([0.0, 0.0, -9.80665]),
-        window=Window(samples=51, seconds=0.1, reason="encoder noise 2e-5 rad"),
-        residuals=Residuals(
-            accel_rms=np.full(3, 0.02),
-            gyro_rms=np.full(3, 1e-3),
-            windows_used=1000,
-            windows_dropped=3,
-            samples_replaced=2,
-            gaps=1,
-            accel_normalised=np.full(3, 1.1),
-            gyro_normalised=np.array([0.9, 1.0, 1.1]),
-        ),
-        corrections=(
-            Correction(name="accel_scale", value=np.array([1.0, 1.01, 1.0]), std=np.full(3, 1e-4)),
-            Correction(name="clock_drift", value=np.array([2e-5]), std=np.array([1e-7])),
-        ),
-        consistency=Consistency(
-            folds=12,
-            fold_std=np.linspace(1e-4, 6e-4, 6),
-            halves_difference=np.linspace(-3e-4, 2e-4, 6),
-            halves_sigmas=1.2,
-            segment_chi2=0.9,
-            whiteness=(1.0, 1.3),
-        ),
-        imu_check=ImuCheck(
-            name="bmi088",
-            rate=200.0,
-            accel=SensorCheck(expected=0.02, measured=0.1, in_windows=0.03, bias_prior=0.4),
-            gyro=SensorCheck(expected=2e-3, measured=1e-3, in_windows=None, bias_prior=None),
-        ),
-        notes={"chi2": float("nan"), "count": 3, "flag": True},
-    )
-    return replace(estimate, **changes)
-
-
-def make_result(
-    *,
-    estimate: Estimate | None = None,
-    parent: str = "wrist_3_link",
-    child: str = "imu_link",
-    topic: str = "/imu/data",
-    log: str = "0",
-    options: dict[str, Any] | None = None,
-    recorded: datetime | None = RECORDED,
-    **changes: Any,
-) -> Result:
-    """A result of what an estimator found, or of make_estimate with changes."""
-    return result_of(
-        estimate or make_estimate(**changes),
-        parent=parent,
-        child=child,
-        nominal=NominalPose(
-            joint="imu_joint", R_parent_imu=np.eye(3), t_parent_imu=np.array([0.0, 0.1, 0.0])
-        ),
-        provenance=Provenance(
-            tool="imucalib",
-            version="0.1.0",
-            files=[SourceFile(path="a b.mcap", sha256=(log * 64)[:64])],
-            urdf=SourceFile(path="robot.urdf", sha256="f" * 64),
-            topics=Topics(imu=topic, motion=["/joint_states"]),
-            world="base_link",
-            clock="header",
-            options=scalars(options or {"max_offset": 1.0, "tilt_std": math.inf}),
-            recording=RecordingEntry(
-                start=recorded,
-                duration=60.0,
-                imu_samples=30_000,
-                imu_rate=500.0,
-                motion_samples=7_500,
-            ),
-        ),
-    )
-
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "ok": {},
@@ -225,7 +113,7 @@ def test_std_and_rotation_agree_with_scipy() -> None:
 
 
 def test_yaml_vectors_are_on_one_line() -> None:
-    text = to_yaml([to_document(make_result(unobservable=(UP,)))])
+    text = to_yaml([make_result(unobservable=(UP,))])
     assert "  translation: [-0.0225, 0.1, null]\n" in text
     assert "\n- [" in text.split("covariance:")[1]
     assert "&id" not in text
@@ -255,7 +143,7 @@ def test_floats_survive_yaml_and_json(value: float) -> None:
 
 @pytest.mark.parametrize("written", ["1e-05", "1E-5", "1.0e-05", "0.00001"])
 def test_numbers_written_by_other_tools_are_read(written: str) -> None:
-    text = to_yaml([to_document(make_result())]).replace("1.0e-05", written)
+    text = to_yaml([make_result()]).replace("1.0e-05", written)
     assert written in text
     (again,) = read_results(text, "x")
     assert again.pose.t[2] == 1e-5
@@ -450,7 +338,7 @@ def test_lone_surrogate_is_an_input_error() -> None:
 def test_angles_agree_with_quaternion_in_gimbal_lock(pitch: float) -> None:
     for roll, yaw in ((0.0, 0.0), (1.0, -2.0), (math.pi, math.pi)):
         R = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
-        text = to_yaml([to_document(make_result(R_parent_imu=R))])
+        text = to_yaml([make_result(R_parent_imu=R)])
         (again,) = read_results(text, "x")
         np.testing.assert_allclose(again.pose.R, R, atol=1e-9)
 
@@ -565,14 +453,8 @@ def test_all_output_formats_give_the_same_pose() -> None:
     assert [float(each) for each in values["imu_link_xyz"]] == [-0.0225, 0.1, 1e-5]
 
 
-def renamed(result: Result, child: str) -> Result:
-    return msgspec.structs.replace(
-        result, transform=msgspec.structs.replace(result.transform, child=child)
-    )
-
-
 def test_output_formats_separate_several_imus() -> None:
-    results = [renamed(make_result(), child) for child in ("imu-a", "imu_a", "9")]
+    results = [make_result(child=child) for child in ("imu-a", "imu_a", "9")]
     root = ET.fromstring(f'<r xmlns:xacro="x">{FORMATS["xacro"].render(results)}</r>')
     names = [each.attrib["name"] for each in root]
     assert len(set(names)) == 6
@@ -582,7 +464,7 @@ def test_output_formats_separate_several_imus() -> None:
 
 
 def test_names_execute_nothing_in_launch_file_or_shell() -> None:
-    evil = renamed(make_result(), "$(command 'id')\nrm -rf \\")
+    evil = make_result(child="$(command 'id')\nrm -rf \\")
     node = ET.fromstring(FORMATS["launch"].render([evil]))
     assert "\\$(command" in node.attrib["args"]
     assert "$(" not in node.attrib["args"].replace("\\$(", "")
@@ -590,6 +472,9 @@ def test_names_execute_nothing_in_launch_file_or_shell() -> None:
         text = FORMATS[form].render([evil])
         assert text.count("\n") == 1
         assert shlex.split(text)[-1].startswith("$(command")
+    for name in ("x; touch PWNED #", "x --frame-id evil", "`id`", "a b", "*"):
+        words = shlex.split(FORMATS["tf"].render([make_result(child=name)]))
+        assert words[-4:] == ["--frame-id", "wrist_3_link", "--child-frame-id", name]
 
 
 def test_untrusted_poses_are_refused_without_force() -> None:

@@ -15,8 +15,7 @@ from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.trend.search import Series, find_line, find_mounts
 from imucalib_cli.results.trend.trend import trend
-from tests.results.test_results_documents import RECORDED
-from tests.results.trend_results import drawn, named, result
+from tests.results.results_samples import RECORDED, drawn, named, result
 from tests.slow import slow_after
 
 SCATTERS = {"none": (0.0, 0.0), "some": (3e-4, 1e-4), "much": (3e-3, 1e-3)}

@@ -17,7 +17,7 @@ from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.comparison.verdicts import diff, verify
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.mount import NominalPose
-from tests.results.test_results_documents import ROLL, UP, make_estimate, make_result
+from tests.results.results_samples import ROLL, UP, make_estimate, make_result
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

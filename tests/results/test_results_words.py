@@ -17,7 +17,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.findings import note, warning
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.fields import findings_of
-from tests.results.test_results_documents import make_result
+from tests.results.results_samples import make_result
 
 if TYPE_CHECKING:
     from imucalib_cli.findings import Finding

@@ -107,6 +107,10 @@ def test_command_reproduces_result_from_file_and_stdin_list(
             (again["transform"]["translation"], first.transform.translation),
         ):
             np.testing.assert_allclose(np.array(there), np.array(here), rtol=1e-12)
+        turned = np.subtract(again["transform"]["rotation_xyzw"], first.pose.rotation_xyzw)
+        assert np.abs(turned).max() < 1e-12
+        told = [each["code"] for each in again["diagnostics"]["findings"]]
+        assert told == [each.code for each in first.diagnostics.findings]
         assert again["status"] == "ok"
         assert again["provenance"]["options"] == first.provenance.options
         assert again["diagnostics"]["combined"] is None

@@ -70,9 +70,9 @@ def test_static_log_reports_only_missing_motion(
 ) -> None:
     log_writer.imu().joints()
     rng = np.random.default_rng(1)
-    for topic, _, _, message in log_writer.messages:
-        if topic == "/joint_states":
-            message.position = 0.4 + rng.normal(0.0, 2e-4, 2)
+    for each in log_writer.messages:
+        if each.topic == "/joint_states":
+            each.message.position = 0.4 + rng.normal(0.0, 2e-4, 2)
     log = log_writer.write()
     for command in ("run", "verify"):
         assert main([command, str(log), "--urdf", str(arm_urdf)]) == 3
@@ -85,9 +85,9 @@ def test_still_parent_of_a_moving_robot_is_reported(
 ) -> None:
     """The log's other joints move: the parent or the URDF is in question."""
     log_writer.imu().joints(names=("pan", "lift", "gripper"))
-    for topic, _, _, message in log_writer.messages:
-        if topic == "/joint_states":
-            message.position[:2] = 0.4
+    for each in log_writer.messages:
+        if each.topic == "/joint_states":
+            each.message.position[:2] = 0.4
     log = log_writer.write()
     assert main(["run", str(log), "--urdf", str(arm_urdf)]) == 1
     assert "hand never moves in base according to /joint_states" in capsys.readouterr().err

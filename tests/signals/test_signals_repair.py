@@ -68,11 +68,6 @@ def _scaled(gyro: Any = 1.0, accel: Any = 1.0) -> Log:
     return log.with_imu(log.imu.t, log.imu.gyro * gyro, log.imu.accel * accel)
 
 
-def _with_track(log: Log, **changes: Any) -> Log:
-    (track,) = log.path.tracks
-    return replace(log, path=replace(log.path, tracks=(replace(track, **changes),)))
-
-
 def _is_as_read(mended: Repaired, log: Log) -> bool:
     pairs = ((getattr(mended.samples, name), getattr(log.imu, name)) for name in _READ)
     return all(np.array_equal(*pair) for pair in pairs)
@@ -162,7 +157,7 @@ def test_doubly_converted_gyroscope_is_recognised() -> None:
 
 def test_joint_positions_in_degrees_are_not_a_gyroscope_unit() -> None:
     log = _log()
-    mended = _repaired(_with_track(log, values=np.degrees(log.path.tracks[0].values)))
+    mended = _repaired(log.with_joints(values=np.degrees(log.path.tracks[0].values)))
     assert mended.gyro_unit == "rad/s"
     assert _is_as_read(mended, log)
 
@@ -260,11 +255,11 @@ def test_silent_stretch_of_robot_is_excluded() -> None:
     log = _log()
     values = log.path.tracks[0].values.copy()
     values[2000:2600] = values[2000]
-    estimate = _estimate(_repaired(_with_track(log, values=values)))
+    estimate = _estimate(_repaired(log.with_joints(values=values)))
     _assert_close_to_truth(estimate, log)
-    assert "/joint_states: stands still from 10.0 to 1" in estimate.warnings[0]
+    assert "/joint_states: stands still from 10.0 to 13.0 s" in estimate.warnings[0]
     values[2000:] = values[2000]
-    (reason,) = reasons(_repaired(_with_track(log, values=values)).findings)
+    (reason,) = reasons(_repaired(log.with_joints(values=values)).findings)
     assert "while the robot's stream stood still" in reason
 
 
@@ -274,7 +269,7 @@ def test_moving_gripper_joint_keeps_still_arm_samples() -> None:
     (track,) = log.path.tracks
     values = np.hstack([track.values, np.sin(track.t)[:, None]])
     values[2000:2600, :6] = values[2000, :6]
-    assert _repaired(_with_track(log, values=values, names=(*track.names, "g"))).findings == ()
+    assert _repaired(log.with_joints(values=values, names=(*track.names, "g"))).findings == ()
 
 
 def _arrive(t: Floats, seed: int, *, batch: int, drops: float) -> tuple[NDArray[np.bool_], Floats]:
@@ -296,7 +291,7 @@ def test_bursts_in_both_streams_keep_the_result(batch: int, drops: float) -> Non
     (track,) = log.path.tracks
     also, robot_stamps = _arrive(track.t, 2, batch=batch, drops=drops)
     late = log.with_imu(stamps, log.imu.gyro[kept], log.imu.accel[kept])
-    mended = _repaired(_with_track(late, t=robot_stamps, values=track.values[also]))
+    mended = _repaired(late.with_joints(t=robot_stamps, values=track.values[also]))
     told = [each.message for each in mended.findings]
     assert [words.split(":")[0] for words in told] == ["/imu", "/joint_states"]
     assert all("stamps come in bursts" in words for words in told)
@@ -308,7 +303,7 @@ def test_non_finite_numbers_are_counted() -> None:
     log = _log()
     values = log.path.tracks[0].values.copy()
     values[::500, 2] = np.nan
-    estimate = _estimate(_repaired(_with_track(log, values=values)))
+    estimate = _estimate(_repaired(log.with_joints(values=values)))
     _assert_close_to_truth(estimate, log)
     assert "/joint_states: left out 12 messages that are not finite" in estimate.warnings[0]
 

@@ -10,9 +10,6 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
-from imucalib_cli.errors import ChoiceError
-from imucalib_cli.simulate.load import load_system
-from imucalib_cli.simulate.simulate import simulate
 from tests.simulate.simulate_samples import configured
 
 if TYPE_CHECKING:
@@ -160,10 +157,3 @@ def test_missing_folder_is_not_created(tmp_path: Path, imucalib: Imucalib) -> No
             "name another file\n"
         )
         assert list(tmp_path.iterdir()) == []
-
-
-def test_log_and_urdf_need_two_files(tmp_path: Path) -> None:
-    log = tmp_path / "same.mcap"
-    with pytest.raises(ChoiceError, match="would be written twice: name two files"):
-        simulate(load_system("rihibot"), log, urdf=log)
-    assert not log.exists()

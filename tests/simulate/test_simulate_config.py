@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import SystemConfig
-from imucalib_cli.simulate.load import load_grade, load_system, system_names
+from imucalib_cli.simulate.load import load_system, system_names
 from imucalib_cli.simulate.simulate import _plain, stated
 from imucalib_cli.simulate.urdf import urdf_text
 from tests.simulate.simulate_samples import ROOT, configured
@@ -71,8 +71,6 @@ def test_only_builtin_systems_are_found() -> None:
     assert system_names() == ["barbot", "rihibot", "walker"]
     with pytest.raises(ChoiceError, match="choose barbot, rihibot, walker"):
         load_system("imu_grades")
-    with pytest.raises(ChoiceError, match="choose ideal, industrial, mems"):
-        load_grade("tactical")
 
 
 def test_package_contains_configs_and_all_code() -> None:

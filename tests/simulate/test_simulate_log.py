@@ -16,10 +16,9 @@ from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.simulate import simulate
 from imucalib_cli.simulate.write_log import write_log
-from tests.simulate.simulate_samples import joints, pose
+from tests.simulate.simulate_samples import joints, pose, recorded
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -43,14 +42,14 @@ STORAGES = [
 ]
 
 
-def recorded(system: str, **options: Any) -> Recording:
-    physics = PhysicsOptions(duration=1.2, imu_rate=200.0, robot_rate=125.0, **options)
-    return corrupt(record(load_system(system), physics), NOISE, 3)
+def noisy(system: str, **options: Any) -> Recording:
+    clean = recorded(system, duration=1.2, imu_rate=200.0, robot_rate=125.0, **options)
+    return corrupt(clean, NOISE, 3)
 
 
 @pytest.fixture(scope="module")
 def arm() -> Recording:
-    return recorded("rihibot")
+    return noisy("rihibot")
 
 
 def read(path: Path) -> dict[str, list[tuple[int, Any]]]:
@@ -101,7 +100,7 @@ def test_rosbags_reads_every_number(
 
 @pytest.mark.parametrize("name", ["log.bag", "log.mcap", "folder"])
 def test_poses_go_to_tf(tmp_path: Path, name: str) -> None:
-    bar = recorded("barbot")
+    bar = noisy("barbot")
     write_log(bar, tmp_path / name)
     log = read(tmp_path / name)
     poses = pose(bar)
@@ -119,7 +118,7 @@ def test_poses_go_to_tf(tmp_path: Path, name: str) -> None:
 def test_split_publishers_share_a_topic_or_have_their_own(
     tmp_path: Path, name: str, topic_each: bool
 ) -> None:
-    split = recorded("rihibot", publishers=2)
+    split = noisy("rihibot", publishers=2)
     write_log(split, tmp_path / name, LogOptions(topic_each=topic_each))
     log = read(tmp_path / name)
     joint_topics = sorted(set(log) - {"/imu/data"})

@@ -14,7 +14,7 @@ from imucalib_cli.simulate.physics import record
 from imucalib_cli.study.study import load_study
 
 if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import CameraRecord, Recording
+    from imucalib_cli.simulate.recording import Recording
     from imucalib_cli.study.contest import Answer
 
 
@@ -27,11 +27,6 @@ def before_the_pattern(seconds: float, imu_rate: float) -> Recording:
     system, camera = load_camera("rihibot", load_system("rihibot"))
     physics = PhysicsOptions(duration=seconds, imu_rate=imu_rate, robot_rate=20.0)
     return record(system, physics, camera=camera)
-
-
-def observed(recording: Recording) -> CameraRecord:
-    assert recording.camera is not None
-    return recording.camera
 
 
 def error(answer: Answer, recording: Recording) -> PoseError:

@@ -31,7 +31,8 @@ from imucalib_cli.study.methods.liang import (
     tsai,
 )
 from imucalib_cli.study.recordings import streams_of
-from tests.study.study_samples import before_the_pattern, error, observed, study
+from tests.simulate.simulate_samples import camera as observed
+from tests.study.study_samples import before_the_pattern, error, study
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -41,8 +41,9 @@ from imucalib_cli.study.methods.spline import (
     right_jacobian,
 )
 from imucalib_cli.study.recordings import streams_of
+from tests.simulate.simulate_samples import camera as observed
 from tests.simulate.simulate_samples import recorded
-from tests.study.study_samples import before_the_pattern, error, observed
+from tests.study.study_samples import before_the_pattern, error
 
 if TYPE_CHECKING:
     from imucalib_cli.results.pose import PoseError

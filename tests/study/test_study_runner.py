@@ -17,9 +17,10 @@ import pytest
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.study.runner import run_study
 from imucalib_cli.study.study import Study
+from tests.processes import runs, wait_for
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from imucalib_cli.study.study import Cell, Row
     from imucalib_cli.study.tables import Table
@@ -124,30 +125,15 @@ def started(tmp_path: Path, **options: Any) -> tuple[subprocess.Popen[bytes], li
     root = Path(__file__).parents[2]
     environment = {**os.environ, "PYTHONPATH": str(root)}
     parent = subprocess.Popen([sys.executable, str(script)], cwd=root, env=environment, **options)
-    return parent, _wait_for(lambda: sorted(int(p.name) for p in tmp_path.glob("[0-9]*")), count=2)
+    wait_for(lambda: len(list(tmp_path.glob("[0-9]*"))) >= 2)
+    return parent, [int(path.name) for path in tmp_path.glob("[0-9]*")]
 
 
 def test_workers_exit_if_parent_is_killed(tmp_path: Path) -> None:
     parent, workers = started(tmp_path)
     parent.kill()
     parent.wait()
-    _wait_for(lambda: [1] * (not any(_runs(worker) for worker in workers)), count=1)
-
-
-def _wait_for(found: Callable[[], list[int]], count: int) -> list[int]:
-    for _ in range(600):
-        if len(found()) >= count:
-            return found()
-        time.sleep(0.05)
-    raise AssertionError("waited half a minute in vain")
-
-
-def _runs(pid: int) -> bool:
-    try:
-        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
-    except OSError:
-        return False
-    return state != "Z"  # its status has not been read yet
+    wait_for(lambda: not any(map(runs, workers)))
 
 
 def test_output_path_that_is_a_file_is_refused(tmp_path: Path) -> None:
@@ -203,5 +189,5 @@ def test_interrupt_stops_workers_without_traceback(tmp_path: Path) -> None:
     _, words = parent.communicate(timeout=30)  # of the resource tracker too, which ends last
     assert parent.returncode == 130
     assert words == b""
-    _wait_for(lambda: [1] * (not any(_runs(worker) for worker in workers)), count=1)
+    wait_for(lambda: not any(map(runs, workers)))
     assert not (tmp_path / "a.jsonl").exists()

@@ -169,7 +169,6 @@ def remote(scene: Scene, /, url: str = "", **behaviour: Any) -> Seen:
     """A log behind a URL, or else of a server with a fault."""
     log = scene.writer().imu().write()
     with (
-        patch.dict(os.environ, {"NO_PROXY": "*", "no_proxy": "*"}),
         patch("imucalib_cli.logs.remote.http._PAUSE_S", 0.0),
         serving(log.parent, **behaviour) as web,
     ):

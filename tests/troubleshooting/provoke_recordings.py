@@ -332,11 +332,6 @@ def in_millimetres(text: str) -> str:
     return re.sub(r'origin xyz="([^"]*)"', thousandfold, text)
 
 
-def two_publishers(_: Floats, q: Floats) -> Floats:
-    q[np.random.default_rng(1).random(len(q)) < 0.5, 0] += 0.2
-    return q
-
-
 def leaping(_: Floats, q: Floats) -> Floats:
     q[200::400, 2] += 0.2
     return q
@@ -371,7 +366,7 @@ ROBOT: dict[str, Provocation] = {
     "poses-millimetres": wrong_poses("millimetres"),
     "gives": shaken(Fault(kind="ringing", size=6.0)),
     "base-moves": shaken(Fault(kind="base", size=0.2)),
-    "publishers": positions(two_publishers),
+    "publishers": wrong_joints(Fault(kind="publishers", size=0.2)),
     "urdf-in-millimetres": on_arm(urdf=in_millimetres),
     "inverted-mount": wrong_urdf("imu_joint", 'xyz="-0.02 0.102 0.003"', 'xyz="-0.1 0.0225 0"'),
     "leaps": positions(leaping),

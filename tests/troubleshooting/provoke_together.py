@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imucalib_cli.simulate.load import load_grade, load_system
+from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from tests.simulate.simulate_samples import recorded
 from tests.troubleshooting.provoke_recordings import moving_only
 from tests.troubleshooting.scene import ARM, RATE, Scene, Seen, noisy, provocation, with_imu
 
@@ -29,10 +28,9 @@ def together(scene: Scene, *seeds: int, also: Callable[[], Recording] | None = N
 
 def moved() -> Recording:
     """The same arm with the IMU 8 mm away."""
-    physics = PhysicsOptions(
-        duration=24.0, imu_rate=RATE, robot_rate=RATE, mount_xyz=(-0.0225, 0.108, 0.0)
-    )
-    return corrupt(record(load_system(ARM), physics), load_grade("industrial"), seed=6)
+    rates = {"imu_rate": RATE, "robot_rate": RATE}
+    recording = recorded(ARM, duration=24.0, mount_xyz=(-0.0225, 0.108, 0.0), **rates)
+    return corrupt(recording, load_grade("industrial"), seed=6)
 
 
 def mirrored() -> Recording:

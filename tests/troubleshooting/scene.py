@@ -14,11 +14,11 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import LogOptions, PhysicsOptions
-from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.conftest import LogWriter
+from tests.simulate.simulate_samples import recorded
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,8 +37,7 @@ Edit = Callable[[str], str]
 def clean(system: str) -> Recording:
     """24 s of the arm, or 45 s of the free body, without noise."""
     seconds = 24.0 if system == ARM else 45.0
-    physics = PhysicsOptions(duration=seconds, imu_rate=RATE, robot_rate=RATE)
-    return record(load_system(system), physics)
+    return recorded(system, duration=seconds, imu_rate=RATE, robot_rate=RATE)
 
 
 @cache

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from tests.logs.logs_samples import ROS2, STORAGES, Said, T, header, write_log, write_mcap
+from tests.logs.logs_samples import ROS2, STORAGES, Said, reading, tf, write_log, write_mcap
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -117,30 +117,19 @@ def body() -> Scene:
     accel = (R(t_imu) * R_parent_imu).inv().apply(force) + 0.005 * rng.normal(size=(1200, 3))
     gyro = R_parent_imu.inv().apply(turn) + 0.0006 * rng.normal(size=(1200, 3))
     quaternions, places = R(t_tf).as_quat(), p(t_tf)
-    said = [("/tf_static", 0, _tf(_START_NS, "body", "imu_link", np.zeros(3), [0.0, 0, 0, 1]))]
+    said = [("/tf_static", 0, tf(_START_NS, "body", "imu_link", np.zeros(3), [0.0, 0, 0, 1]))]
     for k, t in enumerate(t_tf):
         ns = _START_NS + round(t * 1e9)
-        said.append(("/tf", ns + 1000, _tf(ns, "world", "body", places[k], quaternions[k])))
+        said.append(("/tf", ns + 1000, tf(ns, "world", "body", places[k], quaternions[k])))
     for k, t in enumerate(t_imu):
         ns = _START_NS + round(t * 1e9)
-        said.append(("/imu", ns + 500_000, _imu(ns, gyro[k], accel[k])))
+        said.append(("/imu", ns + 500_000, reading(ns, gyro[k], accel[k])))
     types = {"/imu": IMU, "/tf": TF, "/tf_static": TF}
     messages = tuple(
         Message(topic, types[topic], ns or _START_NS, bytes(ROS2.serialize_cdr(each, types[topic])))
         for topic, ns, each in sorted(said, key=lambda row: row[1])
     )
     return Scene("body", messages, None, R_parent_imu.as_matrix(), t_parent_imu)
-
-
-def _tf(ns: int, parent: str, child: str, p: Any, q: Any) -> Any:
-    pose = T["Transform"](T["Vector3"](*map(float, p)), T["Quaternion"](*map(float, q)))
-    return T["TFMessage"]([T["TransformStamped"](header(ns, parent), child, pose)])
-
-
-def _imu(ns: int, gyro: Floats, accel: Floats) -> Any:
-    none, turn = np.zeros(9), T["Quaternion"](0.0, 0.0, 0.0, 1.0)
-    w, a = (T["Vector3"](*map(float, v)) for v in (gyro, accel))
-    return T["Imu"](header(ns, "imu_link"), turn, none, w, none, a, none)
 
 
 SCENES: tuple[Callable[[], Scene], ...] = (arm, body)
