@@ -216,9 +216,9 @@ def test_frozen_joint_states_are_no_robot_at_rest(
     gyro: float, part: Part | None, message: str, log_writer: LogWriter, arm_urdf: Path
 ) -> None:
     log_writer.imu(gyro=gyro).joints()
-    for topic, _, _, each in log_writer.messages:
-        if topic == "/joint_states":
-            each.position[:] = 1.0
+    for said in log_writer.messages:
+        if said.topic == "/joint_states":
+            said.message.position[:] = 1.0
     request = CalibrationRequest(logs=(log_writer.write(),), urdf=arm_urdf, part=part)
     (failure,) = calibrate(request).failures
     assert isinstance(failure, UntrustedError)
