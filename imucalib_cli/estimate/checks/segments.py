@@ -331,8 +331,10 @@ class Segments:
 
 def _larger(scatter: Floats, C: Floats) -> Floats:
     """(k, k), the larger of two covariances along each of their common axes."""
-    root = np.linalg.cholesky(C)
-    back = np.linalg.inv(root)
+    scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
+    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
+    kept = np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+    root, back = scale[:, None] * vectors * kept, (vectors / kept).T / scale
     values, axes = np.linalg.eigh(back @ scatter @ back.T)
     along = root @ axes
     return np.asarray((along * np.maximum(values, 1.0)) @ along.T)

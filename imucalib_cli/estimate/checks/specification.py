@@ -35,6 +35,8 @@ _FEWEST_PARTS: Final = 12
 are nearly independent."""
 _MOST: Final = 4000
 """Windows, about four minutes: more of them cost time, and change the result little."""
+_NODES: Final = 9
+"""Node intervals to a window, half of the fit's: a difference needs columns to a tenth only."""
 _NEGLIGIBLE: Final = (1e-5, 2e-5)
 """m and rad: no mount is known or needed better; below, interpolation dominates the difference."""
 
@@ -82,7 +84,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
         # A window of nine samples cannot be halved any more.
         if length < 9 or not _sound(fit, length):
             continue
-        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=9)
+        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
         fitting = thinned(np.intersect1d(centres, model.centres(fit.equations.at)), _MOST)
         if _lengths(fitting, plan) >= _FEWEST_PARTS:

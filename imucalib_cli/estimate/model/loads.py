@@ -1,8 +1,7 @@
 """What gravity does to the joints of a chain: the torque that bends them.
 
-Nobody states how heavy links and payload are, or how stiff a joint is. A joint that bends by
-weight / stiffness * torque has one number, and the torque of a unit of weight follows from the
-kinematics.
+How heavy links and payload are and how stiff a joint is, no log and no URDF states. Weight over
+stiffness is one number for each joint, and the torque of a kilogram follows from the kinematics.
 """
 
 from __future__ import annotations
@@ -50,10 +49,8 @@ class Loads:
             return None
         t, levers = _levers(trajectory)
         torque = [sum(levers[step] @ gravity for step in joint.steps) for joint in joints]
-        names = tuple(joint.name for joint in joints)
-        return cls(
-            t, np.stack(torque, axis=1), np.flatnonzero(np.diff(t) > 1.5 * _EVERY) + 1, names
-        )
+        breaks = np.flatnonzero(np.diff(t) > 1.5 * _EVERY) + 1
+        return cls(t, np.stack(torque, axis=1), breaks, tuple(joint.name for joint in joints))
 
     def at(self, t: Floats) -> dict[str, Floats]:
         """(M,) of each joint at instants (M,), s."""

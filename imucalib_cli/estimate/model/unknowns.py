@@ -549,7 +549,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad/(Nm/kg)",
         scale="joint_sag",
         healthy=2e-3,
-        effect=JointCurve(lambda *of: of[2][None], loaded=True, sliding=False),
+        effect=JointCurve(lambda _, __, load: load[None], loaded=True, sliding=False),
         positive=True,
         words="bending of a joint under the weight that it carries",
     ),
