@@ -398,7 +398,9 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 yield make("bias.unusual", name=unknown.name, size=size)
         elif part.start in too_large:
             worst, other = too_large[part.start]
-            make = untrusted if other is None and not unknown.harmless else warning
+            # A negative one is something else that looks like it, jitter of stamps for example.
+            doubt = other is None and not unknown.harmless and not below
+            make = untrusted if doubt else warning
             own = np.sqrt(np.diag(answer.covariance)[part])
             values, stds = _as_stated(unknown, value, own)
             yield make(
