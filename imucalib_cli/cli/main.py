@@ -4,12 +4,13 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from imucalib_cli.cli.entry import was_interrupted
 from imucalib_cli.cli.exit_codes import (
@@ -68,29 +69,21 @@ def common(
     del version
 
 
-def _without_types(params: list[Any]) -> list[Any]:
-    """Parameters of which the help shows no type: arguments have names, and flags no value."""
-    for each in params:
-        if each.param_type_name == "argument" or each.is_flag:
-            each.display_type_rich = lambda ctx: None  # noqa: ARG005 - as newer typers call it
-    return params
-
-
 class _Command(TyperCommand):
     def get_params(self, ctx: Any) -> list[Any]:
-        return _without_types(super().get_params(ctx))
-
-
-class _Group(TyperGroup):
-    def get_params(self, ctx: Any) -> list[Any]:
-        return _without_types(super().get_params(ctx))
+        """Parameters of which the help shows no type beside an argument: its name says enough."""
+        params: list[Any] = super().get_params(ctx)
+        for each in params:
+            if each.param_type_name == "argument":
+                each.type = copy(each.type)
+                each.type.get_metavar = lambda *_, **__: ""
+        return params
 
 
 def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """The command line with some of its commands; reading the options of all takes time."""
     app = typer.Typer(
         name="imucalib",
-        cls=_Group,
         help="Find the pose of an IMU on a robot, from a log of motion and a URDF.",
         epilog=f"Exit codes: {', '.join(_CODES)}.",
         no_args_is_help=True,
@@ -188,5 +181,4 @@ def _say_usage_error(error: Exception) -> None:
     path = context.command_path if context is not None else "imucalib"
     if not isinstance(error, WrongValue):  # which says what is expected
         message = f"{message} (see {path} --help)"
-    # pydantic, which newer typers parse by, begins with a word of its own
-    say("error", message.replace(": Value error, ", ": "))
+    say("error", message)

@@ -160,7 +160,7 @@ Within = Annotated[
 Logs = Annotated[
     list[LogPath],
     typer.Argument(
-        metavar="LOG",
+        metavar="LOG...",
         parser=path_or_url,
         help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP file, or tables; a path "
         "or URL, or all files of a split recording.",

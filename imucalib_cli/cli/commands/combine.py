@@ -12,7 +12,7 @@ from imucalib_cli.cli.parsers import local_file
 
 def combine_command(
     results: list[str] = typer.Argument(
-        metavar="RESULT",
+        metavar="RESULT...",
         help="Results of `imucalib run` with their statistics next to them, files of "
         "statistics, or folders of these; - reads a list of them from stdin.",
     ),

@@ -13,7 +13,7 @@ from imucalib_cli.cli.parsers import local_file
 def diff_command(
     first: str = typer.Argument(metavar="FIRST", help="Result of `imucalib run`; - reads stdin."),
     others: list[str] = typer.Argument(
-        metavar="LATER", help="Later results, each compared with the first; - reads stdin."
+        metavar="LATER...", help="Later results, each compared with the first; - reads stdin."
     ),
     *,
     urdf: Path | None = typer.Option(

@@ -32,7 +32,7 @@ _OF_RESULTS = {"--urdf", "--imu-link", "--imu-topic", "--planar"}
 def verify_command(
     ctx: typer.Context,
     logs: list[str] = typer.Argument(
-        metavar="LOG|RESULT",
+        metavar="LOG|RESULT...",
         help="One recording, as for `imucalib run`; or results of `imucalib run`, - for stdin.",
     ),
     *,
