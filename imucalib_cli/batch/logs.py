@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.input.reading import path_text
-from imucalib_cli.logs.open import holds_log, holds_log_alone, is_own_output
+from imucalib_cli.logs.open import holds_log, is_own_output
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.text.tum_euroc import tables_of
 from imucalib_cli.results.atomic import identity
@@ -139,7 +139,7 @@ def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
 
 def _is_log(path: Path) -> bool:
     """Whether a file in a folder is a log that imucalib did not write itself."""
-    if holds_log_alone(path):
+    if holds_log(path, alone=True):
         return not is_own_output(path)
     return path.suffix.lower() in _SUFFIXES
 

@@ -171,7 +171,7 @@ def window_series(fit: Fit, state: State, most: int = 20_000) -> WindowSeries:
     (residuals,) = model.residuals(state, centres)
     t = windowing.grid.t[centres]
     robot_times = windowing.trajectory.nearest_covered(model.robot_times(t, model.shifts(state)[0]))
-    chain = Chain.of(windowing.trajectory, model.layout, state.x, state.gravity)
+    chain = Chain.of(windowing.trajectory, model.layout, state)
     frames = chain.path.frames(chain.values(robot_times))
     R_world_parent, p_world_parent = frames[-1]
     if chain.base is not None:  # without the free fall of the base

@@ -20,7 +20,7 @@ from imucalib_cli.jobs.input.data_sheet import (
     with_priors,
     without_priors,
 )
-from imucalib_cli.jobs.input.motion import Motion, find_motion_of
+from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import path_text, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options
 from imucalib_cli.jobs.known.mounts import named_parent, with_carriers
@@ -139,7 +139,7 @@ def _estimate_one(
     samples, sources = samples_of(imu, recording.clock), recording.sources
     request = replace(request, parent=named_parent(imu, request) or request.parent)
     try:
-        motion = find_motion_of(samples, sources, imu.frame_id, request)
+        motion = find_motion(sources, imu.frame_id, request, samples)
     except ChoiceError as error:
         if error.option != "--parent":
             raise

@@ -22,8 +22,8 @@ from imucalib_cli.jobs.input.request import recorded_estimator
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
+from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.statistics_file import StoredLog
-from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -172,12 +172,13 @@ def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftO
 def _one_left(left: StoredLog, other: StoredLog) -> Finding:
     """The finding for the only log that is not left out."""
     pose, off = left.result.pose, other.result.pose
+    apart = pose_error(off.R, off.t, pose.R, pose.t)
     return untrusted(
         "logs.one_left",
         log=left.name,
         other=other.name,
-        translation=float(np.linalg.norm(off.t - pose.t)),
-        rotation=float(rotation_angle(off.R @ pose.R.T)),
+        translation=apart.translation,
+        rotation=apart.rotation,
     )
 
 

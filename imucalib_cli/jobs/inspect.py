@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
-from imucalib_cli.jobs.input.motion import find_motion_of
+from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.reading import on_one_clock, open_requested, progress_of_step
 from imucalib_cli.jobs.known.mounts import with_base_imu, with_carriers
 from imucalib_cli.jobs.known.robot import Named, named_log
@@ -386,7 +386,7 @@ def _imu(
     try:
         if problem is not None:
             raise problem
-        motion = find_motion_of(samples, sources, imu.frame_id, request)
+        motion = find_motion(sources, imu.frame_id, request, samples)
         check_overlap(samples, motion)
     except ImucalibError as error:
         asks = isinstance(error, ChoiceError)

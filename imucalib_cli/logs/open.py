@@ -115,23 +115,21 @@ def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
     return next((each for each in readers if each.matches(head, path)), None)
 
 
-def holds_log(path: Path) -> bool:
-    """Whether a file is a log, by its content; False if it cannot be read."""
+def holds_log(path: Path, *, alone: bool = False) -> bool:
+    """Whether a file is a log, by its content; False if it cannot be read.
+
+    ``alone``: of tables, only those that name columns of an IMU or of joints.
+    """
     try:
         head = _head(path)
     except (OSError, InputError):
         return False
-    is_known = head.startswith(_ZSTD) or _METADATA in head
-    return is_known or _reader(path, head, READERS) is not None
-
-
-def holds_log_alone(path: Path) -> bool:
-    """As :func:`holds_log`, but of tables only those that name columns of an IMU or of joints."""
-    if not holds_log(path):
-        return False
-    head = _head(path)
+    if head.startswith(_ZSTD) or _METADATA in head:
+        return True
     reader = _reader(path, head, READERS)
-    return reader is None or not issubclass(reader, CsvFile) or reader.is_named(head)
+    if alone and reader is not None and issubclass(reader, CsvFile):
+        return reader.is_named(head)
+    return reader is not None
 
 
 def is_own_output(path: Path) -> bool:

@@ -15,7 +15,8 @@ from imucalib_cli.errors import ChoiceError
 
 def apply_command(
     results: list[str] = typer.Argument(
-        metavar="RESULT|FOLDER...", help="Results of `imucalib run`, folders of them, or - for stdin."
+        metavar="RESULT|FOLDER...",
+        help="Results of `imucalib run`, folders of them, or - for stdin.",
     ),
     *,
     urdf: Path = typer.Option(

@@ -16,7 +16,8 @@ from imucalib_cli.cli.tables import deliver_blocks
 
 def trend_command(
     results: list[str] = typer.Argument(
-        metavar="RESULT|FOLDER...", help="Results of `imucalib run`, folders of them, or - for stdin."
+        metavar="RESULT|FOLDER...",
+        help="Results of `imucalib run`, folders of them, or - for stdin.",
     ),
     *,
     within: Within = None,

@@ -109,7 +109,7 @@ class Model:
         """
         plans = plans or (self.windowing.plan,)
         grid = self.windowing.grid
-        chain = Chain.of(self.windowing.trajectory, self.layout, state.x, state.gravity)
+        chain = Chain.of(self.windowing.trajectory, self.layout, state)
         shift_a, shift_g = self.shifts(state)
         reach = max(plan.length // 2 + MARGIN for plan in plans)
         found = [Residuals(*(np.zeros((len(centres), n)) for n in (6, 3, 3))) for _ in plans]

@@ -8,7 +8,7 @@ instants. One mechanism makes columns from these changes.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -67,7 +67,7 @@ def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slic
         if origin.what == "rotation":
             # Nominal axes: noise that turns parallel axes apart would make their zeros known.
             x[each.part] = 0.0
-    chain = Chain.of(model.windowing.trajectory, model.layout, x, state.gravity)
+    chain = Chain.of(model.windowing.trajectory, model.layout, replace(state, x=x))
     for part in blocks(centres, plan.hop, BLOCK):
         yield part, _block_columns(model, nodes, chain, state, centres[part])
 
@@ -413,7 +413,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         frames=frames,
         values=values,
         rates=rates,
-        loads={} if chain.loads is None else chain.loads.at(t),
+        loads=chain.loads.at(t),
         path=chain.path,
         gravity=state.gravity,
         base=base,

@@ -42,11 +42,11 @@ class Loads:
     """Of the joints."""
 
     @classmethod
-    def of(cls, trajectory: Trajectory, layout: Layout, gravity: Floats) -> Loads | None:
-        """The loads of a layout's joints that may bend, if there are any."""
+    def of(cls, trajectory: Trajectory, layout: Layout, gravity: Floats) -> Loads:
+        """The loads of a layout's joints that may bend."""
         joints = [e.joint for e, curve in layout.of(JointCurve) if curve.loaded and e.joint]
         if not joints:
-            return None
+            return cls(np.empty(0), np.empty((0, 0)), np.empty(0, dtype=np.intp), ())
         t, levers = _levers(trajectory)
         torque = [sum(levers[step] @ gravity for step in joint.steps) for joint in joints]
         breaks = np.flatnonzero(np.diff(t) > 1.5 * _EVERY) + 1
@@ -54,6 +54,8 @@ class Loads:
 
     def at(self, t: Floats) -> dict[str, Floats]:
         """(M,) of each joint at instants (M,), s."""
+        if not self.names:
+            return {}
         found = lagrange(self.t, self.torque, t, breaks=self.breaks)
         return dict(zip(self.names, found.T, strict=True))
 

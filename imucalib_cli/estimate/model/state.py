@@ -89,17 +89,18 @@ class Chain:
     trajectory: Trajectory
     path: KinematicPath
     """With the origins corrected."""
+    loads: Loads
+    """Where a joint may bend."""
     curves: tuple[tuple[Joint, JointCurve, Floats], ...] = ()
     """Errors of joint positions."""
     scales: tuple[tuple[int, float], ...] = ()
     """Errors of pose streams: track, relative."""
     base: ReckonedBase | None = None
-    loads: Loads | None = None
-    """Where a joint may bend."""
 
     @classmethod
-    def of(cls, trajectory: Trajectory, layout: Layout, x: Floats, gravity: Floats) -> Chain:
+    def of(cls, trajectory: Trajectory, layout: Layout, state: State) -> Chain:
         """The chain for given values of the unknowns."""
+        x = state.x
         steps: list[Step] = list(trajectory.path.steps)
         for each, origin in layout.of(Origin):
             step, size = steps[each.index], x[each.part] @ each.directions
@@ -127,7 +128,7 @@ class Chain:
                 if each.joint is not None and x[each.part].any()
             ),
             scales=tuple(streams["scale"].items()),
-            loads=Loads.of(trajectory, layout, gravity),
+            loads=Loads.of(trajectory, layout, state.gravity),
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:
@@ -141,7 +142,7 @@ class Chain:
         values, rates = self.trajectory.values_and_rates(t)
         reported = tuple(each.copy() for each in values) if self.curves else values
         bends = any(curve.loaded for _, curve, _ in self.curves)
-        loads = self.loads.at(t) if self.loads is not None and bends else {}
+        loads = self.loads.at(t) if bends else {}
         for joint, curve, size in self.curves:
             q, rate = (each[joint.track][:, joint.column] for each in (reported, rates))
             error = size @ curve.basis(q, rate, loads.get(joint.name, rate))

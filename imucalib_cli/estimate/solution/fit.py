@@ -429,7 +429,7 @@ def _fitted(
 def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
     """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
     layout = model.layout
-    base = Chain.of(model.windowing.trajectory, layout, state.x, state.gravity).base
+    base = Chain.of(model.windowing.trajectory, layout, state).base
     if base is None or options.gravity_norm <= 0.0:
         return np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     placed = ((each.part, reading) for each, reading in layout.of_base(Reading))

@@ -99,23 +99,15 @@ class Motion:
         return self.sources.topics_of(self.path)
 
 
-def find_motion_of(
-    samples: ImuSamples, sources: Sources, frame_id: str, request: CalibrationRequest
+def find_motion(
+    sources: Sources,
+    frame_id: str,
+    request: CalibrationRequest,
+    samples: ImuSamples | None = None,
 ) -> Motion:
-    """As :func:`find_motion`, but it tells a robot at rest from a stream that is frozen."""
-    try:
-        return find_motion(sources, frame_id, request)
-    except UntrustedError as error:
-        is_static = error.finding is not None and error.finding.code == "robot.static"
-        if not is_static or not is_turning(samples):
-            raise
-        values = {"rate": turning_rate(samples), "part": request.part is not None}
-        topics = tuple(dict.fromkeys(sources.topics[track.name] for track in _moving(sources)))
-        raise UntrustedError(untrusted("robot.frozen", topics=topics, **values)) from error
-
-
-def find_motion(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
     """Find the link that carries the IMU of a frame_id and the path that moves it.
+
+    The IMU's samples tell a robot at rest from a stream that is frozen.
 
     Raises:
         ChoiceError: The user must name the parent, the world or a topic; the error lists
@@ -125,9 +117,10 @@ def find_motion(sources: Sources, frame_id: str, request: CalibrationRequest) ->
     """
     frames_alone = replace(sources, robot=None)
     if sources.robot is None:
-        return _from_frames(frames_alone, frame_id, request)
+        return _checked(_from_frames(frames_alone, frame_id, request), request, samples)
     try:
-        return _from_robot(sources, sources.robot, frame_id, request)
+        motion = _from_robot(sources, sources.robot, frame_id, request)
+        return _checked(motion, request, samples)
     except (InputError, ChoiceError) as error:
         if request.needs_nominal and request.urdf is not None:
             raise
@@ -137,6 +130,7 @@ def find_motion(sources: Sources, frame_id: str, request: CalibrationRequest) ->
             raise  # frames alone would take the base of an arm for what carries the IMU
         try:
             motion = _from_frames(frames_alone, frame_id, request)
+            motion = _checked(motion, request, samples)
         except ImucalibError:
             raise error from None
         make, urdf = note if request.urdf is None else warning, str(sources.robot.source)
@@ -144,13 +138,13 @@ def find_motion(sources: Sources, frame_id: str, request: CalibrationRequest) ->
         return replace(motion, findings=(unused, *motion.findings))
 
 
-def _checked(motion: Motion, request: CalibrationRequest) -> Motion:
+def _checked(motion: Motion, request: CalibrationRequest, samples: ImuSamples | None) -> Motion:
     """The motion, if it has a nominal pose where one is needed, and moves."""
     path, mount = motion.path, motion.mount
     if request.needs_nominal and mount.nominal is None:
         raise ChoiceError(no_nominal(mount.parent, mount.child))
     if _nothing_moves(path, motion.sources):
-        raise UntrustedError(untrusted("robot.static", part=request.part is not None))
+        raise UntrustedError(_static(motion.sources, request, samples))
     if is_still(path):
         raise InputError(
             f"{mount.parent} never moves in {path.world} according to "
@@ -159,6 +153,15 @@ def _checked(motion: Motion, request: CalibrationRequest) -> Motion:
             "it by --pose-topic"
         )
     return motion
+
+
+def _static(sources: Sources, request: CalibrationRequest, samples: ImuSamples | None) -> Finding:
+    """The finding for a log in which nothing moves, unless the IMU does."""
+    part = request.part is not None
+    if samples is None or not is_turning(samples):
+        return untrusted("robot.static", part=part)
+    topics = tuple(dict.fromkeys(sources.topics[track.name] for track in _moving(sources)))
+    return untrusted("robot.frozen", topics=topics, rate=turning_rate(samples), part=part)
 
 
 def _urdf_of_fixed(sources: Sources) -> str:
@@ -216,7 +219,7 @@ def _from_robot(
                 f"neither frame is on the way from {path.world} to {path.parent}: choose another "
                 "topic"
             )
-    return _checked(Motion(path=path, mount=mount, sources=sources), request)
+    return Motion(path=path, mount=mount, sources=sources)
 
 
 def other_frames(
@@ -339,7 +342,7 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
             )
     child = request.imu_link or frame_id or "imu"
     mount = Mount(parent=path.parent, child=child, nominal=nominal)
-    return _checked(Motion(path=path, mount=mount, sources=sources, findings=findings), request)
+    return Motion(path=path, mount=mount, sources=sources, findings=findings)
 
 
 def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:

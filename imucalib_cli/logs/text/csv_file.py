@@ -154,7 +154,7 @@ class CsvFile:
         """
         if b"\0" in head:
             return False
-        lines = [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
+        lines = _filled(head)
         if not lines:
             return False
         names, separator, rows = _header(iter(lines), ())
@@ -172,8 +172,7 @@ class CsvFile:
     @classmethod
     def is_named(cls, head: bytes) -> bool:
         """Whether a header, or the format, names columns of an IMU or of joints."""
-        lines = head.decode("utf-8-sig", "replace").splitlines()
-        layout = _layout(_header((line for line in lines if line.strip()), cls.COLUMNS)[0])
+        layout = _layout(_header(iter(_filled(head)), cls.COLUMNS)[0])
         return any(each.named and each.kind != "pose" for each in (layout or (0, "", []))[2])
 
     @classmethod
@@ -191,8 +190,7 @@ class CsvFile:
     @classmethod
     def why_not(cls, head: bytes) -> str:
         """Why columns that the user names are not those of a table, in words."""
-        lines = head.decode("utf-8-sig", "replace").splitlines()
-        names = _header((line for line in lines if line.strip()), ())[0]
+        names = _header(iter(_filled(head)), ())[0]
         if names and _is_number(names[0]):
             count = len(cls.COLUMNS)
             return f"has rows of {len(names)} cells, and --csv-columns names {count}: name each"
@@ -263,6 +261,11 @@ class CsvFile:
                     f"{self.path}: its rows would be {typical:g} s apart: give the unit of its "
                     "times in the name of their column, t_ns, t_us, t_ms or t_s"
                 )
+
+
+def _filled(head: bytes) -> list[str]:
+    """The lines of a file's first bytes that are not blank."""
+    return [line for line in head.decode("utf-8-sig", "replace").splitlines() if line.strip()]
 
 
 def _header(lines: Iterable[str], columns: Sequence[str]) -> tuple[list[str], str, Iterable[str]]:
