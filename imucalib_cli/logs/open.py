@@ -128,7 +128,7 @@ def holds_log(path: Path, *, alone: bool = False) -> bool:
         return True
     reader = _reader(path, head, READERS)
     if alone and reader is not None and issubclass(reader, CsvFile):
-        return reader.is_named(head)
+        return bool(reader.named_kinds(head) - {"pose"})
     return reader is not None
 
 

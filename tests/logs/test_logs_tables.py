@@ -44,6 +44,8 @@ EUROC_POSE = (
     "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], "
     "q_RS_z [], v_RS_R_x [m s^-1], b_w_RS_S_x [rad s^-1], b_a_RS_S_x [m s^-2]"
 )
+OPENVINS_POSE = "#time(ns),px,py,pz,qw,qx,qy,qz,vx,bwx,bax"
+"""As in the corrected ground truth that OpenVINS publishes for these folders."""
 
 
 def seconds(ns: int) -> str:
@@ -224,13 +226,16 @@ def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:
     assert data.losses == ()
 
 
-def test_euroc_folder_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("pose_header", [EUROC_POSE, OPENVINS_POSE])
+def test_euroc_folder_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pose_header: str
+) -> None:
     """Headers as in the published data set; images and positions alone are left alone."""
     mav = tmp_path / "MH_01" / "mav0"
     write(mav / "imu0" / "data.csv", f"{EUROC_IMU}\n{lines(STAMPS, VALUES)}")
     ordered = np.column_stack((POSES[:, :3], POSES[:, 6], POSES[:, 3:6], VALUES[:, :3]))
     name = "state_groundtruth_estimate0"
-    write(mav / name / "data.csv", f"{EUROC_POSE}\n{lines(STAMPS, ordered)}")
+    write(mav / name / "data.csv", f"{pose_header}\n{lines(STAMPS, ordered)}")
     write(mav / "cam0" / "data.csv", "#timestamp [ns],filename\n1403636579763555584,1.png\n")
     write(mav / "leica0" / "data.csv", "#timestamp [ns],p_RS_R_x [m]\n1403636579763555584,1.0\n")
     assert open_log([mav]).paths == open_log([mav.parent]).paths

@@ -170,10 +170,10 @@ class CsvFile:
         return len(cells) == len(names) and all(map(_is_number, filter(None, cells)))
 
     @classmethod
-    def is_named(cls, head: bytes) -> bool:
-        """Whether a header, or the format, names columns of an IMU or of joints."""
+    def named_kinds(cls, head: bytes) -> set[Kind]:
+        """Streams whose columns a header, or the format, names."""
         layout = _layout(_header(iter(_filled(head)), cls.COLUMNS)[0])
-        return any(each.named and each.kind != "pose" for each in (layout or (0, "", []))[2])
+        return set() if layout is None else {each.kind for each in layout[2] if each.named}
 
     @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
@@ -292,7 +292,7 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
 
     None if there is no time column, or nothing but time.
     """
-    columns = [each.removeprefix("field.").partition("[") for each in names]
+    columns = [each.removeprefix("field.").replace("(", "[").partition("[") for each in names]
     bare = [each[0].strip() for each in columns]
     times = {k: known for k, name in enumerate(bare) if (known := _TIME.fullmatch(name.lower()))}
     places: dict[tuple[str, int], int] = {}
@@ -314,7 +314,7 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))
-    unit = known[1] or columns[time][2].rstrip("] ")
+    unit = known[1] or columns[time][2].rstrip(")] ")
     return time, unit if unit in _UNITS else "", groups
 
 

@@ -51,6 +51,4 @@ class EurocTable(CsvFile):
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:
         """Whether it lies in such a folder and is not a list of images."""
-        return path.absolute().match(f"{_ROOT}/{_TABLES}") and (
-            b"w_RS_S_x" in head or b"q_RS_w" in head
-        )
+        return path.absolute().match(f"{_ROOT}/{_TABLES}") and bool(cls.named_kinds(head))
