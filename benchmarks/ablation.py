@@ -31,7 +31,10 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "joint zeros": ("joint_zero",),
     "origins": ("origin",),
     "joint axes": ("joint_axis",),
-    "joint curves": ("joint_harmonic", "joint_lag", "joint_play", "joint_sag"),
+    "joint curves": (
+        *("joint_harmonic", "joint_second_harmonic", "joint_gain"),
+        *("joint_lag", "joint_play", "joint_sag"),
+    ),
     "sensor scales": ("accel_scale", "gyro_scale"),
     "gyroscope's axes": ("gyro_misalignment",),
     "axes off square": ("accel_skew", "gyro_skew"),

@@ -54,6 +54,8 @@ def drawn_with(row: Row) -> dict[str, float]:
         "gravity_norm": row.gravity,
         "joint_zero": row.zero,
         "joint_harmonic": row.eccentricity,
+        "joint_second_harmonic": row.twice,
+        "joint_gain": row.gain,
         "joint_lag": row.lag,
         "joint_play": row.play,
         "joint_sag": row.softness * LINK_MASS,

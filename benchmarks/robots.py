@@ -148,6 +148,8 @@ class Row:
     gravity_between: tuple[float, float] | None = None  # m/s², the norm is uniform instead
     encoder: float = 0.0  # white noise of each joint sample, rad
     eccentricity: float = 0.0  # of errors of the reading as sin q, and as cos q, rad
+    twice: float = 0.0  # of errors of the reading as sin 2q, and as cos 2q, rad
+    gain: float = 0.0  # of each joint's reading, as by a gear ratio, relative
     lag: float = 0.0  # of each joint's reading behind the joint, s
     play: float = 0.0  # of the error that changes sign with the direction of motion, rad
     softness: float = 0.0  # rad/Nm, of each joint by a random factor; weight bends it
@@ -204,6 +206,7 @@ ROWS = {
     "worn": replace(_EVERYDAY, eccentricity=4e-4, lag=1e-3, play=2e-4),
     "tilted": replace(_EVERYDAY, axis=1e-3),
     "elastic": replace(_EVERYDAY, softness=5e-5),
+    "geared": replace(_EVERYDAY, gain=2e-3, twice=5e-4),
     "late-tracker": replace(_QUIET, track_delay=5e-3),
     "gross-link": Row(noise=MEMS, long_link=0.01),
     "gross-zero": Row(noise=MEMS, gross_zero=0.01),
@@ -279,6 +282,8 @@ def row_of(name: str, seed: int) -> Row:
         axis=size(5e-5, 2e-3),
         track_delay=size(2e-4, 8e-3),
         softness=size(5e-7, 5e-5),
+        twice=size(2e-5, 1e-3),
+        gain=size(5e-5, 5e-3),
     )
 
 
@@ -579,6 +584,9 @@ def _tracks(
         "track_delay": row.track_delay * rng.normal() if truth.base else 0.0,
     }
     eccentric = drawn["eccentricity"][0] * np.sin(q) + drawn["eccentricity"][1] * np.cos(q)
+    more_rng = np.random.default_rng([*key, 3])
+    sine, cosine, gain = more_rng.normal(size=(3, count))
+    eccentric += row.twice * (sine * np.sin(2 * q) + cosine * np.cos(2 * q)) + row.gain * gain * q
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
     read += row.encoder * noise_rng.normal(size=q.shape)

@@ -326,6 +326,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
     "sigma: the model does not explain this; a flexible mount or joint, for example, would; sigma "
     "includes the difference",
+    "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
+    "explain: an error that the model does not know changes within the log, such as a tracker's "
+    "from place to place or a joint's as it warms; sigma is larger by this factor",
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "

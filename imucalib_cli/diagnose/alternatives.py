@@ -162,7 +162,7 @@ class Fitter:
         """
         grid = replace(self.windowing.grid, t0=self.windowing.grid.t0 - about)
         most = self.options.max_offset if most is None else most
-        offset, lag = coarse_time_offset(grid, self.trajectory(path), most)
+        (offset, *_), lag = coarse_time_offset(grid, self.trajectory(path), most)
         return about + offset, -1.0 if lag is None else lag.correlation
 
     def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:

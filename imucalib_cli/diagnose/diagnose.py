@@ -25,6 +25,7 @@ GENERIC: Final = frozenset(
         "residual.beyond_noise",
         "windows.motion_left_out",
         "window.dependent",
+        "parts.disagree",
         "unknown.implausible",
         "bias.unusual",
         "change.mount",

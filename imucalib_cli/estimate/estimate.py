@@ -137,6 +137,8 @@ class Consistency:
     """Root mean square of that difference in sigmas; 1 is chance."""
     segment_chi2: float
     """Scatter of the segments over what noise explains, per degree of freedom."""
+    segment_sigmas: float
+    """How unlikely so much scatter is by chance, as a normal deviate."""
     whiteness: tuple[float, float]
     """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, in the
     pass band of the filters; 1 is white."""

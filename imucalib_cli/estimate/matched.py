@@ -91,6 +91,7 @@ def calibrate_matched(
         fit=fit,
         attempt=attempt,
         dependence=dependence,
+        consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
         over_noise=over_noise,
         sign=sign,
         change=None if directions else segments.change(),
@@ -101,7 +102,7 @@ def calibrate_matched(
         statistics,
         window=attempt.window,
         residuals=_residuals(fit, attempt.clean.spikes),
-        consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
+        consistency=evidence.consistency,
         findings=judge.findings(evidence, statistics),
         statistics=statistics,
         notes={
@@ -164,21 +165,23 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
     imu_ticks, degree = clean.ticks is not None, options.degree
     grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
     length, window = choose_window(options.window, grid, trajectory, degree)
-    lag, offset = None, options.time_offset
-    if offset is None:
-        offset, lag = coarse_time_offset(grid, trajectory, options.max_offset)
+    lag: Lag | None = None
+    offsets: tuple[float, ...] = (options.time_offset or 0.0,)
+    if options.time_offset is None:
+        offsets, lag = coarse_time_offset(grid, trajectory, options.max_offset)
     windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     while options.window == WindowChoice() and window.seconds > _SHORTEST:
         shorter = 0.7 * window.seconds
         noisy = is_drowned(shorter, grid, trajectory)
-        if len(windowing.centres(offset)) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
+        if len(windowing.centres(offsets[0])) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
             break
         # Too few windows fit into the log or between its gaps.
         length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
         window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
         windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    lean = lean_fit(windowing, options, offset)
-    return Attempt(clean, lean, window, lag, imu_ticks, trajectory.use_ticks)
+    fits = (lean_fit(windowing, options, offset) for offset in offsets)
+    attempts = (Attempt(clean, e, window, lag, imu_ticks, trajectory.use_ticks) for e in fits)
+    return min(attempts, key=lambda each: each.misfit)
 
 
 def _next_attempt(

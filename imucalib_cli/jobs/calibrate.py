@@ -162,6 +162,9 @@ def _estimate_one(
         # A prior is recorded by its values, the published method's guess by its source.
         request = replace(request, estimator=options)
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
+    if estimate.trusted:  # its gravity shows the unit; the IMU only never rested
+        rest = tuple(e for e in repaired.suspects if e.code != "imu.accel_unit_unknown")
+        repaired = replace(repaired, suspects=rest)
     if progress is not None and needs_diagnosis(estimate):
         progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)

@@ -81,6 +81,7 @@ def make_estimate(**changes: Any) -> Estimate:
             halves_difference=np.linspace(-3e-4, 2e-4, 6),
             halves_sigmas=1.2,
             segment_chi2=0.9,
+            segment_sigmas=-0.4,
             whiteness=(1.0, 1.3),
         ),
         imu_check=ImuCheck(

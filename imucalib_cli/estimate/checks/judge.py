@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import Change
     from imucalib_cli.estimate.checks.specification import Dependence, WindowAnswer
+    from imucalib_cli.estimate.estimate import Consistency
     from imucalib_cli.estimate.matched import Attempt
     from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.model.unknowns import Unknown
@@ -57,7 +58,7 @@ STANDSTILL_GYRO: Final = 0.02
 """rad/s: a log that turns less does not show a mismatch, and a residual that is larger does."""
 LOUD: Final = 5.0
 """Ratio of residuals to the known noise that is reported; from ten times as much on the equations,
-not their parameters, are wrong."""
+not their parameters, are wrong. So they are where parts of a log scatter by more than that."""
 _FEW: Final = 0.05
 """Share of the windows, left out or struck, from which it is reported: a strike now and then is an
 outlier, strikes with every step are part of the motion."""
@@ -98,6 +99,7 @@ class Evidence:
     attempt: Attempt
     dependence: tuple[Dependence, ...]
     change: Change | None
+    consistency: Consistency | None
     over_noise: Floats
     """(2,), residual scale over the known noise, accelerometer and gyroscope."""
     sign: Sign
@@ -107,6 +109,14 @@ class Evidence:
     def mount_moved(self) -> bool:
         """Whether the mount changed within the log."""
         return self.change is not None and self.change.kind == "mount"
+
+    @property
+    def scatter(self) -> float:
+        """Variance by which parts of the log scatter over what the model explains; 1 by chance."""
+        parts = self.consistency
+        if parts is None or self.change is not None or parts.segment_sigmas < WARN_SIGMAS:
+            return 1.0
+        return parts.segment_chi2
 
     @property
     def hangs_most(self) -> Dependence | None:
@@ -130,8 +140,12 @@ def over_known_noise(fit: Fit) -> Floats:
 
 
 def of_findings(evidence: Evidence) -> Floats:
-    """(6, 6), added to the covariance for dependence on the window, a change, or skewed axes."""
+    """(6, 6), added to the covariance.
+
+    For dependence on the window, scatter of the log's parts, a change, or skewed axes.
+    """
     added = np.diag([0.0, 0.0, 0.0, *[_off_square(evidence.fit)] * 3])
+    added += (evidence.scatter - 1.0) * evidence.fit.pose_covariance
     if evidence.hangs_most is not None:
         differences = [evidence.hangs_most.difference]
     else:
@@ -169,7 +183,7 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
         found += _changed(evidence)
     misled = bool(wrong) or evidence.mount_moved
     found += [*_unexplained(evidence), *of_answer(evidence.fit, log, misled=misled)]
-    found += _window(evidence)
+    found += [*_window(evidence), *_parts(evidence)]
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
         found += _undecided(evidence)
     for check in (_residuals, _left_out, _strikes, _sampled, _gaps, _stamps):
@@ -334,6 +348,13 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
             used=evidence.attempt.window.seconds,
             **_lengths(worst.difference),
         )
+
+
+def _parts(evidence: Evidence) -> Iterator[Finding]:
+    """Parts of the log that disagree: an error that changes, and that no unknown explains."""
+    factor = float(np.sqrt(evidence.scatter))
+    if factor > 1.0:
+        yield (untrusted if factor > LOUD else warning)("parts.disagree", factor=factor)
 
 
 def _changed(evidence: Evidence) -> Iterator[Finding]:

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.scales import Problem
 
 
-FOLDS: Final = 12
-"""Parts that are left out in turn."""
+FOLDS: Final = 6
+"""Parts that are left out in turn. Fewer hardly show a scatter, more do not show errors that change
+slowly (docs/real-recordings.md has figures)."""
 _LEAST_SEGMENTS: Final = 2
 """Least distance of a change from either end of a log: longer than a shock."""
 _LEAST_WINDOWS: Final = 3.0
@@ -193,15 +194,35 @@ class Segments:
         shares, axes = np.linalg.eigh(left * np.outer(precision, precision))
         seen = np.diag(precision) @ axes[:, shares < 0.99]
         apart = squared_distance(seen.T @ difference, seen.T @ C @ seen)
-        stated = np.sqrt(np.maximum(np.diag(self._fit.covariance)[: len(pose)], 1e-300))
+        ratio, sigmas = self._ratio(scatter, pose)
         return Consistency(
             folds=FOLDS,
             fold_std=fold_std,
             halves_difference=difference,
             halves_sigmas=float(np.sqrt(apart / max(seen.shape[1], 1))),
-            segment_chi2=float(np.mean((fold_std / stated) ** 2)),
+            segment_chi2=ratio,
+            segment_sigmas=sigmas,
             whiteness=whiteness,
         )
+
+    def _ratio(self, scatter: Floats, pose: Indices) -> tuple[float, float]:
+        """Variance by which folds (FOLDS, 6) scatter over that of the pose, and how unlikely it is.
+
+        Unlikely as a normal deviate: the cube root of chi-squared is nearly normal.
+
+        Source: the ratio, Birge, Phys. Rev. 40(2), 1932; Wilson and Hilferty, PNAS 17(12), 1931.
+        """
+        C, inverse = self._fit.pose_covariance, self._inverse[pose]
+        units = np.sqrt(np.maximum(np.diag(C), 1e-300))
+        weight = inverse_of(C / np.outer(units, units)) / np.outer(units, units)
+        share = weight @ inverse @ self._sums.folds()[0] @ inverse.T
+        # Folds in which nothing moves say nothing: fewer degrees of freedom than with even folds.
+        total = np.trace(share.sum(axis=0))
+        freedom = total**2 / max(float(np.einsum("kij,kji->", share, share)), 1e-300) - len(pose)
+        ratio = float(np.einsum("ki,ij,kj->", scatter, weight, scatter))
+        ratio *= (FOLDS - 1.0) / FOLDS / len(pose)
+        spread = 2.0 / (9.0 * max(float(freedom), 1.0))
+        return ratio, float((ratio ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread))
 
     def change(self) -> Change | None:
         """The most decisive change of mount, clock or bias; None if there is none.

@@ -20,12 +20,20 @@ class Lag:
     """Maximum of the parabola through the peak, samples from it, -0.5 to 0.5."""
     correlation: float
     """Correlation at the best shift, of the overlapping parts, -1 to 1."""
-    runner_up: float
-    """Correlation of the best other peak, away from the first."""
+    rivals: tuple[int, ...]
+    """Shifts, samples, at which they agree nearly as well, the best first: of periodic motion."""
     at_edge: bool
     """Whether the best shift is the last one searched: the true one may lie beyond."""
 
 
+_ALIKE = 4.0
+"""Times what the best shift leaves unexplained, up to which another may be the true one: a peak
+between two samples loses as much."""
+_SURE = 0.9
+"""Correlation from which that ratio means something: below, noise makes many shifts alike."""
+_APART = 10
+"""Samples between two shifts that are not one peak."""
+_MOST_RIVALS = 3
 LEAST_OVERLAP = 0.5
 """Share of the shorter series that must overlap: with less, chance correlation is high."""
 
@@ -68,12 +76,13 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
     score = np.where(enough, score, -np.inf)
     peak = int(np.argmax(score))
     inner = np.flatnonzero((score[1:-1] >= score[:-2]) & (score[1:-1] >= score[2:])) + 1
-    others = inner[(inner != peak) & np.isfinite(score[inner])]
+    least = max(_SURE, 1.0 - _ALIKE * (1.0 - float(score[peak])))
+    rivals = inner[(abs(inner - peak) > _APART) & (score[inner] >= least)]
     return Lag(
         samples=peak - most,
         between=_top(score[max(peak - 1, 0) : peak + 2]),
         correlation=float(score[peak]),
-        runner_up=float(np.max(score[others], initial=-1.0)),
+        rivals=tuple((rivals[np.argsort(-score[rivals])][:_MOST_RIVALS] - most).tolist()),
         at_edge=not (enough[:peak].any() and enough[peak + 1 :].any()),
     )
 

@@ -24,7 +24,7 @@ _BLOCK = 1 << 14
 
 def coarse_time_offset(
     grid: ImuGrid, trajectory: Trajectory, most: float
-) -> tuple[float, Lag | None]:
+) -> tuple[tuple[float, ...], Lag | None]:
     """Shift at which |angular rate| of the IMU and of the kinematics agree best.
 
     Args:
@@ -33,8 +33,8 @@ def coarse_time_offset(
         most: Largest |offset| searched, s.
 
     Returns:
-        IMU stamp - robot stamp, s, to a few milliseconds, and the lag; zero and None if nothing
-        turns.
+        IMU stamp - robot stamp, s, to a few milliseconds, and others at which periodic motion
+        agrees nearly as well; and the lag. Zero and None if nothing turns.
     """
     every = max(round(_STEP_SECONDS / grid.dt), 1)
     step = every * grid.dt
@@ -44,7 +44,7 @@ def coarse_time_offset(
     t_robot = np.asarray(grid.t0 + step * np.arange(-lead - reach, count + lead + reach))
     covered = trajectory.covered(t_robot)
     if not covered.any():
-        return 0.0, None
+        return (0.0,), None
     centres = np.arange(reach, len(t_robot) - reach)
     clean = all_hold(covered, centres - reach, 2 * reach + 1)
     derived = np.zeros(len(centres))
@@ -66,4 +66,6 @@ def coarse_time_offset(
     measured[inside] = np.linalg.norm(rate, axis=1)
     measured_clean[inside] = all_hold(grid.usable, inner[inside] - half, 2 * half + 1)
     lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
-    return (0.0 if lag is None else (lag.samples + lag.between) * step), lag
+    if lag is None:
+        return (0.0,), None
+    return tuple(step * each for each in (lag.samples + lag.between, *lag.rivals)), lag

@@ -65,7 +65,7 @@ def calibrate_gyro_first(
     if offset is None:  # by correlation, then by the least cost of the fit of the rates
         from scipy.optimize import minimize_scalar
 
-        coarse, _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
+        (coarse, *_), _ = coarse_time_offset(smooth.grid, trajectory, _MAX_OFFSET)
         fine = minimize_scalar(
             lambda offset: _fit_rates(_derived(smooth, trajectory, offset))[2],
             bounds=(coarse - _REFINE, coarse + _REFINE),
