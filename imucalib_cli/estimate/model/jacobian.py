@@ -167,6 +167,17 @@ class _Nodes:
         turns, shifts = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
         return sum(turns), sum(shifts)
 
+    @cached_property
+    def _effects(self) -> dict[str, tuple[Floats, Floats, Floats]]:
+        return {}
+
+    def effects(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
+        """Turn, shift and change of the force by a unit of a joint, (3, M) each, computed once."""
+        if joint.name not in self._effects:
+            turn, shift = self.twist(joint)
+            self._effects[joint.name] = turn, shift, cross(turn, self.force, -2)
+        return self._effects[joint.name]
+
     def twist_of_step(self, placed: Placed) -> tuple[Floats, Floats]:
         """Turn and shift by an error of a constant step: (k, 3, M) each."""
         R, _ = self.frames[placed.index]
@@ -320,11 +331,11 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
         case JointCurve() if placed.joint is not None:
             track, column = placed.joint.track, placed.joint.column
             q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
-            turn, shift = nodes.twist(placed.joint)
             load = nodes.loads.get(placed.joint.name, rate)
             curve = effect.basis(q, rate, load)[:, None]
-            force = cross(turn, nodes.force, -2)
-            for name, along in (("turn", turn), ("shift", shift), ("force", force)):
+            for name, along in zip(
+                ("turn", "shift", "force"), nodes.effects(placed.joint), strict=True
+            ):
                 channels[name].append((part, curve * along))
         case OfBase() if nodes.base is not None:
             _add_of_base(placed, effect, nodes, nodes.base, channels)
