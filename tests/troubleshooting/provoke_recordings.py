@@ -203,6 +203,12 @@ def turned_later(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
     return gyro, accel
 
 
+def turned_to_and_fro(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
+    angle = 1e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (7.0 * RATE))
+    R = matrix_from_rotvec(np.outer(angle, (1.0, -1.0, 1.0)))
+    return np.einsum("nij,nj->ni", R, gyro), np.einsum("nij,nj->ni", R, accel)
+
+
 def dead_axis_without_noise() -> Recording:
     return with_imu(clean(ARM), gyro=clean(ARM).imu.gyro * (1, 0, 1))
 
@@ -258,6 +264,7 @@ SENSORS: dict[str, Provocation] = {
     "axes-turned-far": changed(lambda w, a: (w @ about_z(5.0).T, a)),
     "accel-bias-large": changed(lambda w, a: (w, a + np.array([0.6, 0.0, 0.0]))),
     "mount-moved": changed(turned_later),
+    "mount-sways": changed(turned_to_and_fro),
 }
 
 

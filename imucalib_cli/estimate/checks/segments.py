@@ -30,6 +30,10 @@ _LEAST_WINDOWS: Final = 3.0
 DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
+NEGLIGIBLE: Final = np.repeat((1e-5, 2e-5), 3)
+"""m and rad: no mount is known or needed better; below, interpolation dominates all differences."""
+_MATTERS: Final = 0.1
+"""Share of sigma below which a change of the pose does not count."""
 MEDIAN_CHI2: Final = 0.455
 """Median of chi-squared of one degree of freedom: of the squares of normal deviates."""
 _APART: Final = PARTS // 8
@@ -177,7 +181,8 @@ class Segments:
         if len(pose) < 6:
             return None
         A, b = self._sums.folds()
-        each = (inverse_of(self._total - A) @ b[:, :, None])[:, pose, 0]
+        others = inverse_of(self._total - A)
+        each = (others @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
         half, block = len(self._A) // 2, np.ix_(pose, pose)
@@ -194,7 +199,7 @@ class Segments:
         shares, axes = np.linalg.eigh(left * np.outer(precision, precision))
         seen = np.diag(precision) @ axes[:, shares < 0.99]
         apart = squared_distance(seen.T @ difference, seen.T @ C @ seen)
-        ratio, sigmas = self._ratio(scatter, pose)
+        ratio, sigmas = self._disagreement(each, others[:, pose][:, :, pose], pose)
         return Consistency(
             folds=FOLDS,
             fold_std=fold_std,
@@ -205,23 +210,28 @@ class Segments:
             whiteness=whiteness,
         )
 
-    def _ratio(self, scatter: Floats, pose: Indices) -> tuple[float, float]:
-        """Variance by which folds (FOLDS, 6) scatter over that of the pose, and how unlikely it is.
+    def _disagreement(self, changes: Floats, left: Floats, pose: Indices) -> tuple[float, float]:
+        """Variance by which folds disagree about the pose over the stated one, and its chance.
 
-        Unlikely as a normal deviate: the cube root of chi-squared is nearly normal.
+        The chance as a normal deviate: the cube root of chi-squared is nearly normal.
+
+        Args:
+            changes: (FOLDS, 6), of the pose if a fold is left out.
+            left: (FOLDS, 6, 6), inverse information of the other folds.
+            pose: Places of the pose.
 
         Source: the ratio, Birge, Phys. Rev. 40(2), 1932; Wilson and Hilferty, PNAS 17(12), 1931.
         """
-        C, inverse = self._fit.pose_covariance, self._inverse[pose]
-        units = np.sqrt(np.maximum(np.diag(C), 1e-300))
-        weight = inverse_of(C / np.outer(units, units)) / np.outer(units, units)
-        share = weight @ inverse @ self._sums.folds()[0] @ inverse.T
-        # Folds in which nothing moves say nothing: fewer degrees of freedom than with even folds.
-        total = np.trace(share.sum(axis=0))
-        freedom = total**2 / max(float(np.einsum("kij,kji->", share, share)), 1e-300) - len(pose)
-        ratio = float(np.einsum("ki,ij,kj->", scatter, weight, scatter))
-        ratio *= (FOLDS - 1.0) / FOLDS / len(pose)
-        spread = 2.0 / (9.0 * max(float(freedom), 1.0))
+        whole, C = self._inverse[np.ix_(pose, pose)], self._fit.pose_covariance
+        # A change is large where the others know little: its covariance is what they know less.
+        expected = (left - whole) * (np.trace(inverse_of(whole) @ C) / len(pose))
+        weight = inverse_of(expected + _MATTERS**2 * C + np.diag(NEGLIGIBLE**2))
+        share = weight @ expected
+        total = float(np.trace(share.sum(axis=0)))
+        squares = max(float(np.einsum("kij,kji->", share, share)), 1e-300)
+        freedom = max(total**2 / squares - len(pose), 1.0)
+        ratio = float(np.einsum("ki,kij,kj->", changes, weight, changes)) / max(total, 1e-300)
+        spread = 2.0 / (9.0 * freedom)
         return ratio, float((ratio ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread))
 
     def change(self) -> Change | None:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.fit import Linearised
 from imucalib_cli.estimate.solution.spectrum import PARTS, chance_of_six, embedded, squared_distance
@@ -37,8 +38,6 @@ _MOST: Final = 4000
 """Windows, about four minutes: more of them cost time, and change the result little."""
 _NODES: Final = 9
 """Node intervals to a window, half of the fit's: a difference needs columns to a tenth only."""
-_NEGLIGIBLE: Final = (1e-5, 2e-5)
-"""m and rad: no mount is known or needed better; below, interpolation dominates the difference."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +64,7 @@ class Dependence(WindowAnswer):
     @property
     def sigmas(self) -> float:
         """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
-        floor = np.diag(np.repeat(np.square(_NEGLIGIBLE), 3))
+        floor = np.diag(NEGLIGIBLE**2)
         square = float(squared_distance(self.difference, self.covariance + floor))
         freedom = self.parts - len(self.difference)
         tail = chance_of_six(square * freedom / (self.parts - 1.0), freedom)
