@@ -204,7 +204,7 @@ def turned_later(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
 
 
 def turned_to_and_fro(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
-    angle = 1e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (7.0 * RATE))
+    angle = 2e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE))
     R = matrix_from_rotvec(np.outer(angle, (1.0, -1.0, 1.0)))
     return np.einsum("nij,nj->ni", R, gyro), np.einsum("nij,nj->ni", R, accel)
 
