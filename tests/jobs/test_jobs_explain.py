@@ -13,12 +13,15 @@ from imucalib_cli.diagnose.diagnose import diagnose
 from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.findings import warning
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import Sources, find_motion, other_frames
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.clock import Clock
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
+from imucalib_cli.signals.imu import repair
+from imucalib_cli.signals.imu.units import Factor
 from imucalib_cli.study.recordings import streams_of
 from tests.simulate.simulate_samples import recorded
 
@@ -27,6 +30,19 @@ if TYPE_CHECKING:
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 LOG, URDF = SAMPLES / "rihibot.mcap", SAMPLES / "rihibot.urdf"
+
+
+def test_imu_that_never_rests_is_not_refused_for_its_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In eight of a thousand cuts of 30 s of hand-held motion, the calmest moments are no rest."""
+    suspect = warning("imu.accel_unit_unknown", topic="/imu/data", norm=12.2)
+    factor = Factor(unit="m/s2", value=1.0, finding=suspect)
+    monkeypatch.setattr(repair, "accel_factor", lambda *_, **__: factor)
+    log = SAMPLES / "broad_21_cut.mcap"
+    (result,) = calibrate(CalibrationRequest(logs=(log,), parent="sensor_body")).results
+    codes = [each.code for each in result.diagnostics.findings]
+    assert "residual.beyond_noise" in codes  # so that a cause is searched for
+    assert suspect.code not in codes
+    assert result.status == "ok"
 
 
 @pytest.mark.slow

@@ -111,3 +111,13 @@ def test_series_that_never_overlap_by_half_have_no_lag() -> None:
     usable[0, :800] = usable[1, 700:] = True
     assert best_lag(reference, series, usable, 200) is None
     assert best_lag(reference, series, usable, 400) is not None
+
+
+def test_other_shifts_of_periodic_motion_are_rivals() -> None:
+    """As of a gait, whose steps hardly differ; motion that does not repeat has none."""
+    rng, index = np.random.default_rng(5), np.arange(2000)
+    steps = np.sin(2.0 * np.pi * index / 100.0) + 0.3 * np.sin(4.0 * np.pi * index / 100.0)
+    walked = steps + 0.01 * rng.normal(size=len(index))
+    lag = _lag(walked, np.roll(walked, 40) + 0.01 * rng.normal(size=len(index)), 180)
+    assert lag.samples == 40
+    assert set(lag.rivals) == {-160, -60, 140}
