@@ -572,21 +572,22 @@ def _tracks(
     zeros: Floats,
 ) -> tuple[tuple[Track, ...], tuple[Track, ...], dict[str, Any]]:
     """Tracks as read, as they were, and what was drawn."""
-    rng, noise_rng = np.random.default_rng([*key, 0]), np.random.default_rng([*key, 1])
+    rng, noise_rng, more_rng = (np.random.default_rng([*key, each]) for each in (0, 1, 3))
     t = np.arange(0.0, seconds, 1 / rate)
     q, v, _ = (values[:, truth.base :] for values in motion(t))
     count = q.shape[1]
     drawn: dict[str, Any] = {
         "eccentricity": row.eccentricity * rng.normal(size=(2, count)),
+        "twice": row.twice * more_rng.normal(size=(2, count)),
+        "gain": row.gain * more_rng.normal(size=count),
         "lag": row.lag * rng.normal(size=count),
         "play": row.play * rng.normal(size=count),
         "track_scale": row.track_scale * rng.normal() if truth.base else 0.0,
         "track_delay": row.track_delay * rng.normal() if truth.base else 0.0,
     }
-    eccentric = drawn["eccentricity"][0] * np.sin(q) + drawn["eccentricity"][1] * np.cos(q)
-    more_rng = np.random.default_rng([*key, 3])
-    sine, cosine, gain = more_rng.normal(size=(3, count))
-    eccentric += row.twice * (sine * np.sin(2 * q) + cosine * np.cos(2 * q)) + row.gain * gain * q
+    eccentric = drawn["gain"] * q
+    for angle, (sine, cosine) in ((q, drawn["eccentricity"]), (2 * q, drawn["twice"])):
+        eccentric += sine * np.sin(angle) + cosine * np.cos(angle)
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
     read += row.encoder * noise_rng.normal(size=q.shape)

@@ -166,6 +166,13 @@ Logs = Annotated[
         "or URL, or all files of a split recording.",
     ),
 ]
+ResultFiles = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="RESULT|FOLDER...",
+        help="Results of `imucalib run`, folders of them, or - for stdin.",
+    ),
+]
 AllowRemoteScan = Annotated[
     bool,
     _log(

@@ -7,17 +7,14 @@ import typer
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import exit_code, worst
 from imucalib_cli.cli.files import files_of, warning_of_old_outputs
-from imucalib_cli.cli.options import OutputFile, Quiet, output_option
+from imucalib_cli.cli.options import OutputFile, Quiet, ResultFiles, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.errors import ChoiceError
 
 
 def apply_command(
-    results: list[str] = typer.Argument(
-        metavar="RESULT|FOLDER...",
-        help="Results of `imucalib run`, folders of them, or - for stdin.",
-    ),
+    results: ResultFiles,
     *,
     urdf: Path = typer.Option(
         metavar="FILE",

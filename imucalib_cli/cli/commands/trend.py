@@ -8,17 +8,21 @@ import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import OutputFile, Quiet, Within, file_option, output_option
+from imucalib_cli.cli.options import (
+    OutputFile,
+    Quiet,
+    ResultFiles,
+    Within,
+    file_option,
+    output_option,
+)
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import moment
 from imucalib_cli.cli.tables import deliver_blocks
 
 
 def trend_command(
-    results: list[str] = typer.Argument(
-        metavar="RESULT|FOLDER...",
-        help="Results of `imucalib run`, folders of them, or - for stdin.",
-    ),
+    results: ResultFiles,
     *,
     within: Within = None,
     since: datetime | None = typer.Option(

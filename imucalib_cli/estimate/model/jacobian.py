@@ -148,35 +148,26 @@ class _Nodes:
     base: BaseNodes | None = None
 
     @cached_property
-    def joint_twists(self) -> dict[int, tuple[Floats, Floats]]:
-        """Turn and shift by a unit of reported position, (3, M) each, for each joint's step."""
+    def joint_twists(self) -> dict[int, tuple[Floats, Floats, Floats]]:
+        """As :meth:`twist`, by a unit of reported position, for each joint's step."""
         found = {}
         for index, step in enumerate(self.path.steps):
             if isinstance(step, JointStep):
                 R, p = self.frames[index]
                 axis = step.multiplier * np.matmul(step.axis, R)
-                found[index] = (
+                turn, shift = (
                     (np.zeros_like(axis), axis)
                     if step.kind == "prismatic"
                     else (axis, cross(axis, self.p + self.lever - p, -2))
                 )
+                found[index] = turn, shift, cross(turn, self.force, -2)
         return found
 
-    def twist(self, joint: Joint) -> tuple[Floats, Floats]:
-        """Turn and shift by a unit of a joint: (3, M) each."""
-        turns, shifts = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
-        return sum(turns), sum(shifts)
-
-    @cached_property
-    def _effects(self) -> dict[str, tuple[Floats, Floats, Floats]]:
-        return {}
-
-    def effects(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
-        """Turn, shift and change of the force by a unit of a joint, (3, M) each, computed once."""
-        if joint.name not in self._effects:
-            turn, shift = self.twist(joint)
-            self._effects[joint.name] = turn, shift, cross(turn, self.force, -2)
-        return self._effects[joint.name]
+    def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
+        """Turn, shift and change of the force by a unit of a joint: (3, M) each."""
+        steps = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
+        turn, shift, force = (sum(each) for each in steps)
+        return turn, shift, force
 
     def twist_of_step(self, placed: Placed) -> tuple[Floats, Floats]:
         """Turn and shift by an error of a constant step: (k, 3, M) each."""
@@ -196,7 +187,7 @@ class _Nodes:
         streams = (i for i, step in enumerate(self.path.steps) if isinstance(step, PoseStep))
         behind = max(streams, default=-1) + 1
         turning, moving = self.velocity_with(behind)
-        for index, (turn, shift) in self.joint_twists.items():
+        for index, (turn, shift, _) in self.joint_twists.items():
             step = self.path.steps[index]
             if index >= behind and isinstance(step, JointStep):
                 rate = self.rates[step.track][:, step.column]
@@ -216,7 +207,8 @@ class _Nodes:
 
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), the change of the mount's translation and rotation by hidden components."""
-        twist = self.twist_of_step(placed) if placed.joint is None else self.twist(placed.joint)
+        joint = placed.joint
+        twist = self.twist_of_step(placed) if joint is None else self.twist(joint)[:2]
         turn, shift = (each.reshape(-1, *self.p.shape)[..., 0] for each in twist)
         return np.hstack([shift @ self.R[..., 0], turn @ self.R[..., 0]])
 
@@ -334,7 +326,7 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             load = nodes.loads.get(placed.joint.name, rate)
             curve = effect.basis(q, rate, load)[:, None]
             for name, along in zip(
-                ("turn", "shift", "force"), nodes.effects(placed.joint), strict=True
+                ("turn", "shift", "force"), nodes.twist(placed.joint), strict=True
             ):
                 channels[name].append((part, curve * along))
         case OfBase() if nodes.base is not None:
