@@ -47,7 +47,6 @@ from tests.slow import slow_after
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout, Placed
-    from imucalib_cli.estimate.model.unknowns import Samples
 
 Floats = NDArray[np.float64]
 
@@ -294,21 +293,16 @@ def test_options_remove_table_entries() -> None:
     np.testing.assert_array_equal(known.std[known.part("joint_axis")], 1e-3)
 
 
-def _cross_axis(samples: Samples) -> Floats:
-    """The accelerometer's x reads a share of y, its y of z, its z of x."""
-    basis = np.zeros((3, len(samples.age), 3))
-    for row in range(3):
-        basis[row, :, row] = samples.accel[:, (row + 1) % 3]
-    return basis
-
-
 def test_one_table_entry_adds_an_unknown() -> None:
+    """The accelerometer's x reads a share of y, its y of z, its z of x."""
+    shares = np.zeros((3, 3, 3))
+    shares[[0, 1, 2], [1, 2, 0], [0, 1, 2]] = 1.0
     entry = Unknown(
         name="accel_cross_axis",
         labels=("xy", "yz", "zx"),
         unit="1",
         std=0.01,
-        effect=Reading("accel", _cross_axis),
+        effect=Reading("accel", lambda samples, shares: samples.accel @ shares, shares),
         words="cross-axis response of the accelerometer",
     )
     size = np.array([0.004, -0.003, 0.006])

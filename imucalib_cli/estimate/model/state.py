@@ -223,7 +223,7 @@ def less_errors(
 
     def error(effect: Reading, size: Floats, read: Floats) -> Floats:
         at = replace(samples, accel=read) if sensor == "accel" else replace(samples, gyro=read)
-        return np.asarray(np.tensordot(size, effect.basis(at), axes=1))
+        return effect.of(at, size)
 
     measured = samples.of(sensor)
     ideal = np.array(measured)

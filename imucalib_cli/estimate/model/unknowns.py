@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.robot.rotations import cross
+from imucalib_cli.robot.rotations import cross, skew
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -33,6 +33,16 @@ Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
 PLAY_RATE: Final = 0.01
 """rad/s or m/s: a slower joint does not surely touch one side of its teeth."""
+
+# Matrices M of vectors v @ M, one for each component of an error.
+_ALIKE: Final = np.eye(3)[None]
+"""All axes alike."""
+_EACH_AXIS: Final = np.eye(3)[:, None] * np.eye(3)
+"""Each axis by itself."""
+_ACROSS: Final = np.abs(skew(np.eye(3)))
+"""yz, xz and xy: each of two axes reads the same share of the other."""
+_BY_EACH: Final = np.einsum("gi,aj->gaji", np.eye(3), np.eye(3)).reshape(9, 3, 3)
+"""Each axis reads a share of each."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,13 +65,23 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Error of a sensor's reading: measured = ideal + value * basis(measured)."""
+    """Error of a sensor's reading: measured = ideal + sum of value * error(measured, matrix)."""
 
     sensor: Sensor
-    basis: Callable[[Samples], Floats]
-    """Gives (size, M, 3), in the IMU's axes."""
+    error: Callable[[Samples, Floats], Floats]
+    """Of readings and matrices (..., 3, 3), linear in these; gives (..., M, 3), IMU axes."""
+    matrices: Floats = field(default_factory=lambda: _EACH_AXIS)
+    """(size, 3, 3), one for each component; each axis by itself by default."""
     turns: bool = False
     """Whether it turns the sensor's axes: it is then removed to second order."""
+
+    def basis(self, samples: Samples) -> Floats:
+        """(size, M, 3), the error by a unit of each component, IMU axes."""
+        return self.error(samples, self.matrices)
+
+    def of(self, samples: Samples, size: Floats) -> Floats:
+        """(M, 3), the error by components of given sizes (size,), IMU axes."""
+        return self.error(samples, np.tensordot(size, self.matrices, axes=1))
 
     @lru_cache(maxsize=256)  # noqa: B019 entries of the table live as long as the program
     def own_response(self, dt: float) -> Floats:
@@ -237,24 +257,7 @@ class Scale:
 
 
 _XYZ: Final = ("x", "y", "z")
-_ACROSS: Final = ("yz", "xz", "xy")
-_SYMMETRIC: Final = np.zeros((6, 3, 3))
-"""Basis of the symmetric matrices: along each axis, and across."""
-for _place, (_row, _column) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))):
-    _SYMMETRIC[_place, _row, _column] = _SYMMETRIC[_place, _column, _row] = 1.0
-
-
-def _skewed(values: Floats) -> Floats:
-    """(3, M, 3), of yz, xz and xy: each of two axes reads the same share of the other."""
-    return np.asarray(values @ _SYMMETRIC[3:])
-
-
-def _of_the_other(values: Floats) -> Floats:
-    """(9, M, 3), row by row: each axis of one sensor reads a share of each axis of the other."""
-    basis = np.zeros((3, 3, len(values), 3))
-    for axis in range(3):
-        basis[axis, :, :, axis] = values.T
-    return basis.reshape(9, len(values), 3)
+_PLANES: Final = ("yz", "xz", "xy")
 
 
 def with_ends(inner: Floats) -> Floats:
@@ -263,18 +266,18 @@ def with_ends(inner: Floats) -> Floats:
 
 
 def _second_derivative(values: Floats, dt: float) -> Floats:
-    return with_ends((values[2:] - 2.0 * values[1:-1] + values[:-2]) / dt**2)[None]
+    return with_ends((values[2:] - 2.0 * values[1:-1] + values[:-2]) / dt**2)
 
 
 def _derivative(values: Floats, dt: float) -> Floats:
     return with_ends((values[2:] - values[:-2]) / (2.0 * dt))
 
 
-def _swayed(samples: Samples) -> Floats:
-    """(6, M, 3), acceleration of a sway that follows the force, along and across the axes."""
+def _swayed(samples: Samples, matrices: Floats) -> Floats:
+    """(..., M, 3), acceleration of a sway that follows the force."""
     f, w, dt = samples.accel, samples.gyro, samples.dt
-    forces = np.stack([f, _derivative(f, dt), _second_derivative(f, dt)[0]])
-    away, speed, change = np.moveaxis(forces @ _SYMMETRIC[:, None], 1, 0)
+    forces = (f, _derivative(f, dt), _second_derivative(f, dt))
+    away, speed, change = (each @ matrices for each in forces)
     by_turning = cross(w, 2.0 * speed + cross(w, away)) + cross(_derivative(w, dt), away)
     return np.asarray(-(change + by_turning))
 
@@ -326,15 +329,11 @@ def measured_over_true(error: Floats, std: Floats) -> tuple[Floats, Floats]:
     return 1.0 / (1.0 - error), std / (1.0 - error) ** 2
 
 
-def _each_axis(values: Floats) -> Floats:
-    """(3, M, 3) of (M, 3) or (M, 1): each axis reads its own share of the values."""
-    return np.asarray(np.eye(3)[:, None] * values)
-
-
 def _of_each_sensor(
     name: str,
     words: str,
-    basis: Callable[[Floats, Samples], Floats],
+    error: Callable[[Floats, Samples], Floats],
+    matrices: Floats,
     *,
     units: tuple[str, str],
     std: tuple[float, float] = (np.inf, np.inf),
@@ -343,7 +342,8 @@ def _of_each_sensor(
 ) -> tuple[Unknown, Unknown]:
     """The same kind of error of the accelerometer and of the gyroscope.
 
-    The basis is a function of the sensor's readings (M, 3), and of those of both.
+    The error is a function of the sensor's readings (M, 3) and of those of both: it gives vectors
+    (M, 3), which the matrices mix.
     """
 
     def entry(place: int, sensor: Sensor, noun: str) -> Unknown:
@@ -352,7 +352,7 @@ def _of_each_sensor(
             unit=units[place],
             std=std[place],
             healthy=healthy[place],
-            effect=Reading(sensor, lambda samples: basis(samples.of(sensor), samples)),
+            effect=Reading(sensor, lambda s, mixing: error(s.of(sensor), s) @ mixing, matrices),
             words=words.format(noun),
             **others,
         )
@@ -387,7 +387,8 @@ _OWN: Final[tuple[Unknown, ...]] = (
     *_of_each_sensor(
         "bias",
         "bias of the {}",
-        lambda values, _: _each_axis(np.ones_like(values)),
+        lambda values, _: np.ones_like(values),
+        _EACH_AXIS,
         among="bias",
         labels=_XYZ,
         units=("m/s²", "rad/s"),
@@ -398,7 +399,8 @@ _OWN: Final[tuple[Unknown, ...]] = (
     *_of_each_sensor(
         "bias_ramp",
         "change of the {}'s bias over the log",
-        lambda _, samples: _each_axis(samples.age[:, None]),
+        lambda values, samples: np.ones_like(values) * samples.age[:, None],
+        _EACH_AXIS,
         labels=_XYZ,
         units=("m/s²", "rad/s"),
         std=(0.03, 0.003),
@@ -458,6 +460,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         "filter",
         "low-pass filter of the {}, in addition to its delay",
         lambda values, samples: _second_derivative(values, samples.dt),
+        _ALIKE,
         units=("s²", "s²"),
         scale="driver_filter",
         healthy=(1e-3, 1e-3),
@@ -466,7 +469,8 @@ _OWN: Final[tuple[Unknown, ...]] = (
     *_of_each_sensor(
         "scale",
         "scale error of the {}",
-        lambda values, _: _each_axis(values),
+        lambda values, _: values,
+        _EACH_AXIS,
         labels=_XYZ,
         units=("1", "1"),
         scale="sensor_scale",
@@ -478,14 +482,15 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="sensor_turn",
         healthy=0.05,
-        effect=Reading("gyro", lambda s: -cross(np.eye(3)[:, None], s.gyro[None]), turns=True),
+        effect=Reading("gyro", lambda s, mixing: s.gyro @ mixing, skew(np.eye(3)), turns=True),
         words="rotation of the gyroscope's axes relative to the accelerometer's",
     ),
     *_of_each_sensor(
         "skew",
         "half of the non-orthogonality of the {}'s axes",
-        lambda values, _: _skewed(values),
-        labels=_ACROSS,
+        lambda values, _: values,
+        _ACROSS,
+        labels=_PLANES,
         units=("rad", "rad"),
         scale="sensor_axes",
         healthy=(0.05, 0.05),
@@ -496,17 +501,17 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad s/m",
         scale="g_sensitivity",
         healthy=2e-3,
-        effect=Reading("gyro", lambda s: _of_the_other(s.accel)),
+        effect=Reading("gyro", lambda s, mixing: s.accel @ mixing, _BY_EACH),
         words="response of the gyroscope to acceleration",
     ),
     Unknown(
         name="mount_give",
-        labels=(*_XYZ, *_ACROSS),
+        labels=(*_XYZ, *_PLANES),
         among="robot",
         unit="m/(m/s²)",
         scale="mount_give",
         healthy=1e-4,
-        effect=Reading("accel", _swayed),
+        effect=Reading("accel", _swayed, np.concatenate([_EACH_AXIS, _ACROSS])),
         least=1e-4,
         positive=True,
         words="compliance of the mount or the arm",
@@ -649,7 +654,9 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="s",
         std=2e-3,
         healthy=0.02,
-        effect=OfBase(Reading("gyro", lambda s: -_derivative(s.gyro, s.dt)[None])),
+        effect=OfBase(
+            Reading("gyro", lambda s, mixing: -_derivative(s.gyro, s.dt) @ mixing, _ALIKE)
+        ),
         of_log=True,
         words="delay of the gyroscope behind the accelerometer, base IMU",
     ),

@@ -47,6 +47,7 @@ from imucalib_cli.estimate.solution.spectrum import (
     part_matrices,
     part_numbers,
     statistics,
+    turned,
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
 from imucalib_cli.robot.rotations import rotation_angle
@@ -112,7 +113,7 @@ class Linearised:
         """Normal matrices (PARTS, n + 1, n + 1) of [e J], calibrated, and noise (n,) in J'e."""
         matrices = part_matrices(self.centres, self.rows(), self.model.layout.size + 1)
         T, noise_score = self.calibration(matrices.sum(axis=0))
-        return np.asarray(T @ matrices @ T.T), noise_score
+        return turned(matrices, T), noise_score
 
     def calibration(self, total: Floats) -> tuple[Floats, Floats]:
         """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
@@ -169,8 +170,8 @@ class Fit(Answer):
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
         weights[differs[number]] = heard[differs[number]]
         rows = replace(self.linearised, weights=weights).rows()
-        T = self.statistics.calibration
-        return np.asarray(T @ part_matrices(self.centres, rows, self.layout.size + 1) @ T.T)
+        matrices = part_matrices(self.centres, rows, self.layout.size + 1)
+        return turned(matrices, self.statistics.calibration)
 
     @property
     def linearised(self) -> Linearised:

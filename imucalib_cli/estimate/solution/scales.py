@@ -317,6 +317,8 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
 
     A scale's square is the mean square of its components, over the share that the log determines of
     them. It begins at the upper limits: at the lower one a scale holds its components and stays.
+    Steps shrink by a factor for each scale, which the last two show: so the rest of the way is
+    known (Aitken's extrapolation).
     """
     low, high = problem.bounds.T
     u = high if start is None else start
@@ -325,17 +327,20 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     reduced = problem.reduced
     members = (reduced.scale == np.arange(len(u))[:, None]).astype(float)
     sizes = members.sum(axis=1)
+    last_u, last_change = u, np.zeros(len(u))
     for _ in range(25):
         step, inverse = reduced.solve(u)
         sums = members @ (reduced.offset + step) ** 2
         # A smaller share is rounding.
         share = np.maximum(sizes - members @ inverse.diagonal() * np.exp(-2.0 * u), 0.05)
-        new = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high)
-        new = np.clip(new, u - 2.0, u + 2.0)  # no farther in one step
-        settled = bool(np.abs(new - u).max() < 0.02)  # two per cent of each scale
-        u = new
-        if settled:
-            break
+        change = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high) - u
+        if np.abs(change).max() < 0.02:  # two per cent of each scale
+            return np.asarray(u + change)
+        shrinks = np.ones(len(u))
+        np.divide(last_change - change, u - last_u, out=shrinks, where=u != last_u)
+        last_u, last_change = u, change
+        ahead = np.clip(change / np.clip(shrinks, 0.25, 2.0), -2.0, 2.0)  # no farther in one step
+        u = np.clip(u + ahead, low, high)
     return np.asarray(u)
 
 

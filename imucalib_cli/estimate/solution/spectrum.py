@@ -126,8 +126,8 @@ class Statistics:
         """Statistics of [e J] T', with the noise's part of their score."""
         return replace(
             self,
-            normal=_turned(self.normal, T),
-            parts=_turned(self.parts, T),
+            normal=turned(self.normal, T),
+            parts=turned(self.parts, T),
             calibration=T,
             noise_score=noise_score,
         )
@@ -163,7 +163,7 @@ class Statistics:
         return accel, gyro
 
 
-def _turned(matrices: Floats, T: Floats) -> Floats:
+def turned(matrices: Floats, T: Floats) -> Floats:
     """T A T' of matrices A (..., n, n); most rows of T are those of the identity."""
     rows = np.flatnonzero((np.eye(len(T)) != T).any(axis=1))
     found = matrices.copy()
