@@ -206,6 +206,7 @@ ROWS = {
     "worn": replace(_EVERYDAY, eccentricity=4e-4, lag=1e-3, play=2e-4),
     "tilted": replace(_EVERYDAY, axis=1e-3),
     "elastic": replace(_EVERYDAY, softness=5e-5),
+    "stiffer": replace(_QUIET, softness=5e-6),
     "geared": replace(_EVERYDAY, gain=2e-3, twice=5e-4),
     "late-tracker": replace(_QUIET, track_delay=5e-3),
     "gross-link": Row(noise=MEMS, long_link=0.01),
@@ -386,7 +387,7 @@ class Truth:
         return np.array(forces)
 
     def torques(self, motion: Motion, t: Floats, rng: np.random.Generator) -> Floats:
-        """(N, joints), Nm, that hold the links against gravity; the base has no weight."""
+        """(N, joints), Nm, that hold and move the links; the base has no weight."""
         model = self._model.copy()
         ends = [model.jointPlacements[j].translation for j in range(self.base + 2, model.njoints)]
         ends.append(model.frames[self._imu].placement.translation)
@@ -396,8 +397,8 @@ class Truth:
             link = pin.Inertia(mass, centre, np.zeros((3, 3)))
             model.appendBodyToJoint(self.base + 1 + place, link, pin.SE3.Identity())
         data = model.createData()
-        held = [pin.computeGeneralizedGravity(model, data, q).copy() for q in motion(t)[0]]
-        return np.array(held)[:, self.base :]
+        torques = [pin.rnea(model, data, *each).copy() for each in zip(*motion(t), strict=True)]
+        return np.array(torques)[:, self.base :]
 
     def base_poses(self, motion: Motion, t: Floats) -> tuple[Floats, Floats]:
         """Of a moving base: (N, 3, 3) and (N, 3), m, in the world."""

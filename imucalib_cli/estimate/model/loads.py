@@ -1,11 +1,13 @@
-"""What gravity does to the joints of a chain: the torque that bends them.
+"""What the joints of a chain carry: the torque that bends them.
 
-How heavy links and payload are and how stiff a joint is, no log and no URDF states. Weight over
-stiffness is one number for each joint, and the torque of a kilogram follows from the kinematics.
+How heavy links and payload are and how stiff a joint is, no log and no URDF states. Mass over
+stiffness is one number for each joint. The torque that holds and moves a kilogram follows from the
+kinematics.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 from weakref import WeakKeyDictionary
@@ -16,6 +18,7 @@ from imucalib_cli.estimate.model.unknowns import JointCurve
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.kernels import savitzky_golay
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -26,11 +29,14 @@ _EVERY: Final = 0.02
 """s between the instants at which levers are computed: a robot moves far slower."""
 _BLOCK: Final = 4096
 """Instants computed at a time, to save memory."""
+_SMOOTH: Final = 11
+"""Instants, 0.2 s, over which accelerations are taken: arms move slower, and what encoders add to
+the load is then a thousandth of gravity."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Torque of gravity about joints, for each kg that they carry."""
+    """Torque about joints by weight and inertia, for each kg that they carry."""
 
     t: Floats
     """(K,), s."""
@@ -47,9 +53,8 @@ class Loads:
         joints = [e.joint for e, curve in layout.of(JointCurve) if curve.loaded and e.joint]
         if not joints:
             return cls(np.empty(0), np.empty((0, 0)), np.empty(0, dtype=np.intp), ())
-        t, levers = _levers(trajectory)
-        torque = [sum(levers[step] @ gravity for step in joint.steps) for joint in joints]
-        breaks = np.flatnonzero(np.diff(t) > 1.5 * _EVERY) + 1
+        t, breaks, carried = _carried(trajectory)
+        torque = [sum(carried[step].torque(gravity) for step in joint.steps) for joint in joints]
         return cls(t, np.stack(torque, axis=1), breaks, tuple(joint.name for joint in joints))
 
     def at(self, t: Floats) -> dict[str, Floats]:
@@ -60,31 +65,67 @@ class Loads:
         return dict(zip(self.names, found.T, strict=True))
 
 
-_KNOWN: WeakKeyDictionary[Trajectory, tuple[Floats, dict[int, Floats]]] = WeakKeyDictionary()
-"""Levers are computed once for a trajectory, by the kinematics as they are described."""
+@dataclass(frozen=True, eq=False)
+class _Carried:
+    """How the mass behind a joint's step moves with it."""
+
+    lever: Floats
+    """(K, 3), m/rad."""
+    inertia: Floats
+    """(K,), torque by its acceleration, Nm/kg."""
+
+    def torque(self, gravity: Floats) -> Floats:
+        """(K,), Nm/kg."""
+        return self.lever @ gravity - self.inertia
 
 
-def _levers(trajectory: Trajectory) -> tuple[Floats, dict[int, Floats]]:
-    """Instants (K,), s, and how the weight behind each joint's step moves with it (K, 3), m/rad.
+_KNOWN: WeakKeyDictionary[Trajectory, tuple[Floats, Indices, dict[int, _Carried]]] = (
+    WeakKeyDictionary()
+)
+"""Computed once for a trajectory, by the kinematics as they are described."""
 
-    The weight is spread evenly over the origins of the joints behind and of the parent link.
+
+def _carried(trajectory: Trajectory) -> tuple[Floats, Indices, dict[int, _Carried]]:
+    """Instants (K,), s, indices of the first ones after gaps, and what each joint's step carries.
+
+    The mass is spread evenly over the origins of the joints behind and of the parent link.
     """
     if trajectory not in _KNOWN:
         path, (start, end) = trajectory.path, trajectory.span
         t = np.arange(start, end, _EVERY)
         t = t[trajectory.covered(t)]
+        breaks = np.flatnonzero(np.diff(t) > 1.5 * _EVERY) + 1
         steps = {i: e for i, e in enumerate(path.steps) if isinstance(e, JointStep)}
-        found: dict[int, list[Floats]] = {index: [] for index in steps}
+        axes, places = np.empty((len(steps), len(t), 3)), np.empty((len(steps) + 1, len(t), 3))
         for first in range(0, len(t), _BLOCK):
-            frames = path.frames(trajectory.values(t[first : first + _BLOCK]))
-            places = frames[-1][1]
-            for count, (index, step) in enumerate(reversed(steps.items()), 1):
-                R, origin = frames[index]
-                if step.kind == "revolute":
-                    lever = cross(step.multiplier * (R @ step.axis), places / count - origin)
-                else:
-                    lever = step.multiplier * (R @ step.axis)
-                found[index].append(lever)
-                places = places + origin
-        _KNOWN[trajectory] = t, {index: np.concatenate(each) for index, each in found.items()}
+            part = slice(first, first + _BLOCK)
+            frames = path.frames(trajectory.values(t[part]))
+            for number, (index, step) in enumerate(steps.items()):
+                R, places[number, part] = frames[index]
+                axes[number, part] = step.multiplier * (R @ step.axis)
+            places[-1, part] = frames[-1][1]
+        pushes = _accelerations(places, breaks)
+        found = {}
+        for number, (index, step) in enumerate(steps.items()):
+            arms = np.broadcast_to(axes[number], places[number + 1 :].shape)
+            if step.kind == "revolute":
+                arms = cross(arms, places[number + 1 :] - places[number])
+            inertia = np.einsum("pki,pki->k", arms, pushes[number + 1 :]) / len(arms)
+            found[index] = _Carried(arms.mean(axis=0), inertia)
+        _KNOWN[trajectory] = t, breaks, found
     return _KNOWN[trajectory]
+
+
+def _accelerations(places: Floats, breaks: Indices) -> Floats:
+    """(P, K, 3), m/s², of places (P, K, 3), m; at ends and gaps that of the nearest instant."""
+    weights, half = savitzky_golay(_SMOOTH, 3, 2) / _EVERY**2, _SMOOTH // 2
+    found = np.zeros_like(places)
+    for start, end in itertools.pairwise([0, *breaks.tolist(), places.shape[1]]):
+        if end - start < _SMOOTH:
+            continue
+        inner = slice(start + half, end - half)
+        for shift, weight in enumerate(weights.tolist(), -half):
+            found[:, inner] += weight * places[:, inner.start + shift : inner.stop + shift]
+        found[:, start : inner.start] = found[:, inner.start, None]
+        found[:, inner.stop : end] = found[:, inner.stop - 1, None]
+    return found

@@ -575,7 +575,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         healthy=2e-3,
         effect=JointCurve(lambda _, __, load: load[None], loaded=True, sliding=False),
         positive=True,
-        words="bending of a joint under the weight that it carries",
+        words="bending of a joint under the load that it carries",
     ),
     Unknown(
         name="origin",
