@@ -25,7 +25,7 @@ from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.solution.robust import residual_scales
-from imucalib_cli.estimate.window_choice import choose_window, is_drowned
+from imucalib_cli.estimate.window_choice import choose_window, is_drowned, own_noise
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.trajectory import Trajectory
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.prepare import CleanImu
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.timing.lag import Lag
@@ -82,6 +83,8 @@ def calibrate_matched(
         elif gain > -DECISIVE:
             sign = "in doubt"
     fit = whole_fit(attempt.lean, options)
+    while (longer := _with_longer_windows(attempt, fit, options)) is not None:
+        attempt, fit = longer, whole_fit(longer.lean, options)
     directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
     over_noise = judge.over_known_noise(fit)
@@ -162,26 +165,50 @@ def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOption
 
 def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
     """Choose the window, find the offset coarsely, fit."""
-    imu_ticks, degree = clean.ticks is not None, options.degree
+    imu_ticks = clean.ticks is not None
     grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
-    length, window = choose_window(options.window, grid, trajectory, degree)
     lag: Lag | None = None
     offsets: tuple[float, ...] = (options.time_offset or 0.0,)
     if options.time_offset is None:
         offsets, lag = coarse_time_offset(grid, trajectory, options.max_offset)
+    windowing, window = _windowing(grid, trajectory, options, offsets[0])
+    fits = (lean_fit(windowing, options, offset) for offset in offsets)
+    attempts = (Attempt(clean, e, window, lag, imu_ticks, trajectory.use_ticks) for e in fits)
+    return min(attempts, key=lambda each: each.misfit)
+
+
+def _windowing(
+    grid: ImuGrid,
+    trajectory: Trajectory,
+    options: MatchedOptions,
+    offset: float,
+    seen_noise: float = 0.0,
+) -> tuple[Windowing, Window]:
+    """Windows as asked, or long enough for the noise, of which enough fit at a time offset."""
+    degree = options.degree
+    length, window = choose_window(options.window, grid, trajectory, degree, seen_noise)
     windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     while options.window == WindowChoice() and window.seconds > _SHORTEST:
         shorter = 0.7 * window.seconds
         noisy = is_drowned(shorter, grid, trajectory)
-        if len(windowing.centres(offsets[0])) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
+        if len(windowing.centres(offset)) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
             break
         # Too few windows fit into the log or between its gaps.
         length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
         window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
         windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    fits = (lean_fit(windowing, options, offset) for offset in offsets)
-    attempts = (Attempt(clean, e, window, lag, imu_ticks, trajectory.use_ticks) for e in fits)
-    return min(attempts, key=lambda each: each.misfit)
+    return windowing, window
+
+
+def _with_longer_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> Attempt | None:
+    """By windows for the noise that the fit shows; None where they are long enough."""
+    windowing, offset = fit.model.windowing, fit.model.shifts(fit.state)[1][0]
+    longer, window = _windowing(
+        windowing.grid, windowing.trajectory, options, offset, fit.seen_noise
+    )
+    if window.seconds <= attempt.window.seconds:
+        return None
+    return replace(attempt, lean=lean_fit(longer, options, 0.0, attempt.lean), window=window)
 
 
 def _next_attempt(
@@ -198,7 +225,7 @@ def _next_attempt(
 def _residuals(fit: Fit, spikes: int) -> Residuals:
     used, windowing = fit.weights > 0.0, fit.model.windowing
     accel, gyro = rms = np.sqrt(np.mean(fit.residuals.values[used] ** 2, axis=0)).reshape(2, 3)
-    own = judge.own_noise(windowing)
+    own = own_noise(windowing)
     equivalent = np.sqrt(np.mean(rms**2, axis=1)) / windowing.white_gains
     return Residuals(
         accel_rms=accel,

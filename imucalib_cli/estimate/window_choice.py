@@ -24,6 +24,8 @@ from imucalib_cli.estimate.solution.robust import COMMON_IMU
 from imucalib_cli.signals.kernels import matched_filter
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.options import WindowChoice
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.trajectory import Trajectory
@@ -41,32 +43,44 @@ position."""
 
 
 def choose_window(
-    choice: WindowChoice, grid: ImuGrid, trajectory: Trajectory, degree: int
+    choice: WindowChoice,
+    grid: ImuGrid,
+    trajectory: Trajectory,
+    degree: int,
+    seen_noise: float = 0.0,
 ) -> tuple[int, Window]:
-    """Window length in grid samples, odd, and its description for the user."""
+    """Window length in grid samples, odd, and its description for the user.
+
+    ``seen_noise`` is noise of R_world_parent that a fit shows, as in :func:`kinematic_noise`.
+    """
     if choice.samples is not None:
         seconds, reason = (choice.samples - 1) * grid.refine * grid.dt, "as asked"
     elif choice.seconds is not None:
         seconds, reason = choice.seconds, "as asked"
     else:
-        seconds, reason = _automatic(grid, trajectory)
+        seconds, reason = _automatic(grid, trajectory, seen_noise)
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
     length = min(length, 4001)  # stamps in bunches look like a very high rate
     samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
     return length, Window(samples=samples, seconds=seconds, reason=reason)
 
 
-def _automatic(grid: ImuGrid, trajectory: Trajectory) -> tuple[float, str]:
+def _automatic(grid: ImuGrid, trajectory: Trajectory, seen_noise: float) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     turning = lever_power(grid, trajectory)
     for seconds in _LENGTHS:
-        is_lever_right = attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION
+        is_lever_right = attenuation(seconds, turning, trajectory, seen_noise) <= MAX_ATTENUATION
         if is_lever_right and not is_drowned(seconds, grid, trajectory):
             if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
             reason = "automatic: long enough to reduce the noise of the kinematics below the IMU's"
             return seconds, reason
     return _LENGTHS[-1], "automatic: the longest, the kinematics are noisy"
+
+
+def own_noise(windowing: Windowing) -> Floats:
+    """(2,), residual of a window by the sensor's own white noise; at least that of a good IMU."""
+    return np.asarray(np.maximum(windowing.noise * windowing.white_gains, COMMON_IMU))
 
 
 def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
@@ -77,25 +91,42 @@ def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
     return kinematic_variance(seconds, trajectory)[0] > own
 
 
-def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float:
+def attenuation(
+    seconds: float, turning: float, trajectory: Trajectory, seen_noise: float = 0.0
+) -> float:
     """Share of noise in the lever arm's regressor, by which the lever arm is shortened.
 
-    ``turning`` is the regressor's :func:`lever_power`.
+    ``turning`` is the regressor's :func:`lever_power`; ``seen_noise`` as in :func:`choose_window`.
     """
-    noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
-    return noise / turning if turning > 0.0 else 0.0
+    rotation = max(kinematic_noise(trajectory)[0], seen_noise)
+    return second_derivative_gain(seconds) * rotation / turning if turning > 0.0 else 0.0
+
+
+def noise_seen(rate_variance: float, windowing: Windowing) -> float:
+    """Noise of R_world_parent, s, by what it leaves of the gyroscope in windows, (rad/s)².
+
+    Samples of the kinematics hide the noise of their stamps, and if they were smoothed or
+    interpolated, their own.
+    """
+    seconds = windowing.plan.length * windowing.grid.dt
+    left = max(rate_variance - float(own_noise(windowing)[1]) ** 2, 0.0)
+    return left / (_rate_gain(seconds) / 6.0)
 
 
 def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:
     """Variance of a window by noise of the kinematics, (m/s²)² and (rad/s)²."""
     rotation, position = kinematic_noise(trajectory)
     base, swung = trajectory.base_readings, 0.0
-    # Of a first derivative the variance is 12 sigma² dt / T³; two axes are across an arm.
-    gain = 12.0 / seconds**3
-    if base is not None:
+    gain = _rate_gain(seconds)
+    if base is not None:  # two axes are across an arm
         swung = _ARM**2 * (2.0 * gain * base.noise[1] ** 2 * base.dt)
     # Three angles are in the nine elements of R.
     return second_derivative_gain(seconds) * position + swung, gain * rotation / 6.0
+
+
+def _rate_gain(seconds: float) -> float:
+    """Variance of a first derivative over a window, per variance times sample interval, 1/s³."""
+    return 12.0 / seconds**3
 
 
 def second_derivative_gain(seconds: float) -> float:

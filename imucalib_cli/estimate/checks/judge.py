@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.matched import Attempt
     from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.model.unknowns import Unknown
-    from imucalib_cli.estimate.model.windows import Windowing
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 
@@ -123,11 +122,6 @@ class Evidence:
         """The other window at which the answer differs most, if it differs by more than noise."""
         worst = max(self.dependence, key=lambda each: each.sigmas, default=None)
         return worst if worst is not None and worst.sigmas > WARN_SIGMAS else None
-
-
-def own_noise(windowing: Windowing) -> Floats:
-    """(2,), residual of a window by the sensor's own white noise; at least that of a good IMU."""
-    return np.asarray(np.maximum(windowing.noise * windowing.white_gains, COMMON_IMU))
 
 
 def over_known_noise(fit: Fit) -> Floats:

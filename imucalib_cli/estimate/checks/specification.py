@@ -157,4 +157,4 @@ def _sound(fit: Fit, length: int) -> bool:
         return True
     seconds = (length - 1) * windowing.grid.dt
     turning = lever_power(windowing.grid, windowing.trajectory)
-    return attenuation(seconds, turning, windowing.trajectory) <= MAX_ATTENUATION
+    return attenuation(seconds, turning, windowing.trajectory, fit.seen_noise) <= MAX_ATTENUATION

@@ -49,7 +49,7 @@ from imucalib_cli.estimate.solution.spectrum import (
     statistics,
     turned,
 )
-from imucalib_cli.estimate.window_choice import kinematic_noise, second_derivative_gain
+from imucalib_cli.estimate.window_choice import kinematic_noise, noise_seen, second_derivative_gain
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -152,6 +152,11 @@ class Fit(Answer):
             score=total[1:, 0] - noise_score + score,
         )
         return equations.problem(self.layout, self.options)
+
+    @property
+    def seen_noise(self) -> float:
+        """:func:`noise_seen` of the kinematics."""
+        return noise_seen(float(self.residual_scales[1]) ** 2, self.model.windowing)
 
     @cached_property
     def parts(self) -> Floats:
