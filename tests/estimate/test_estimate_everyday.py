@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 import imucalib_cli as ic
 from benchmarks import robots
@@ -109,8 +110,8 @@ def test_a_few_windows_do_not_look_like_a_mount_that_moved() -> None:
 @pytest.mark.parametrize(
     ("robot", "seed"), slow_after(1, [("ur10e", 0), *((robot, 1) for robot in ROBOTS)])
 )
-def test_joints_that_bend_under_weight_are_corrected(robot: str, seed: int) -> None:
-    """By some milliradians, as pinocchio's gravity on links of other masses bends them."""
+def test_joints_that_bend_under_load_are_corrected(robot: str, seed: int) -> None:
+    """By some milliradians, as pinocchio's torques on links of other masses bend them."""
     log, _ = everyday(robot, "elastic", seed)
     found, rigid = solve(log), solve_exact(log)
     assert found.covered
@@ -136,6 +137,22 @@ def test_error_seen_by_one_window_is_reported_and_in_sigma() -> None:
     assert give["name"] == "mount_give"
     assert give["other"] == pytest.approx(0.4)
     assert found.covered
+
+
+def test_what_a_negative_compliance_stands_for_is_in_sigma() -> None:
+    """No mount gives way against the force; something else acts like one that does."""
+    log = make_log(Moves(seconds=24.0)).noisy(0)
+    t, accel = log.imu.t, log.imu.accel
+    smooth = savgol_filter(accel, 25, 4, deriv=2, delta=float(t[1] - t[0]), axis=0)
+    along_y = np.array([0.0, 6e-4, 0.0])
+    odd = log.with_imu(t, log.imu.gyro, accel + along_y * smooth)
+    found, held = solve(odd), solve(odd, robot="exact")
+    give = found.finding("unknown.implausible")
+    assert (give["name"], give["negative"]) == ("mount_give", True)
+    assert found.covered
+    moved = found.error[:3] - held.error[:3]
+    assert np.linalg.norm(moved) > 2e-3
+    assert (found.sigma[:3] > 0.9 * np.abs(moved)).all()
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,20 @@ def test_noisier_encoders_get_longer_windows() -> None:
     assert "kinematics" in window.reason
 
 
+def test_gyroscope_shows_noise_that_interpolation_hides() -> None:
+    """Joints at 12.5 Hz, stamped on receipt, were interpolated to the rate of the log."""
+    log, rng = log_of(), np.random.default_rng(1)
+    t = np.arange(0.0, MOVES.seconds, 0.08)
+    received, read = t + rng.uniform(0.0, 0.04, len(t)), MOVES.joints(t)[0]
+    stamps = log.path.tracks[0].t
+    values = np.stack([np.interp(stamps, received, joint) for joint in read.T], axis=1)
+    interpolated = log.with_joints(values=values)
+    assert window_of(interpolated)[1] == pytest.approx(0.2)
+    found = solve(interpolated)
+    assert found.window.seconds > 0.5
+    assert found.covered
+
+
 @pytest.mark.slow
 def test_longer_window_keeps_lever_arm_accurate() -> None:
     chosen, short = (

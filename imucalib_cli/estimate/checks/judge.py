@@ -136,7 +136,8 @@ def over_known_noise(fit: Fit) -> Floats:
 def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
-    For dependence on the window, scatter of the log's parts, a change, or skewed axes.
+    For dependence on the window, scatter of the log's parts, a change, or skewed axes; and for
+    what a negative value of an entry that has none stands for.
     """
     added = np.diag([0.0, 0.0, 0.0, *[_off_square(evidence.fit)] * 3])
     added += (evidence.scatter - 1.0) * evidence.fit.pose_covariance
@@ -144,7 +145,11 @@ def of_findings(evidence: Evidence) -> Floats:
         differences = [evidence.hangs_most.difference]
     else:
         pose, too_large = evidence.fit.layout.pose, _too_large(evidence.fit, evidence.dependence)
-        differences = [other.changes[pose] for *_, other in too_large if other is not None]
+        differences = [
+            _moves(evidence.fit, each) if other is None else other.changes[pose]
+            for each, _, other in too_large
+            if other is not None or _is_below(each.unknown, evidence.fit.value(each))
+        ]
     change = evidence.change
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
@@ -401,8 +406,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             changes = np.array([other.changes[part] for other in windows])
             C += np.diag((changes**2).max(axis=0))
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
-        # The first three are along the axes: others of a positive matrix have either sign.
-        below = unknown.positive and bool(value[:3].sum() < 0.0)
+        below = _is_below(unknown, value)
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
             # Within two sigmas of a stated prior, a bias is as stated.
@@ -436,7 +440,7 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
     """An error that is clear, of covariance C, if it moves the pose by more than sigma."""
     unknown, part, value = each.unknown, each.part, answer.value(each)
     std, stated = np.sqrt(np.diag(C)), np.sqrt(np.diag(answer.pose_covariance))
-    moves = answer.covariance[answer.layout.pose, part] @ inverse_of(C) @ value
+    moves = _moves(answer, each, C)
     if (np.abs(moves) > stated).any() and (np.abs(value) >= unknown.least).any():
         effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
         shown = isinstance(effect, (JointCurve, Origin, PoseStream, Clock))
@@ -452,6 +456,19 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
             **_lengths(moves),
             like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
         )
+
+
+def _is_below(unknown: Unknown, value: Floats) -> bool:
+    """Whether a value is negative that cannot be."""
+    # The first three are along the axes: others of a positive matrix have either sign.
+    return unknown.positive and bool(value[:3].sum() < 0.0)
+
+
+def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:
+    """(6,), how far an error, of covariance C or as in the answer, moves the pose."""
+    C = answer.covariance[each.part, each.part] if C is None else C
+    moves = answer.covariance[answer.layout.pose, each.part] @ inverse_of(C) @ answer.value(each)
+    return np.asarray(moves)
 
 
 def _named(each: Placed) -> dict[str, str]:
