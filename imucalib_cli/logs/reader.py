@@ -211,13 +211,9 @@ class Located:
 
 def add_by_length(sink: Sink, channel: Channel, base: int, found: Located) -> None:
     """Pass payloads to the sink, grouped by size; ``base`` bytes of the file come before them."""
-    data, starts, sizes, log_ns = found.data, found.starts, found.sizes, found.log_ns
-    first = sizes[0] if len(sizes) else 0
-    if (sizes == first).all():
-        sink.add(channel, base + starts, log_ns, cut(data, starts, int(first)))
-        return
-    for size in np.unique(sizes):
-        chosen = sizes == size
-        sink.add(
-            channel, base + starts[chosen], log_ns[chosen], cut(data, starts[chosen], int(size))
-        )
+    sizes = np.unique(found.sizes).tolist()
+    for size in sizes:
+        # a slice copies nothing
+        chosen = found.sizes == size if len(sizes) > 1 else slice(None)
+        starts = found.starts[chosen]
+        sink.add(channel, base + starts, found.log_ns[chosen], cut(found.data, starts, size))

@@ -57,13 +57,7 @@ class Selection:
     @property
     def all(self) -> tuple[str, ...]:
         """Everything to read, in one pass."""
-        return (
-            *self.imus,
-            *self.joints,
-            *self.poses,
-            *self.tf,
-            *self.descriptions,
-        )
+        return (*self.imus, *self.joints, *self.poses, *self.tf, *self.descriptions)
 
     def of(self, data: LogData) -> LogData:
         """The chosen streams among those read: a topic may become more streams than are wanted."""

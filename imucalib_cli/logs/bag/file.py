@@ -10,7 +10,7 @@ import numpy as np
 from imucalib_cli.findings import note
 from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
-from imucalib_cli.logs.reader import Located, cut_values
+from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
 
 if TYPE_CHECKING:
@@ -83,12 +83,6 @@ class BagFile(ChunkedFile):
         self._is_indexed = True
         return contents
 
-    def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
-        if size > self.size - start:
-            raise DamageError("a record is cut short")
-        seek(file, start)
-        return file.read(size)
-
     def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
         head, start, size = read_head(file, at)
         if op_of(head) != CHUNK:
@@ -96,8 +90,7 @@ class BagFile(ChunkedFile):
         return _chunk_head(head, start, size)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        head = None if chunk.end else self._chunk_head(file, chunk.start)
-        at = chunk.end if head is None else head.start + head.packed
+        at = (chunk.head or self._chunk_head(file, chunk.start)).end
         found: Index = {}
         while at < (chunk.index_stop or self.size):
             fields, start, size = read_head(file, at)
@@ -175,14 +168,15 @@ class BagFile(ChunkedFile):
         for base in range(start, self.size, _SEARCHED):
             first = max(start, base - _BEFORE)
             file.seek(first)
-            data = file.read(base - first + _SEARCHED + _BEFORE)
+            data = file.read(base - first + _SEARCHED + _BEFORE + 4)
             op = data.find(_OP, base - first)
             while 0 <= op < base - first + _SEARCHED:
-                for at in _heads_around(data, op):
+                for at, end in _heads_around(data, op):
                     with suppress(DamageError):
-                        head, body, size = read_head(file, first + at)
+                        head, size = parse_fields(data[at + 4 : end]), size_of(data[end : end + 4])
                         needed = _NEEDED.get(op_of(head))
-                        if needed and needed <= head.keys() and size <= self.size - body:
+                        left = self.size - (first + end + 4)
+                        if needed and needed <= head.keys() and size <= left:
                             return first + at
                 op = data.find(_OP, op + 1)
         return None
@@ -296,23 +290,10 @@ def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> No
     catalogue.publishers[number] = (number, fields["topic"], "ros1")
 
 
-def _heads_around(data: bytes, op: int) -> list[int]:
-    """Possible start of the header that holds the field at ``op``."""
-    found: list[int] = []
-    low = max(0, op - _BEFORE)
-    near = np.frombuffer(data, dtype=np.uint8, count=op - low, offset=low)
-    if len(near) < 4:
-        return found
-    windows = np.lib.stride_tricks.sliding_window_view(near, 4)
-    lengths = np.ascontiguousarray(windows).view("<u4")[:, 0].astype(np.int64)
-    starts = low + np.arange(len(lengths))
+def _heads_around(data: bytes, op: int) -> list[tuple[int, int]]:
+    """Possible start and end of the header that holds the field at ``op``, before a length."""
+    starts = np.arange(max(0, op - _BEFORE), op - 3)
+    lengths = cut(np.frombuffer(data, dtype=np.uint8), starts, 4).view("<u4")[:, 0].astype(np.int64)
     ends = starts + 4 + lengths
-    fits = (ends >= op + len(_OP) + 1) & (lengths <= _LARGEST_HEADER) & (ends <= len(data))
-    for at, end in zip(starts[fits].tolist(), ends[fits].tolist(), strict=True):
-        try:
-            fields = parse_fields(data[at + 4 : end])
-        except DamageError:
-            continue
-        if op_of(fields):
-            found.append(at)
-    return found
+    fits = (ends >= op + len(_OP) + 1) & (lengths <= _LARGEST_HEADER) & (ends <= len(data) - 4)
+    return list(zip(starts[fits].tolist(), ends[fits].tolist(), strict=True))

@@ -55,8 +55,6 @@ class Chunk:
     """Channel to the file offset of its message index; None if the channels are not listed."""
     index: Index | None = None
     """Message positions that a scan found."""
-    end: int = 0
-    """End of its record in the file; known once the record has been read."""
     stop: int = 0
     """End of its record by the file's index; the same as ``index_stop`` in bags, which lack it."""
     index_stop: int = 0
@@ -90,6 +88,11 @@ class ChunkHead:
     compression: str
     checksum: int = 0
     """CRC-32 of the unpacked bytes; 0 for none."""
+
+    @property
+    def end(self) -> int:
+        """File offset after the packed bytes."""
+        return self.start + self.packed
 
     @property
     def is_plain(self) -> bool:
@@ -142,7 +145,7 @@ class ChunkedFile(ABC):
     """The file's name in messages about a truncated file."""
 
     def __init__(self, path: LogPath) -> None:
-        from imucalib_cli.logs.chunked.scan import scan
+        from imucalib_cli.logs.chunked.scan import Scan
 
         self.path = path
         self._file = path
@@ -157,7 +160,7 @@ class ChunkedFile(ABC):
                 if contents is None or all(each.index_at is None for each in contents.chunks):
                     raise NoIndexError
             elif contents is None:
-                contents = scan(self, file)
+                contents = Scan(self, file).run()
         self._chunks = contents.chunks
         self.channels = contents.catalogue.channels(contents.tallies)
         self.losses = contents.losses
@@ -193,11 +196,7 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def _locate(
-        self,
-        data: Bytes,
-        entries: Integers,
-        owner: Integers,
-        limits: Integers,
+        self, data: Bytes, entries: Integers, owner: Integers, limits: Integers
     ) -> tuple[Located, Bools]:
         """Find the payloads of messages, and check the channel of each.
 
@@ -229,6 +228,18 @@ class ChunkedFile(ABC):
     def find_record(self, file: BinaryIO, start: int) -> int | None:
         """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
+    def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
+        """Read bytes of a record.
+
+        Raises:
+            DamageError: The file does not have them all.
+        """
+        file.seek(min(start, self.size))
+        data = file.read(min(size, self.size))
+        if len(data) < size:
+            raise DamageError("a record is cut short")
+        return data
+
     def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
         """The bytes of a chunk, unpacked lazily, and their checksum or 0; valid until the next one.
 
@@ -237,10 +248,9 @@ class ChunkedFile(ABC):
             ValueError: Its compression is not known.
         """
         if chunk.length:
-            return inflate_file(file, chunk.start, chunk.length, self._scratch), 0
-        head = chunk.head or self._chunk_head(file, chunk.start)
-        chunk.end = head.start + head.packed
-        size = max(0, min(chunk.end, self.size) - head.start)
+            return inflate_file(file, chunk.start, chunk.length, self._scratch, chunk.length), 0
+        head = chunk.head = chunk.head or self._chunk_head(file, chunk.start)
+        size = max(0, min(head.end, self.size) - head.start)
         if head.is_plain:
             return inflate_file(file, head.start, size, self._scratch, head.claimed), head.checksum
         packed = self._packed.reserve(size).data[:size]
@@ -274,11 +284,7 @@ class ChunkedFile(ABC):
         progress(1.0)
 
     def _announced(
-        self,
-        file: BinaryIO,
-        chunks: list[Chunk],
-        channels: Collection[int],
-        progress: Progress,
+        self, file: BinaryIO, chunks: list[Chunk], channels: Collection[int], progress: Progress
     ) -> tuple[list[Chunk], Progress]:
         """Announce the parts that are read of a remote file's chunks; of large plain ones not all.
 

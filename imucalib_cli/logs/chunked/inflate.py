@@ -142,11 +142,9 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
     return Inflated(source, claimed, scratch, most)
 
 
-def inflate_file(
-    file: BinaryIO, at: int, size: int, scratch: Scratch, claimed: int | None = None
-) -> Inflated:
+def inflate_file(file: BinaryIO, at: int, size: int, scratch: Scratch, claimed: int) -> Inflated:
     """The same for ``size`` bytes stored uncompressed: only the needed bytes are read."""
-    return Inflated(_Part(file, at, size), size if claimed is None else claimed, scratch)
+    return Inflated(_Part(file, at, size), claimed, scratch)
 
 
 class _Part:

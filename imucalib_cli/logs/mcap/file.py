@@ -10,7 +10,7 @@ import numpy as np
 
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
-from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
 
@@ -154,26 +154,17 @@ class McapFile(ChunkedFile):
         for channel, at in (chunk.index_at or {}).items():
             if channel not in channels:
                 continue
-            seek(file, at)
-            head = file.read(_INDEX_HEAD.size)
-            if len(head) < _INDEX_HEAD.size:
-                raise DamageError("the message index is cut short")
+            head = self._data(file, at, _INDEX_HEAD.size)
             opcode, _, number, size = _INDEX_HEAD.unpack(head)
             is_index = opcode == MESSAGE_INDEX and number == channel
             if not is_index or size % 16 or size > _LARGEST_INDEX:
                 raise DamageError("no message index where the chunk index says")
-            entries = file.read(size)
-            if len(entries) < size:
-                raise DamageError("the message index is cut short")
+            entries = self._data(file, at + len(head), size)
             found[channel] = np.frombuffer(entries, dtype="<i8").reshape(-1, 2)
         return found
 
     def _locate(
-        self,
-        data: Bytes,
-        entries: Integers,
-        owner: Integers,
-        limits: Integers,
+        self, data: Bytes, entries: Integers, owner: Integers, limits: Integers
     ) -> tuple[Located, Bools]:
         offsets = entries[:, 1]
         starts = offsets + MESSAGE_HEAD.itemsize
@@ -195,7 +186,7 @@ class McapFile(ChunkedFile):
         whole = end <= self.size
         if opcode == CHUNK:
             chunk = parse_chunk_head(head, at)
-            whole &= end == chunk.start + chunk.packed
+            whole &= end == chunk.end
             return Record("chunk", end, is_whole=whole, chunk=chunk)
         least, largest = LENGTHS.get(opcode, (0, 1 << 40))
         if opcode == 0 or not whole or not least <= length <= largest:
@@ -335,7 +326,7 @@ def is_record(file: BinaryIO, at: int, size: int) -> bool:
         if opcode == CHUNK:
             with suppress(DamageError):
                 chunk = parse_chunk_head(head, at)
-                return chunk.compression in _COMPRESSIONS and end == chunk.start + chunk.packed
+                return chunk.compression in _COMPRESSIONS and end == chunk.end
             return False
         if opcode == FOOTER:
             file.seek(end)
