@@ -16,7 +16,7 @@ import numpy as np
 
 from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.chunked.inflate import SLACK, Inflated, Scratch, inflate, inflate_file
+from imucalib_cli.logs.chunked.inflate import Inflated, Scratch, inflate, inflate_file, runs_of
 from imucalib_cli.logs.damage import DamageError, Tally, seek
 from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
 from imucalib_cli.logs.remote.file import RemoteFile, announce
@@ -419,8 +419,6 @@ def _runs(start: int, index: Index) -> list[tuple[int, int]]:
     """Parts of a file that hold the messages of an index, of data that begin at ``start``."""
     if not index:
         return []
-    offsets = start + np.sort(np.concatenate([each[:, 1] for each in index.values()]))
-    breaks = np.flatnonzero(np.diff(offsets) > _WORTH)
-    firsts = offsets[np.concatenate(([0], breaks + 1))].tolist()
-    lasts = offsets[np.concatenate((breaks, [len(offsets) - 1]))].tolist()
-    return [(first, last + SLACK) for first, last in zip(firsts, lasts, strict=True)]
+    offsets = start + np.concatenate([each[:, 1] for each in index.values()])
+    starts, stops = runs_of(offsets, _WORTH)
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))

@@ -15,7 +15,7 @@ _STEP = 1 << 16
 """Bytes decompressed at a time: small enough that the allocator reuses the memory."""
 _DOUBLED = 1 << 26
 """A buffer that is too small is doubled up to this size, bytes."""
-SLACK = 4096
+_SLACK = 4096
 """Bytes read after the start of a wanted message: most messages are shorter."""
 _SKIP = 1 << 15
 """Larger gaps in a file are skipped, smaller ones are read, bytes."""
@@ -92,12 +92,9 @@ class Inflated:
             before the end of the message; then :meth:`upto` gets the remaining bytes.
         """
         if not isinstance(self._source, _Part) or self._done:
-            data = self.upto(int(offsets.max()) + SLACK)
+            data = self.upto(int(offsets.max()) + _SLACK)
             return data, np.full(len(offsets), len(data))
-        order = np.sort(offsets)
-        breaks = np.flatnonzero(np.diff(order) > _SKIP)
-        starts = order[np.concatenate(([0], breaks + 1))]
-        stops = order[np.concatenate((breaks, [len(order) - 1]))] + SLACK
+        starts, stops = runs_of(offsets, _SKIP)
         room = min(self.claimed, self._source.size)
         if starts[0] < 0 or starts[-1] >= room:
             return self._scratch.data[:0], np.zeros(len(offsets), dtype=np.int64)
@@ -111,6 +108,14 @@ class Inflated:
     def complete(self) -> bool:
         """Whether all the stated bytes could be unpacked."""
         return self._done >= self.claimed
+
+
+def runs_of(offsets: Integers, gap: int) -> tuple[Integers, Integers]:
+    """Starts of runs of messages without a larger gap, and ends some bytes into their last ones."""
+    order = np.sort(offsets)
+    breaks = np.flatnonzero(np.diff(order) > gap)
+    starts = order[np.concatenate(([0], breaks + 1))]
+    return starts, order[np.concatenate((breaks, [len(order) - 1]))] + _SLACK
 
 
 def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch) -> Inflated:

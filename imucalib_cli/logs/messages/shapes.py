@@ -282,16 +282,14 @@ def _places(
         case None if axes and all(isinstance(at.get(each), Numbers) for each in axes):
             return axes
         case Text() if name in {"frame_id", "child_frame_id"}:
-            pass
+            return (path,)
         case Texts() if name == "name":
-            pass
+            return (path,)
         case Numbers(_, count) if not vectors or count == len(axes):
-            pass
+            return (path,)
         case NumberList() if not vectors:
-            pass
-        case _:
-            return None
-    return (path,)
+            return (path,)
+    return None
 
 
 def _with_joints_of_structs(at: dict[str, Field], found: _Found) -> dict[str, Field]:

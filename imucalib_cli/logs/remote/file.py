@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Buffer
 
+    from imucalib_cli.logs.reader import Progress
     from imucalib_cli.logs.remote.store import Received, Span, Store
 
-    Progress = Callable[[float], None]
     _T = TypeVar("_T")
 
 _LARGEST_RANGE = 1 << 22
@@ -139,7 +139,7 @@ class RemoteFile:
             file.seek(0)
             return file.read(most)
 
-    def download(self, progress: Callable[[float], None]) -> Path:
+    def download(self, progress: Progress) -> Path:
         """The whole file as a temporary one, which is removed with this object.
 
         Args:
@@ -185,7 +185,7 @@ class RemoteFile:
         """
         self._named(self._store.check_unchanged)
 
-    def expect(self, spans: Iterable[Span], progress: Callable[[float], None]) -> None:
+    def expect(self, spans: Iterable[Span], progress: Progress) -> None:
         """Announce what will be read: neighbours are then read together, and some at once.
 
         Args:

@@ -139,8 +139,7 @@ class HttpStore:
             async for block in answer.content.iter_any():
                 data += block
                 left -= len(block)
-                self._traffic.bytes += len(block)
-                received(len(block))
+                self._traffic.count(len(block), received)
                 if left <= 0:  # even if the server promised more
                     break
         if left < 0:
@@ -158,8 +157,7 @@ class HttpStore:
             self.version = _version(answer)
             async for block in answer.content.iter_any():
                 target.write(block)
-                self._traffic.bytes += len(block)
-                received(len(block))
+                self._traffic.count(len(block), received)
 
     @asynccontextmanager
     async def _answer(
