@@ -96,10 +96,6 @@ class Factor:
         """Whether the values are converted."""
         return self.value != 1.0
 
-    def convert(self, values: Floats) -> Floats:
-        """Values in SI units; the same array if they are in SI units already."""
-        return values * self.value if self.is_converted else values
-
     @property
     def contradicted(self) -> tuple[Finding, ...]:
         """The finding if the data contradict the unit that the user states; else empty."""
