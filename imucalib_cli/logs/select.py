@@ -182,11 +182,7 @@ def without_sensor(topic: str) -> str:
 def check_joint_topics(
     joints: Mapping[str, Sequence[JointStream]], needed: Collection[str] | None = None
 ) -> None:
-    """Check that each joint comes from one topic.
-
-    Args:
-        joints: Streams by topic, as read.
-        needed: Joints that matter; None for all.
+    """Check that each of the needed joints, or of all, comes from one topic.
 
     Raises:
         ChoiceError: A joint comes from two topics.

@@ -162,14 +162,8 @@ def continuous(kind: Literal["joints", "pose", "imu"], values: Floats) -> Floats
     """Values of a track in order of time, without sign changes and wraps.
 
     Quaternions get one sign. Joint positions are unwrapped, if the channel stays within one turn.
-    Positions in degrees, or of a joint that counts its turns, are unchanged.
-
-    Args:
-        kind: Of the track.
-        values: (N, 7) or (N, J).
-
-    Returns:
-        As the values, with the same first row; the same array if no joint jumps.
+    Positions in degrees, or of a joint that counts its turns, are unchanged. The first row of the
+    values, (N, 7) or (N, J), stays; so does the array if no joint jumps.
     """
     if kind == "imu":
         return values

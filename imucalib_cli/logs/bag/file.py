@@ -73,10 +73,9 @@ class BagFile(ChunkedFile):
         if len(contents.chunks) != expected:
             return None
         contents.chunks.sort(key=lambda chunk: chunk.start)
-        for chunk, following in zip(contents.chunks, contents.chunks[1:], strict=False):
-            chunk.stop = chunk.index_stop = following.start
-        for chunk in contents.chunks[-1:]:
-            chunk.stop = chunk.index_stop = index_at
+        stops = [*(chunk.start for chunk in contents.chunks[1:]), index_at]
+        for chunk, stop in zip(contents.chunks, stops, strict=False):
+            chunk.stop = chunk.index_stop = stop
         if not contents.tallies.keys() <= contents.catalogue.publishers.keys():
             return None
         self._time(file, contents)

@@ -121,11 +121,8 @@ def runs_of(offsets: Integers, gap: int) -> tuple[Integers, Integers]:
 def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch) -> Inflated:
     """Unpack a chunk lazily.
 
-    Args:
-        compression: ``lz4`` (frames), ``zstd`` or ``bz2``.
-        packed: The packed bytes.
-        claimed: Their unpacked size as the file states it; no more is unpacked.
-        scratch: Buffer for the result; valid until the next chunk is unpacked into it.
+    At most ``claimed`` bytes, the size that the file states, are unpacked. They are valid until the
+    next chunk is unpacked into ``scratch``.
 
     Raises:
         ValueError: The compression is not known.

@@ -54,12 +54,7 @@ class DefinitionError(Exception):
 
 
 def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ...]:
-    """The fields of a type, unnamed.
-
-    Args:
-        type_name: Such as sensor_msgs/Imu.
-        encoding: The encoding of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
-        definition: As a log embeds it.
+    """The fields of a type, unnamed, by its definition as a log embeds it.
 
     Raises:
         DefinitionError: It cannot be read, or the package that reads it is not installed.
