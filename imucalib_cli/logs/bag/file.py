@@ -205,11 +205,7 @@ def _sizes(data: Bytes, offsets: Integers, limits: Integers) -> tuple[Integers, 
 
 
 def read_head(file: BinaryIO, at: int) -> tuple[Fields, int, int]:
-    """Return the header fields of the record at a position, and the start and length of its data.
-
-    Raises:
-        DamageError: Its header is incomplete.
-    """
+    """Header fields of the record at a position, start and length of its data, or a DamageError."""
     seek(file, at)
     raw = file.read(_HEAD_ROOM)
     head_size = size_of(raw)
@@ -241,22 +237,14 @@ def time_of(head: Fields, name: str = "time") -> int:
 
 
 def size_of(raw: bytes | memoryview) -> int:
-    """A 4-byte length.
-
-    Raises:
-        DamageError: There are fewer.
-    """
+    """A 4-byte length; DamageError if there are fewer bytes."""
     if len(raw) < 4:
         raise DamageError("a record is cut short")
     return int.from_bytes(raw[:4], "little")
 
 
 def parse_fields(raw: bytes | memoryview) -> Fields:
-    """Fields ``name=value`` of a header.
-
-    Raises:
-        DamageError: A length does not fit.
-    """
+    """Fields ``name=value`` of a header; DamageError if a length does not fit."""
     raw = bytes(raw)
     found = {}
     at = 0
@@ -271,11 +259,7 @@ def parse_fields(raw: bytes | memoryview) -> Fields:
 
 
 def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> None:
-    """Read a connection record; of several with one number the first counts.
-
-    Raises:
-        DamageError: It is not whole.
-    """
+    """Read a connection record, the first of its number; DamageError if it is not whole."""
     number = number_of(head, "conn")
     if number in catalogue.publishers:
         return

@@ -172,27 +172,15 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def _summary(self, file: BinaryIO) -> Contents | None:
-        """Read the index of a properly closed file; None if it is incomplete.
-
-        Raises:
-            DamageError: The index is damaged.
-        """
+        """Read the index of a properly closed file; None if incomplete, DamageError if damaged."""
 
     @abstractmethod
     def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
-        """Read the beginning of a chunk's record.
-
-        Raises:
-            DamageError: There is no chunk.
-        """
+        """Read the beginning of a chunk's record; DamageError if there is none."""
 
     @abstractmethod
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        """Read the positions of messages, for those of the channels that the chunk holds.
-
-        Raises:
-            DamageError: The message index is missing or damaged.
-        """
+        """Message positions for those channels that the chunk holds, or a DamageError."""
 
     @abstractmethod
     def _locate(
@@ -229,11 +217,7 @@ class ChunkedFile(ABC):
         """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
     def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
-        """Read bytes of a record.
-
-        Raises:
-            DamageError: The file does not have them all.
-        """
+        """Read bytes of a record; DamageError if the file does not have them all."""
         file.seek(min(start, self.size))
         data = file.read(min(size, self.size))
         if len(data) < size:
@@ -374,11 +358,7 @@ class ChunkedFile(ABC):
         return index
 
     def _index_of(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        """Message positions from the message index, read by a buffer.
-
-        Raises:
-            DamageError: It is missing or damaged.
-        """
+        """See :meth:`_message_index`; read by a buffer."""
         buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
         try:
             return self._message_index(buffered, chunk, channels)
@@ -386,11 +366,7 @@ class ChunkedFile(ABC):
             buffered.detach()
 
     def _time(self, file: BinaryIO, contents: Contents) -> None:
-        """Times of each channel's first and last messages, from the chunks at both ends.
-
-        Raises:
-            DamageError: A message index is damaged.
-        """
+        """Times of each channel's first and last messages, from the chunks at both ends."""
         ends = {}
         for number in contents.tallies:
             holding = [each for each in contents.chunks if number in (each.index_at or ())]

@@ -80,11 +80,7 @@ class _Pages:
         chains may meet."""
 
     def rows(self, number: int, wanted: Collection[int]) -> list[tuple[int, Row]]:
-        """All rows of a page, by their ids.
-
-        Raises:
-            DamageError, IndexError: It is no leaf of the messages table, or damaged.
-        """
+        """Rows of a page, by their ids; DamageError or IndexError if it is no leaf of the table."""
         page = self._read(number)
         if page[0] != _LEAF:
             return []

@@ -248,11 +248,7 @@ class McapFile(ChunkedFile):
 
 
 def describe(catalogue: Catalogue, opcode: int, body: bytes | memoryview) -> None:
-    """Read a schema or channel record; others are ignored.
-
-    Raises:
-        DamageError: It is not whole.
-    """
+    """Read a schema or channel record, or raise DamageError; others are ignored."""
     cursor = Cursor(body)
     if opcode == SCHEMA:
         number = cursor.number(2)
@@ -273,11 +269,7 @@ def message_key(raw: bytes | memoryview) -> tuple[int, int]:
 
 
 def parse_chunk_head(raw: bytes, at: int) -> ChunkHead:
-    """Parse the head of a chunk record at a position of the file.
-
-    Raises:
-        DamageError: It is none.
-    """
+    """The head of a chunk record at a position of the file; DamageError if it is none."""
     head = Cursor(raw)
     if head.number(1) != CHUNK:
         raise DamageError("no chunk where the index says")

@@ -138,11 +138,7 @@ CHANGED = "changed while it was read: try again when nothing writes to it any mo
 
 
 def _translated(read: Callable[[], Any]) -> Any:
-    """The result of a call of a file system.
-
-    Raises:
-        RemoteError: It fails; each file system raises exceptions of its own.
-    """
+    """The result of a call of a file system, whose own exceptions become a RemoteError."""
     try:
         return read()
     except FileNotFoundError:

@@ -127,11 +127,7 @@ def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: fl
 def _without_faults(
     repaired: Repaired, accel_ranges: tuple[float, ...], max_offset: float
 ) -> Repaired:
-    """Leave out frozen and saturated samples.
-
-    Raises:
-        InputError: Too little is left.
-    """
+    """Leave out frozen and saturated samples; InputError if too little is left."""
     imu = repaired.samples
     faults = sensor_faults(imu, repaired.turning, accel_ranges)
     if not faults:

@@ -246,7 +246,7 @@ def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
     # stamp is a short peak in it, which a median removes; a true loss is a step and remains.
     rank = np.arange(len(t), dtype=np.float64)
     lost = ticks - rank
-    lost[2:-2] = np.median(np.lib.stride_tricks.sliding_window_view(lost, 5), axis=1)
+    lost[2:-2] = np.median(sliding_window_view(lost, 5), axis=1)
     free = np.maximum.accumulate(lost) + rank
     return (free, period) if (free != ticks).mean() <= _MAX_SHARED_TICKS else None
 
