@@ -201,19 +201,19 @@ def cut_values(
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Payloads ``data[start : start + size]`` and their receive times."""
+    """Payloads of messages, (n,) each, by their offsets in a chunk's data."""
 
-    data: Bytes
     starts: Integers
     sizes: Integers
-    log_ns: Nanoseconds
+    log_ns: Integers
+    is_sound: Bools
+    """Whether a message of the right channel begins there."""
 
+    @property
+    def ends(self) -> Integers:
+        """(n,), offsets after the payloads."""
+        return self.starts + self.sizes
 
-def add_by_length(sink: Sink, channel: Channel, base: int, found: Located) -> None:
-    """Pass payloads to the sink, grouped by size; ``base`` bytes of the file come before them."""
-    sizes = np.unique(found.sizes).tolist()
-    for size in sizes:
-        # a slice copies nothing
-        chosen = found.sizes == size if len(sizes) > 1 else slice(None)
-        starts = found.starts[chosen]
-        sink.add(channel, base + starts, found.log_ns[chosen], cut(found.data, starts, size))
+    def within(self, limits: Integers) -> Bools:
+        """(n,), those that are sound and end before their limits."""
+        return self.is_sound & (self.ends <= limits)

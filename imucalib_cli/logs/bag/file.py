@@ -112,12 +112,12 @@ class BagFile(ChunkedFile):
         entries: Integers,
         owner: Integers,  # noqa: ARG002 - the index alone says whose messages they are
         limits: Integers,
-    ) -> tuple[Located, Bools]:
+    ) -> Located:
         offsets = entries[:, 1]
         head_sizes, has_head = _sizes(data, offsets, limits)
         sizes, sound = _sizes(data, offsets + 4 + head_sizes, limits)
         starts = offsets + 8 + head_sizes
-        return Located(data, starts, sizes, entries[:, 0]), has_head & sound
+        return Located(starts, sizes, entries[:, 0], has_head & sound)
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""

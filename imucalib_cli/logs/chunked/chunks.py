@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 import numpy as np
 
-from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
+from imucalib_cli.arrays import Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.chunked.inflate import Inflated, Scratch, inflate, inflate_file, runs_of
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, cut
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
@@ -130,9 +130,6 @@ class NoIndexError(Exception):
 class ChunkedFile(ABC):
     """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
 
-    Args:
-        path: The file; its magic has been checked.
-
     Raises:
         OSError: The file cannot be opened.
         NoIndexError: It is remote and has no usable index.
@@ -183,9 +180,7 @@ class ChunkedFile(ABC):
         """Message positions for those channels that the chunk holds, or a DamageError."""
 
     @abstractmethod
-    def _locate(
-        self, data: Bytes, entries: Integers, owner: Integers, limits: Integers
-    ) -> tuple[Located, Bools]:
+    def _locate(self, data: Bytes, entries: Integers, owner: Integers, limits: Integers) -> Located:
         """Find the payloads of messages, and check the channel of each.
 
         Args:
@@ -313,15 +308,15 @@ class ChunkedFile(ABC):
         counts = [len(each) for each in index.values()]
         owner = np.repeat(list(index), counts)
         data, limits = inflated.around(entries[:, 1])
-        found, sound = self._locate(data, entries, owner, limits)
-        ends = found.starts + found.sizes
-        if (ends > limits).any() or not sound.all():
-            data = inflated.upto(int(min(ends.max(), inflated.claimed)))
+        found = self._locate(data, entries, owner, limits)
+        sound = found.within(limits)
+        if not sound.all():
+            data = inflated.upto(int(min(found.ends.max(), inflated.claimed)))
             limits = np.full(len(entries), len(data))
-            found, sound = self._locate(data, entries, owner, limits)
-            ends = found.starts + found.sizes
-        sound &= ends <= limits
-        if checksum and (ends - entries[:, 1])[sound].sum() > _CHECKED_SHARE * inflated.claimed:
+            found = self._locate(data, entries, owner, limits)
+            sound = found.within(limits)
+        least = _CHECKED_SHARE * inflated.claimed
+        if checksum and (found.ends - entries[:, 1])[sound].sum() > least:
             data = inflated.upto()
             if inflated.complete and zlib.crc32(data.data) != checksum:
                 raise DamageError("its checksum is wrong")
@@ -331,11 +326,15 @@ class ChunkedFile(ABC):
         stop = 0
         for number, count in zip(index, counts, strict=True):
             start, stop = stop, stop + count
-            here: slice | Indices = slice(start, stop)
-            if lost:
-                here = np.flatnonzero(sound[start:stop]) + start
-            located = Located(data, found.starts[here], found.sizes[here], found.log_ns[here])
-            add_by_length(sink, channels[number], base, located)
+            of_one_size: list[slice | Indices] = [slice(start, stop)]  # a slice copies nothing
+            if lost or (found.sizes[start:stop] != found.sizes[start]).any():
+                kept = start + np.flatnonzero(sound[start:stop])
+                sizes = found.sizes[kept]
+                of_one_size = [kept[sizes == size] for size in np.unique(sizes)]
+            for rows in of_one_size:
+                starts = found.starts[rows]
+                payloads = cut(data, starts, int(found.sizes[rows][0]))
+                sink.add(channels[number], base + starts, found.log_ns[rows], payloads)
         return len(data)
 
     def _index(

@@ -17,7 +17,7 @@ from imucalib_cli.logs.remote.file import announce
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from imucalib_cli.arrays import Bools, Bytes, Integers
+    from imucalib_cli.arrays import Bytes, Integers
     from imucalib_cli.logs.reader import Catalogue
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -163,9 +163,7 @@ class McapFile(ChunkedFile):
             found[channel] = np.frombuffer(entries, dtype="<i8").reshape(-1, 2)
         return found
 
-    def _locate(
-        self, data: Bytes, entries: Integers, owner: Integers, limits: Integers
-    ) -> tuple[Located, Bools]:
+    def _locate(self, data: Bytes, entries: Integers, owner: Integers, limits: Integers) -> Located:
         offsets = entries[:, 1]
         starts = offsets + MESSAGE_HEAD.itemsize
         inside = (offsets >= 0) & (starts <= limits)
@@ -173,7 +171,7 @@ class McapFile(ChunkedFile):
         # A length beyond any chunk is damage, and would be negative as a signed number.
         sizes = np.minimum(heads["length"], 1 << 40).astype(np.int64) - LEAST_MESSAGE
         sound = (heads["opcode"] == MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
-        return Located(data, starts, sizes, heads["log_time"].astype(np.int64)), sound
+        return Located(starts, sizes, heads["log_time"].astype(np.int64), sound)
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
