@@ -152,15 +152,15 @@ class Log:
         )
         losses = [*self.findings, *_overlaps(self._files)]
         for found in collector.finish():
-            losses += self._shortfall(found)
+            self._find_shortfall(found)
             _add_streams(data, found)
             losses += found.losses
         data.findings = tuple(losses)
         return data
 
-    def _shortfall(self, found: TopicData) -> list[Finding]:
+    def _find_shortfall(self, found: TopicData) -> None:
         """Find messages that are listed but missing, or that do not fit their type."""
-        topic, losses = found.topic, []
+        topic, losses = found.topic, found.losses
         same = [each for each in self.topics if (each.name, each.type) == (topic, found.type)]
         listed = sum(each.count for each in same if each.kinds)
         if found.messages < listed:
@@ -169,7 +169,6 @@ class Log:
         if found.undecoded:
             values = {"undecoded": found.undecoded, "messages": found.messages}
             losses.append(warning("log.messages_undecoded", topic=topic, **values, type=found.type))
-        return losses
 
     def _check(self, wanted: set[str]) -> None:
         known = {each.name for each in self.topics}

@@ -302,8 +302,7 @@ def joint_streams(data: TopicData) -> tuple[JointStream, ...]:
     unsound = 0
     for names, pieces in sets.values():
         joined = _joined(pieces, "position", ticks=data.reading.has_ticks)
-        position = joined.numbers["position"]
-        sound, position = _sound_rows(position)
+        sound, position = _sound_rows(joined.numbers["position"])
         unsound += len(position) - len(position[sound])
         streams.append(
             JointStream(
