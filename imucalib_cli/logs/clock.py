@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.findings import Finding, note, warning, warnings
-from imucalib_cli.logs.streams import Nanoseconds, PoseStream, Stream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.logs.streams import Nanoseconds, Stream
 
 Kind = Literal["header", "log"]
 
@@ -81,32 +81,24 @@ def choose_clock(
         wanted: ``auto`` takes header stamps unless those of a stream are broken (zero, constant,
             mostly backwards) or on another clock than the others, and receive times do better.
     """
-    moving = [
-        each
-        for each in streams
-        if len(each) and not (isinstance(each, PoseStream) and each.is_static)
-    ]
-    header_faults = _faults(moving, "header")
-    log_faults = _faults(moving, "log")
-    kind: Kind = "header"
-    if wanted == "auto" and not header_faults and len(moving) > 1 and not log_faults:
-        header_faults = _different_clocks(moving)
-    faults: dict[Kind, list[Finding]] = {"header": header_faults, "log": log_faults}
-    if wanted != "auto":
-        kind = wanted
-    elif header_faults and not log_faults:
-        kind = "log"
+    moving = [each for each in streams if len(each) and not each.is_static]
+    kinds: tuple[Kind, Kind] = ("header", "log")
+    faults = {kind: _faults(moving, kind) for kind in kinds}
+    if wanted == "auto" and len(moving) > 1 and not any(faults.values()):
+        faults["header"] = _different_clocks(moving)
+    better: Kind = "log" if faults["header"] and not faults["log"] else "header"
+    kind = better if wanted == "auto" else wanted
     other: Kind = "log" if kind == "header" else "header"
     if wanted != "auto":  # no advice to try what is broken too
         findings = [_handled(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
     elif kind == "log":
-        missing = [fault for fault in header_faults if fault.code == "stamps.all_zero"]
-        others = [fault for fault in header_faults if fault not in missing]
+        missing = [fault for fault in faults["header"] if fault.code == "stamps.all_zero"]
+        others = [fault for fault in faults["header"] if fault not in missing]
         findings = [_handled(fault, "receive times") for fault in others]
         if missing:
             findings.append(note("stamps.none", topics=[each.values["topic"] for each in missing]))
     else:
-        findings = [_handled(fault, "no better", log_faults) for fault in header_faults]
+        findings = [_handled(fault, "no better", faults["log"]) for fault in faults["header"]]
     origin = min((first_plausible(_stamps(each, kind)) for each in moving), default=0)
     # of a table both are the same
     differ = any(not np.array_equal(each.header_ns, each.log_ns) for each in moving)
@@ -114,13 +106,9 @@ def choose_clock(
     return Clock(kind=kind, origin_ns=origin, findings=tuple(findings), alternative=sound)
 
 
-def _handled(
-    fault: Finding, then: str, others: Sequence[Finding] = (), clock: Kind | None = None
-) -> Finding:
+def _handled(fault: Finding, then: str, others: Sequence[Finding] = (), **facts: str) -> Finding:
     """Add to a finding about stamps how it is handled, and the fault of the other kind."""
-    values = {**fault.values, "then": then}
-    if clock is not None:
-        values["clock"] = clock
+    values = {**fault.values, "then": then, **facts}
     if others:
         values["other"] = others[0].message
     return replace(fault, values=values)
@@ -152,10 +140,7 @@ def _fault(stamps: Nanoseconds) -> Finding | None:
     enough = len(steps) > 1
     faults = (
         (zeros == count, warning("stamps.all_zero")),
-        (
-            zeros > max(1, _FEW * count),
-            warning("stamps.some_zero", count=zeros, total=count),
-        ),
+        (zeros > max(1, _FEW * count), warning("stamps.some_zero", count=zeros, total=count)),
         (enough and not steps.any(), warning("stamps.all_same")),
         (
             enough and forward < _FORWARD * len(steps),
@@ -227,9 +212,8 @@ def _different_clocks(streams: Sequence[Stream]) -> list[Finding]:
     # If simulated time is slow, all offsets drift alike and show no difference between clocks.
     same_pace = not len(known) or abs(float(np.median(known)) - 1) < _MAX_RATE_SPREAD
     if offset_range > _MAX_OFFSET_S and same_pace:
-        odd = int(np.argmax(np.abs(offsets - np.median(offsets))))
-        if len(streams) == 2:
-            odd = int(np.argmax(np.abs(offsets)))
+        usual = 0.0 if len(streams) == 2 else float(np.median(offsets))
+        odd = int(np.argmax(np.abs(offsets - usual)))
         where = {"topic": streams[odd].topic, "stamps": "header"}
         return [warning("stamps.other_epoch", **where, seconds=offset_range)]
     return []

@@ -14,11 +14,7 @@ class DamageError(Exception):
 
 
 def seek(file: BinaryIO, at: int) -> None:
-    """Go to an offset that was read from the file.
-
-    Raises:
-        DamageError: The offset is larger than any file.
-    """
+    """Go to an offset that was read from the file; DamageError if it is beyond any file."""
     if not 0 <= at < 1 << 60:
         raise DamageError("an offset points beyond the file")
     file.seek(at)

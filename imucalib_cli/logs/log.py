@@ -152,14 +152,15 @@ class Log:
         )
         losses = [*self.findings, *_overlaps(self._files)]
         for found in collector.finish():
-            losses += self._shortfall(found)
-            losses += _add_streams(data, found)
+            self._find_shortfall(found)
+            _add_streams(data, found)
+            losses += found.losses
         data.findings = tuple(losses)
         return data
 
-    def _shortfall(self, found: TopicData) -> list[Finding]:
+    def _find_shortfall(self, found: TopicData) -> None:
         """Find messages that are listed but missing, or that do not fit their type."""
-        topic, losses = found.topic, []
+        topic, losses = found.topic, found.losses
         same = [each for each in self.topics if (each.name, each.type) == (topic, found.type)]
         listed = sum(each.count for each in same if each.kinds)
         if found.messages < listed:
@@ -168,7 +169,6 @@ class Log:
         if found.undecoded:
             values = {"undecoded": found.undecoded, "messages": found.messages}
             losses.append(warning("log.messages_undecoded", topic=topic, **values, type=found.type))
-        return losses
 
     def _check(self, wanted: set[str]) -> None:
         known = {each.name for each in self.topics}
@@ -189,11 +189,7 @@ class Log:
         return tuple(with_columns(each, self._columns) for each in file.channels)
 
     def _check_columns(self, columns: JointColumns) -> None:
-        """Check that a topic has the numbers that the user names as joints.
-
-        Raises:
-            ChoiceError: It does not.
-        """
+        """Check that a topic has the numbers that the user names as joints; ChoiceError if not."""
         asked = f"--joints {columns}"
         there = [each for each in self.topics if each.name == columns.topic and each.count]
         if not there:
@@ -255,27 +251,20 @@ def open_log(
     return Log([file for opened in files for file in opened], columns)
 
 
-def _add_streams(data: LogData, found: TopicData) -> list[Finding]:
-    """Add the streams that a topic becomes; findings about rows left out."""
+def _add_streams(data: LogData, found: TopicData) -> None:
+    """Add the streams that a topic becomes."""
     from imucalib_cli.logs.messages.decode import imu_streams, joint_streams, pose_streams, texts_of
 
-    losses: list[Finding] = []
     for kind in found.reading.kinds:
-        lost: list[Finding] = []
         match kind:
             case "imu":
-                imus, lost = imu_streams(found)
-                data.imus |= {imu.name: imu for imu in imus}
+                data.imus |= {imu.name: imu for imu in imu_streams(found)}
             case "joints":
-                data.joints[found.topic], lost = joint_streams(found)
-            case "pose":
-                poses, lost = pose_streams(found)
-                # A topic may have poses of two types.
-                data.poses[found.topic] = data.poses.get(found.topic, ()) + poses
+                data.joints[found.topic] = joint_streams(found)
+            case "pose":  # a topic may have poses of two types
+                data.poses[found.topic] = data.poses.get(found.topic, ()) + pose_streams(found)
             case "text":
                 data.texts[found.topic] = texts_of(found)
-        losses += lost
-    return losses
 
 
 def _bytes_of(path: LogPath) -> int:

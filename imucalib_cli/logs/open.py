@@ -135,9 +135,8 @@ def holds_log(path: Path, *, alone: bool = False) -> bool:
 def is_own_output(path: Path) -> bool:
     """Whether a file is one that imucalib writes beside a result; False if it cannot be read."""
     try:
-        with path.open("rb") as file:
-            head = file.read(_MARKED)
-    except OSError:
+        head = _head(path)[:_MARKED]
+    except (OSError, InputError):
         return False
     return any(mark in head for mark in _MARKS)
 
@@ -177,13 +176,7 @@ def _open_copy(path: LogPath, copied: Path, readers: Readers) -> LogFile:
 
 
 def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None) -> LogFile:
-    """Open a file behind a URL in parts; whole only where that is allowed.
-
-    Args:
-        remote: The file.
-        readers: Formats that may be meant.
-        progress: Called with the share that is downloaded; None allows no download.
-    """
+    """Open a file behind a URL in parts; whole only if there is a ``progress`` to tell of it."""
     if remote.is_folder:
         raise InputError(f"{remote} is a folder: name its .mcap or .bag files one by one")
     try:

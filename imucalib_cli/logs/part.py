@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.logs.streams import PoseStream, Stream
+from imucalib_cli.logs.streams import Stream
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.clock import Clock
@@ -54,7 +54,7 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
         raise ChoiceError(f"{part}: the part ends before it begins")
 
     def within(stream: OneStream) -> OneStream:
-        if isinstance(stream, PoseStream) and stream.is_static:
+        if stream.is_static:
             return stream
         t = clock.seconds(stream)
         kept = (t >= start) & (t <= end)

@@ -201,23 +201,19 @@ def cut_values(
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """Payloads ``data[start : start + size]`` and their receive times."""
+    """Payloads of messages, (n,) each, by their offsets in a chunk's data."""
 
-    data: Bytes
     starts: Integers
     sizes: Integers
-    log_ns: Nanoseconds
+    log_ns: Integers
+    is_sound: Bools
+    """Whether a message of the right channel begins there."""
 
+    @property
+    def ends(self) -> Integers:
+        """(n,), offsets after the payloads."""
+        return self.starts + self.sizes
 
-def add_by_length(sink: Sink, channel: Channel, base: int, found: Located) -> None:
-    """Pass payloads to the sink, grouped by size; ``base`` bytes of the file come before them."""
-    data, starts, sizes, log_ns = found.data, found.starts, found.sizes, found.log_ns
-    first = sizes[0] if len(sizes) else 0
-    if (sizes == first).all():
-        sink.add(channel, base + starts, log_ns, cut(data, starts, int(first)))
-        return
-    for size in np.unique(sizes):
-        chosen = sizes == size
-        sink.add(
-            channel, base + starts[chosen], log_ns[chosen], cut(data, starts[chosen], int(size))
-        )
+    def within(self, limits: Integers) -> Bools:
+        """(n,), those that are sound and end before their limits."""
+        return self.is_sound & (self.ends <= limits)

@@ -57,13 +57,7 @@ class Selection:
     @property
     def all(self) -> tuple[str, ...]:
         """Everything to read, in one pass."""
-        return (
-            *self.imus,
-            *self.joints,
-            *self.poses,
-            *self.tf,
-            *self.descriptions,
-        )
+        return (*self.imus, *self.joints, *self.poses, *self.tf, *self.descriptions)
 
     def of(self, data: LogData) -> LogData:
         """The chosen streams among those read: a topic may become more streams than are wanted."""
@@ -188,11 +182,7 @@ def without_sensor(topic: str) -> str:
 def check_joint_topics(
     joints: Mapping[str, Sequence[JointStream]], needed: Collection[str] | None = None
 ) -> None:
-    """Check that each joint comes from one topic.
-
-    Args:
-        joints: Streams by topic, as read.
-        needed: Joints that matter; None for all.
+    """Check that each of the needed joints, or of all, comes from one topic.
 
     Raises:
         ChoiceError: A joint comes from two topics.

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from imucalib_cli.logs.messages import table as messages
+from imucalib_cli.logs.messages.definitions import TIME_PARTS
 from imucalib_cli.logs.messages.protobuf import message_class
 from imucalib_cli.logs.messages.wire import Element, WireError
 
@@ -24,10 +25,6 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Channel
 
 _NS_PER_S = 1_000_000_000
-_TIME_PARTS = (
-    (("sec", "secs", "seconds"), _NS_PER_S),
-    (("nanosec", "nsec", "nsecs", "nanos"), 1),
-)
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
 
@@ -144,7 +141,7 @@ def _stamp(value: Any) -> int:
         return round(value * _NS_PER_S)
     return sum(
         next((int(_get(value, name)) * unit for name in names if _has(value, name)), 0)
-        for names, unit in _TIME_PARTS
+        for unit, names in TIME_PARTS.items()
     )
 
 

@@ -26,6 +26,8 @@ class Stream:
     """(N,), the message header's stamp, ns."""
     log_ns: Nanoseconds
     """(N,), when the recorder received the message, ns."""
+    is_static: bool = False
+    """From /tf_static: holds for the whole log, whatever its stamp."""
 
     def __len__(self) -> int:
         return len(self.header_ns)
@@ -85,5 +87,3 @@ class PoseStream(Stream):
     """(N, 3), p_parent_child, m."""
     quaternion_xyzw: Floats
     """(N, 4), R_parent_child, x y z w, normalised."""
-    is_static: bool = False
-    """From /tf_static: holds for the whole log, whatever its stamp."""

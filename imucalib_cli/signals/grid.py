@@ -55,9 +55,7 @@ class ImuGrid:
 def imu_grid(imu: ImuSamples, refine: int = 1) -> ImuGrid:
     """Interpolate IMU samples on an even grid by local cubics; samples on the grid are copied.
 
-    Args:
-        imu: Strictly increasing in time.
-        refine: Grid points per IMU interval.
+    The samples are strictly increasing in time; ``refine`` grid points go into each interval.
 
     Raises:
         InputError: Nearly all of the time is gaps, for which a grid would need memory too.

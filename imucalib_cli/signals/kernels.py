@@ -115,14 +115,13 @@ class MatchedFilter:
     """(L,), includes 1 / dt**order."""
     average: Floats
     """(L + 2 MARGIN,), unit sum."""
-    order: int
 
 
 @lru_cache(maxsize=64)
 def matched_filter(samples: int, degree: int, order: int, dt: float) -> MatchedFilter:
     """The pair of filters for one derivative order, for samples ``dt`` seconds apart."""
     h = savitzky_golay(samples, degree, order)
-    return MatchedFilter(h / dt**order, quadrature_weights(h, order), order)
+    return MatchedFilter(h / dt**order, quadrature_weights(h, order))
 
 
 def convolve_at(values: Floats, weights: Floats, first: Indices) -> Floats:

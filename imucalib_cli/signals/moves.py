@@ -27,9 +27,7 @@ _LEAST_ROWS = 8
 def track_moves(track: Track, *, large: bool = False) -> bool:
     """Whether any joint, or the pose, of a track moves.
 
-    Args:
-        track: As stamped.
-        large: Only motion larger than any drift at rest; else a small quick shake counts too.
+    If ``large``, by more than any drift at rest; else a small quick shake counts too.
     """
     if track.kind == "joints":
         # A track may hold revolute or prismatic joints: 0.005 is 0.3 deg or 5 mm.

@@ -117,11 +117,7 @@ def clean_track(track: Track) -> CleanTrack:
 
 
 def with_earlier_stamps(track: Track, seconds: float) -> Track:
-    """The same track with earlier stamps, s, which need not be cleaned again.
-
-    Raises:
-        InputError: As :func:`clean_track`.
-    """
+    """The same track with earlier stamps, s, not cleaned again; errors of :func:`clean_track`."""
     moved = replace(track, t=track.t - seconds)
     _CLEANED[moved] = clean_track(track).earlier(seconds)
     return moved
@@ -162,14 +158,8 @@ def continuous(kind: Literal["joints", "pose", "imu"], values: Floats) -> Floats
     """Values of a track in order of time, without sign changes and wraps.
 
     Quaternions get one sign. Joint positions are unwrapped, if the channel stays within one turn.
-    Positions in degrees, or of a joint that counts its turns, are unchanged.
-
-    Args:
-        kind: Of the track.
-        values: (N, 7) or (N, J).
-
-    Returns:
-        As the values, with the same first row; the same array if no joint jumps.
+    Positions in degrees, or of a joint that counts its turns, are unchanged. The first row of the
+    values, (N, 7) or (N, J), stays; so does the array if no joint jumps.
     """
     if kind == "imu":
         return values
@@ -223,11 +213,7 @@ class Trajectory:
 
     @classmethod
     def of(cls, path: KinematicPath) -> Trajectory:
-        """Trajectory of a path, with each track cleaned.
-
-        Raises:
-            InputError: A track has too few usable samples.
-        """
+        """Trajectory of a path, with each track cleaned; errors as of :func:`clean_track`."""
         return cls(path, tuple(clean_track(track) for track in path.tracks))
 
     def earlier(self, seconds: Mapping[int, float]) -> Trajectory:

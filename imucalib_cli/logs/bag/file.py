@@ -10,7 +10,7 @@ import numpy as np
 from imucalib_cli.findings import note
 from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
-from imucalib_cli.logs.reader import Located, cut_values
+from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
 
 if TYPE_CHECKING:
@@ -73,21 +73,14 @@ class BagFile(ChunkedFile):
         if len(contents.chunks) != expected:
             return None
         contents.chunks.sort(key=lambda chunk: chunk.start)
-        for chunk, following in zip(contents.chunks, contents.chunks[1:], strict=False):
-            chunk.stop = chunk.index_stop = following.start
-        for chunk in contents.chunks[-1:]:
-            chunk.stop = chunk.index_stop = index_at
+        stops = [*(chunk.start for chunk in contents.chunks[1:]), index_at]
+        for chunk, stop in zip(contents.chunks, stops, strict=False):
+            chunk.stop = chunk.index_stop = stop
         if not contents.tallies.keys() <= contents.catalogue.publishers.keys():
             return None
         self._time(file, contents)
         self._is_indexed = True
         return contents
-
-    def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
-        if size > self.size - start:
-            raise DamageError("a record is cut short")
-        seek(file, start)
-        return file.read(size)
 
     def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
         head, start, size = read_head(file, at)
@@ -96,8 +89,7 @@ class BagFile(ChunkedFile):
         return _chunk_head(head, start, size)
 
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        head = None if chunk.end else self._chunk_head(file, chunk.start)
-        at = chunk.end if head is None else head.start + head.packed
+        at = (chunk.head or self._chunk_head(file, chunk.start)).end
         found: Index = {}
         while at < (chunk.index_stop or self.size):
             fields, start, size = read_head(file, at)
@@ -120,12 +112,12 @@ class BagFile(ChunkedFile):
         entries: Integers,
         owner: Integers,  # noqa: ARG002 - the index alone says whose messages they are
         limits: Integers,
-    ) -> tuple[Located, Bools]:
+    ) -> Located:
         offsets = entries[:, 1]
         head_sizes, has_head = _sizes(data, offsets, limits)
         sizes, sound = _sizes(data, offsets + 4 + head_sizes, limits)
         starts = offsets + 8 + head_sizes
-        return Located(data, starts, sizes, entries[:, 0]), has_head & sound
+        return Located(starts, sizes, entries[:, 0], has_head & sound)
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
@@ -175,14 +167,15 @@ class BagFile(ChunkedFile):
         for base in range(start, self.size, _SEARCHED):
             first = max(start, base - _BEFORE)
             file.seek(first)
-            data = file.read(base - first + _SEARCHED + _BEFORE)
+            data = file.read(base - first + _SEARCHED + _BEFORE + 4)
             op = data.find(_OP, base - first)
             while 0 <= op < base - first + _SEARCHED:
-                for at in _heads_around(data, op):
+                for at, end in _heads_around(data, op):
                     with suppress(DamageError):
-                        head, body, size = read_head(file, first + at)
+                        head, size = parse_fields(data[at + 4 : end]), size_of(data[end : end + 4])
                         needed = _NEEDED.get(op_of(head))
-                        if needed and needed <= head.keys() and size <= self.size - body:
+                        left = self.size - (first + end + 4)
+                        if needed and needed <= head.keys() and size <= left:
                             return first + at
                 op = data.find(_OP, op + 1)
         return None
@@ -212,11 +205,7 @@ def _sizes(data: Bytes, offsets: Integers, limits: Integers) -> tuple[Integers, 
 
 
 def read_head(file: BinaryIO, at: int) -> tuple[Fields, int, int]:
-    """Return the header fields of the record at a position, and the start and length of its data.
-
-    Raises:
-        DamageError: Its header is incomplete.
-    """
+    """Header fields of the record at a position, start and length of its data, or a DamageError."""
     seek(file, at)
     raw = file.read(_HEAD_ROOM)
     head_size = size_of(raw)
@@ -248,22 +237,14 @@ def time_of(head: Fields, name: str = "time") -> int:
 
 
 def size_of(raw: bytes | memoryview) -> int:
-    """A 4-byte length.
-
-    Raises:
-        DamageError: There are fewer.
-    """
+    """A 4-byte length; DamageError if there are fewer bytes."""
     if len(raw) < 4:
         raise DamageError("a record is cut short")
     return int.from_bytes(raw[:4], "little")
 
 
 def parse_fields(raw: bytes | memoryview) -> Fields:
-    """Fields ``name=value`` of a header.
-
-    Raises:
-        DamageError: A length does not fit.
-    """
+    """Fields ``name=value`` of a header; DamageError if a length does not fit."""
     raw = bytes(raw)
     found = {}
     at = 0
@@ -278,11 +259,7 @@ def parse_fields(raw: bytes | memoryview) -> Fields:
 
 
 def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> None:
-    """Read a connection record; of several with one number the first counts.
-
-    Raises:
-        DamageError: It is not whole.
-    """
+    """Read a connection record, the first of its number; DamageError if it is not whole."""
     number = number_of(head, "conn")
     if number in catalogue.publishers:
         return
@@ -296,23 +273,10 @@ def describe(catalogue: Catalogue, head: Fields, data: bytes | memoryview) -> No
     catalogue.publishers[number] = (number, fields["topic"], "ros1")
 
 
-def _heads_around(data: bytes, op: int) -> list[int]:
-    """Possible start of the header that holds the field at ``op``."""
-    found: list[int] = []
-    low = max(0, op - _BEFORE)
-    near = np.frombuffer(data, dtype=np.uint8, count=op - low, offset=low)
-    if len(near) < 4:
-        return found
-    windows = np.lib.stride_tricks.sliding_window_view(near, 4)
-    lengths = np.ascontiguousarray(windows).view("<u4")[:, 0].astype(np.int64)
-    starts = low + np.arange(len(lengths))
+def _heads_around(data: bytes, op: int) -> list[tuple[int, int]]:
+    """Possible start and end of the header that holds the field at ``op``, before a length."""
+    starts = np.arange(max(0, op - _BEFORE), op - 3)
+    lengths = cut(np.frombuffer(data, dtype=np.uint8), starts, 4).view("<u4")[:, 0].astype(np.int64)
     ends = starts + 4 + lengths
-    fits = (ends >= op + len(_OP) + 1) & (lengths <= _LARGEST_HEADER) & (ends <= len(data))
-    for at, end in zip(starts[fits].tolist(), ends[fits].tolist(), strict=True):
-        try:
-            fields = parse_fields(data[at + 4 : end])
-        except DamageError:
-            continue
-        if op_of(fields):
-            found.append(at)
-    return found
+    fits = (ends >= op + len(_OP) + 1) & (lengths <= _LARGEST_HEADER) & (ends <= len(data) - 4)
+    return list(zip(starts[fits].tolist(), ends[fits].tolist(), strict=True))

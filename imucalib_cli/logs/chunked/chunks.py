@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 import numpy as np
 
-from imucalib_cli.arrays import Bools, Bytes, Indices, Integers
+from imucalib_cli.arrays import Bytes, Indices, Integers
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.logs.chunked.inflate import SLACK, Inflated, Scratch, inflate, inflate_file
+from imucalib_cli.logs.chunked.inflate import Inflated, Scratch, inflate, inflate_file, runs_of
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.reader import Catalogue, Channel, Located, add_by_length
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, cut
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
@@ -55,8 +55,6 @@ class Chunk:
     """Channel to the file offset of its message index; None if the channels are not listed."""
     index: Index | None = None
     """Message positions that a scan found."""
-    end: int = 0
-    """End of its record in the file; known once the record has been read."""
     stop: int = 0
     """End of its record by the file's index; the same as ``index_stop`` in bags, which lack it."""
     index_stop: int = 0
@@ -90,6 +88,11 @@ class ChunkHead:
     compression: str
     checksum: int = 0
     """CRC-32 of the unpacked bytes; 0 for none."""
+
+    @property
+    def end(self) -> int:
+        """File offset after the packed bytes."""
+        return self.start + self.packed
 
     @property
     def is_plain(self) -> bool:
@@ -127,9 +130,6 @@ class NoIndexError(Exception):
 class ChunkedFile(ABC):
     """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
 
-    Args:
-        path: The file; its magic has been checked.
-
     Raises:
         OSError: The file cannot be opened.
         NoIndexError: It is remote and has no usable index.
@@ -142,7 +142,7 @@ class ChunkedFile(ABC):
     """The file's name in messages about a truncated file."""
 
     def __init__(self, path: LogPath) -> None:
-        from imucalib_cli.logs.chunked.scan import scan
+        from imucalib_cli.logs.chunked.scan import Scan
 
         self.path = path
         self._file = path
@@ -157,7 +157,7 @@ class ChunkedFile(ABC):
                 if contents is None or all(each.index_at is None for each in contents.chunks):
                     raise NoIndexError
             elif contents is None:
-                contents = scan(self, file)
+                contents = Scan(self, file).run()
         self._chunks = contents.chunks
         self.channels = contents.catalogue.channels(contents.tallies)
         self.losses = contents.losses
@@ -169,36 +169,18 @@ class ChunkedFile(ABC):
 
     @abstractmethod
     def _summary(self, file: BinaryIO) -> Contents | None:
-        """Read the index of a properly closed file; None if it is incomplete.
-
-        Raises:
-            DamageError: The index is damaged.
-        """
+        """Read the index of a properly closed file; None if incomplete, DamageError if damaged."""
 
     @abstractmethod
     def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
-        """Read the beginning of a chunk's record.
-
-        Raises:
-            DamageError: There is no chunk.
-        """
+        """Read the beginning of a chunk's record; DamageError if there is none."""
 
     @abstractmethod
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        """Read the positions of messages, for those of the channels that the chunk holds.
-
-        Raises:
-            DamageError: The message index is missing or damaged.
-        """
+        """Message positions for those channels that the chunk holds, or a DamageError."""
 
     @abstractmethod
-    def _locate(
-        self,
-        data: Bytes,
-        entries: Integers,
-        owner: Integers,
-        limits: Integers,
-    ) -> tuple[Located, Bools]:
+    def _locate(self, data: Bytes, entries: Integers, owner: Integers, limits: Integers) -> Located:
         """Find the payloads of messages, and check the channel of each.
 
         Args:
@@ -229,6 +211,14 @@ class ChunkedFile(ABC):
     def find_record(self, file: BinaryIO, start: int) -> int | None:
         """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
+    def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
+        """Read bytes of a record; DamageError if the file does not have them all."""
+        file.seek(min(start, self.size))
+        data = file.read(min(size, self.size))
+        if len(data) < size:
+            raise DamageError("a record is cut short")
+        return data
+
     def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
         """The bytes of a chunk, unpacked lazily, and their checksum or 0; valid until the next one.
 
@@ -237,10 +227,9 @@ class ChunkedFile(ABC):
             ValueError: Its compression is not known.
         """
         if chunk.length:
-            return inflate_file(file, chunk.start, chunk.length, self._scratch), 0
-        head = chunk.head or self._chunk_head(file, chunk.start)
-        chunk.end = head.start + head.packed
-        size = max(0, min(chunk.end, self.size) - head.start)
+            return inflate_file(file, chunk.start, chunk.length, self._scratch, chunk.length), 0
+        head = chunk.head = chunk.head or self._chunk_head(file, chunk.start)
+        size = max(0, min(head.end, self.size) - head.start)
         if head.is_plain:
             return inflate_file(file, head.start, size, self._scratch, head.claimed), head.checksum
         packed = self._packed.reserve(size).data[:size]
@@ -274,11 +263,7 @@ class ChunkedFile(ABC):
         progress(1.0)
 
     def _announced(
-        self,
-        file: BinaryIO,
-        chunks: list[Chunk],
-        channels: Collection[int],
-        progress: Progress,
+        self, file: BinaryIO, chunks: list[Chunk], channels: Collection[int], progress: Progress
     ) -> tuple[list[Chunk], Progress]:
         """Announce the parts that are read of a remote file's chunks; of large plain ones not all.
 
@@ -323,15 +308,15 @@ class ChunkedFile(ABC):
         counts = [len(each) for each in index.values()]
         owner = np.repeat(list(index), counts)
         data, limits = inflated.around(entries[:, 1])
-        found, sound = self._locate(data, entries, owner, limits)
-        ends = found.starts + found.sizes
-        if (ends > limits).any() or not sound.all():
-            data = inflated.upto(int(min(ends.max(), inflated.claimed)))
+        found = self._locate(data, entries, owner, limits)
+        sound = found.within(limits)
+        if not sound.all():
+            data = inflated.upto(int(min(found.ends.max(), inflated.claimed)))
             limits = np.full(len(entries), len(data))
-            found, sound = self._locate(data, entries, owner, limits)
-            ends = found.starts + found.sizes
-        sound &= ends <= limits
-        if checksum and (ends - entries[:, 1])[sound].sum() > _CHECKED_SHARE * inflated.claimed:
+            found = self._locate(data, entries, owner, limits)
+            sound = found.within(limits)
+        least = _CHECKED_SHARE * inflated.claimed
+        if checksum and (found.ends - entries[:, 1])[sound].sum() > least:
             data = inflated.upto()
             if inflated.complete and zlib.crc32(data.data) != checksum:
                 raise DamageError("its checksum is wrong")
@@ -341,11 +326,15 @@ class ChunkedFile(ABC):
         stop = 0
         for number, count in zip(index, counts, strict=True):
             start, stop = stop, stop + count
-            here: slice | Indices = slice(start, stop)
-            if lost:
-                here = np.flatnonzero(sound[start:stop]) + start
-            located = Located(data, found.starts[here], found.sizes[here], found.log_ns[here])
-            add_by_length(sink, channels[number], base, located)
+            of_one_size: list[slice | Indices] = [slice(start, stop)]  # a slice copies nothing
+            if lost or (found.sizes[start:stop] != found.sizes[start]).any():
+                kept = start + np.flatnonzero(sound[start:stop])
+                sizes = found.sizes[kept]
+                of_one_size = [kept[sizes == size] for size in np.unique(sizes)]
+            for rows in of_one_size:
+                starts = found.starts[rows]
+                payloads = cut(data, starts, int(found.sizes[rows][0]))
+                sink.add(channels[number], base + starts, found.log_ns[rows], payloads)
         return len(data)
 
     def _index(
@@ -368,11 +357,7 @@ class ChunkedFile(ABC):
         return index
 
     def _index_of(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
-        """Message positions from the message index, read by a buffer.
-
-        Raises:
-            DamageError: It is missing or damaged.
-        """
+        """See :meth:`_message_index`; read by a buffer."""
         buffered = io.BufferedReader(file, _INDEX_ROOM)  # type: ignore[type-var]
         try:
             return self._message_index(buffered, chunk, channels)
@@ -380,11 +365,7 @@ class ChunkedFile(ABC):
             buffered.detach()
 
     def _time(self, file: BinaryIO, contents: Contents) -> None:
-        """Times of each channel's first and last messages, from the chunks at both ends.
-
-        Raises:
-            DamageError: A message index is damaged.
-        """
+        """Times of each channel's first and last messages, from the chunks at both ends."""
         ends = {}
         for number in contents.tallies:
             holding = [each for each in contents.chunks if number in (each.index_at or ())]
@@ -413,8 +394,6 @@ def _runs(start: int, index: Index) -> list[tuple[int, int]]:
     """Parts of a file that hold the messages of an index, of data that begin at ``start``."""
     if not index:
         return []
-    offsets = start + np.sort(np.concatenate([each[:, 1] for each in index.values()]))
-    breaks = np.flatnonzero(np.diff(offsets) > _WORTH)
-    firsts = offsets[np.concatenate(([0], breaks + 1))].tolist()
-    lasts = offsets[np.concatenate((breaks, [len(offsets) - 1]))].tolist()
-    return [(first, last + SLACK) for first, last in zip(firsts, lasts, strict=True)]
+    offsets = start + np.concatenate([each[:, 1] for each in index.values()])
+    starts, stops = runs_of(offsets, _WORTH)
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))

@@ -15,7 +15,7 @@ _STEP = 1 << 16
 """Bytes decompressed at a time: small enough that the allocator reuses the memory."""
 _DOUBLED = 1 << 26
 """A buffer that is too small is doubled up to this size, bytes."""
-SLACK = 4096
+_SLACK = 4096
 """Bytes read after the start of a wanted message: most messages are shorter."""
 _SKIP = 1 << 15
 """Larger gaps in a file are skipped, smaller ones are read, bytes."""
@@ -92,12 +92,9 @@ class Inflated:
             before the end of the message; then :meth:`upto` gets the remaining bytes.
         """
         if not isinstance(self._source, _Part) or self._done:
-            data = self.upto(int(offsets.max()) + SLACK)
+            data = self.upto(int(offsets.max()) + _SLACK)
             return data, np.full(len(offsets), len(data))
-        order = np.sort(offsets)
-        breaks = np.flatnonzero(np.diff(order) > _SKIP)
-        starts = order[np.concatenate(([0], breaks + 1))]
-        stops = order[np.concatenate((breaks, [len(order) - 1]))] + SLACK
+        starts, stops = runs_of(offsets, _SKIP)
         room = min(self.claimed, self._source.size)
         if starts[0] < 0 or starts[-1] >= room:
             return self._scratch.data[:0], np.zeros(len(offsets), dtype=np.int64)
@@ -113,14 +110,19 @@ class Inflated:
         return self._done >= self.claimed
 
 
+def runs_of(offsets: Integers, gap: int) -> tuple[Integers, Integers]:
+    """Starts of runs of messages without a larger gap, and ends some bytes into their last ones."""
+    order = np.sort(offsets)
+    breaks = np.flatnonzero(np.diff(order) > gap)
+    starts = order[np.concatenate(([0], breaks + 1))]
+    return starts, order[np.concatenate((breaks, [len(order) - 1]))] + _SLACK
+
+
 def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch) -> Inflated:
     """Unpack a chunk lazily.
 
-    Args:
-        compression: ``lz4`` (frames), ``zstd`` or ``bz2``.
-        packed: The packed bytes.
-        claimed: Their unpacked size as the file states it; no more is unpacked.
-        scratch: Buffer for the result; valid until the next chunk is unpacked into it.
+    At most ``claimed`` bytes, the size that the file states, are unpacked. They are valid until the
+    next chunk is unpacked into ``scratch``.
 
     Raises:
         ValueError: The compression is not known.
@@ -142,11 +144,9 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
     return Inflated(source, claimed, scratch, most)
 
 
-def inflate_file(
-    file: BinaryIO, at: int, size: int, scratch: Scratch, claimed: int | None = None
-) -> Inflated:
+def inflate_file(file: BinaryIO, at: int, size: int, scratch: Scratch, claimed: int) -> Inflated:
     """The same for ``size`` bytes stored uncompressed: only the needed bytes are read."""
-    return Inflated(_Part(file, at, size), size if claimed is None else claimed, scratch)
+    return Inflated(_Part(file, at, size), claimed, scratch)
 
 
 class _Part:

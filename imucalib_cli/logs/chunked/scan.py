@@ -18,12 +18,9 @@ _BARE_RUN = 1 << 22
 """Bytes of messages outside of chunks read at a time."""
 
 
-def scan(grammar: ChunkedFile, file: BinaryIO) -> Contents:
-    """Scan a file record by record; skip bytes that cannot be a record."""
-    return _Scan(grammar, file).run()
+class Scan:
+    """One scan of a file; bytes that cannot be a record are skipped."""
 
-
-class _Scan:
     def __init__(self, grammar: ChunkedFile, file: BinaryIO) -> None:
         self._grammar = grammar
         self._file = file

@@ -36,9 +36,6 @@ _COUNTED = 100
 class Db3File:
     """One .db3 file.
 
-    Args:
-        path: The file; its magic has been checked.
-
     Raises:
         InputError: It has no tables of rosbag2.
     """

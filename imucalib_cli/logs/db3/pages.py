@@ -32,13 +32,7 @@ _WAL_MAGICS = (0x377F0682, 0x377F0683)
 
 
 def salvage(path: Path, after: int, wanted: Collection[int]) -> Iterator[list[Row]]:
-    """Complete rows of the wanted topics, page by page.
-
-    Args:
-        path: The database.
-        after: Only rows with larger ids are read.
-        wanted: Ids of topics; others come without payload.
-    """
+    """Complete rows with an id above ``after``, page by page; of other topics without payload."""
     with path.open("rb", buffering=0) as file:
         pages = _Pages(file)
         seen: set[int] = set()
@@ -86,11 +80,7 @@ class _Pages:
         chains may meet."""
 
     def rows(self, number: int, wanted: Collection[int]) -> list[tuple[int, Row]]:
-        """All rows of a page, by their ids.
-
-        Raises:
-            DamageError, IndexError: It is no leaf of the messages table, or damaged.
-        """
+        """Rows of a page, by their ids; DamageError or IndexError if it is no leaf of the table."""
         page = self._read(number)
         if page[0] != _LEAF:
             return []
@@ -167,10 +157,7 @@ def pages_left_out(path: Path) -> tuple[int, int]:
     """Number of the -wal's pages that belong to it but that SQLite skips, and of all its pages.
 
     It stops silently at a wrong checksum or an unfinished transaction
-    (sqlite.org/walformat.html).
-
-    Args:
-        path: The database, open at this moment, so that its -shm has the number of used pages.
+    (sqlite.org/walformat.html). The database is open, so its -shm has the number of used pages.
     """
     with suppress(OSError):
         used = path.with_name(path.name + "-shm").read_bytes()[16:20]

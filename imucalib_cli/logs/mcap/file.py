@@ -10,14 +10,14 @@ import numpy as np
 
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
-from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
+from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from imucalib_cli.arrays import Bools, Bytes, Integers
+    from imucalib_cli.arrays import Bytes, Integers
     from imucalib_cli.logs.reader import Catalogue
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -154,27 +154,16 @@ class McapFile(ChunkedFile):
         for channel, at in (chunk.index_at or {}).items():
             if channel not in channels:
                 continue
-            seek(file, at)
-            head = file.read(_INDEX_HEAD.size)
-            if len(head) < _INDEX_HEAD.size:
-                raise DamageError("the message index is cut short")
+            head = self._data(file, at, _INDEX_HEAD.size)
             opcode, _, number, size = _INDEX_HEAD.unpack(head)
             is_index = opcode == MESSAGE_INDEX and number == channel
             if not is_index or size % 16 or size > _LARGEST_INDEX:
                 raise DamageError("no message index where the chunk index says")
-            entries = file.read(size)
-            if len(entries) < size:
-                raise DamageError("the message index is cut short")
+            entries = self._data(file, at + len(head), size)
             found[channel] = np.frombuffer(entries, dtype="<i8").reshape(-1, 2)
         return found
 
-    def _locate(
-        self,
-        data: Bytes,
-        entries: Integers,
-        owner: Integers,
-        limits: Integers,
-    ) -> tuple[Located, Bools]:
+    def _locate(self, data: Bytes, entries: Integers, owner: Integers, limits: Integers) -> Located:
         offsets = entries[:, 1]
         starts = offsets + MESSAGE_HEAD.itemsize
         inside = (offsets >= 0) & (starts <= limits)
@@ -182,7 +171,7 @@ class McapFile(ChunkedFile):
         # A length beyond any chunk is damage, and would be negative as a signed number.
         sizes = np.minimum(heads["length"], 1 << 40).astype(np.int64) - LEAST_MESSAGE
         sound = (heads["opcode"] == MESSAGE) & (heads["channel"] == owner) & (sizes >= 0)
-        return Located(data, starts, sizes, heads["log_time"].astype(np.int64)), sound
+        return Located(starts, sizes, heads["log_time"].astype(np.int64), sound)
 
     def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
         """See :class:`~imucalib_cli.logs.chunked.chunks.ChunkedFile`."""
@@ -195,7 +184,7 @@ class McapFile(ChunkedFile):
         whole = end <= self.size
         if opcode == CHUNK:
             chunk = parse_chunk_head(head, at)
-            whole &= end == chunk.start + chunk.packed
+            whole &= end == chunk.end
             return Record("chunk", end, is_whole=whole, chunk=chunk)
         least, largest = LENGTHS.get(opcode, (0, 1 << 40))
         if opcode == 0 or not whole or not least <= length <= largest:
@@ -257,11 +246,7 @@ class McapFile(ChunkedFile):
 
 
 def describe(catalogue: Catalogue, opcode: int, body: bytes | memoryview) -> None:
-    """Read a schema or channel record; others are ignored.
-
-    Raises:
-        DamageError: It is not whole.
-    """
+    """Read a schema or channel record, or raise DamageError; others are ignored."""
     cursor = Cursor(body)
     if opcode == SCHEMA:
         number = cursor.number(2)
@@ -282,11 +267,7 @@ def message_key(raw: bytes | memoryview) -> tuple[int, int]:
 
 
 def parse_chunk_head(raw: bytes, at: int) -> ChunkHead:
-    """Parse the head of a chunk record at a position of the file.
-
-    Raises:
-        DamageError: It is none.
-    """
+    """The head of a chunk record at a position of the file; DamageError if it is none."""
     head = Cursor(raw)
     if head.number(1) != CHUNK:
         raise DamageError("no chunk where the index says")
@@ -335,7 +316,7 @@ def is_record(file: BinaryIO, at: int, size: int) -> bool:
         if opcode == CHUNK:
             with suppress(DamageError):
                 chunk = parse_chunk_head(head, at)
-                return chunk.compression in _COMPRESSIONS and end == chunk.start + chunk.packed
+                return chunk.compression in _COMPRESSIONS and end == chunk.end
             return False
         if opcode == FOOTER:
             file.seek(end)

@@ -23,20 +23,16 @@ _LATCHED = """\
 
 
 class McapWriter:
-    """A file being written; closed, it is whole.
+    """A file being written by the named library; closed, it is whole.
+
+    Args:
+        compression: zstd, lz4 or none.
 
     Attributes:
         types: Message classes by type name.
     """
 
     def __init__(self, file: IO[bytes], *, compression: str = "zstd", library: str) -> None:
-        """Begin a file.
-
-        Args:
-            file: Where to write.
-            compression: zstd, lz4 or none.
-            library: Who writes it.
-        """
         from mcap.writer import CompressionType, Writer
         from rosbags.typesys import Stores, get_typestore
 
@@ -51,10 +47,8 @@ class McapWriter:
     ) -> Callable[[int, Any], None]:
         """Declare a publisher; the function appends a message received at an instant, ns.
 
-        Args:
-            topic: Its topic.
-            message_type: Such as ``sensor_msgs/msg/Imu``.
-            latched: Whether late subscribers get its last message too.
+        ``message_type`` is such as ``sensor_msgs/msg/Imu``; late subscribers get the last message
+        too if it is ``latched``.
         """
         if message_type not in self._schemas:
             definition, _ = self._store.generate_msgdef(message_type, ros_version=2)

@@ -70,6 +70,8 @@ class TopicData:
     pieces: list[Piece] = field(default_factory=list)
     messages: int = 0
     undecoded: int = 0
+    losses: list[Finding] = field(default_factory=list)
+    """About rows that its streams leave out."""
 
 
 @dataclass(eq=False)
@@ -204,30 +206,29 @@ class Collector:
         into.undecoded += int(np.count_nonzero(~decoded))
 
 
-def imu_streams(data: TopicData) -> tuple[tuple[ImuStream, ...], list[Finding]]:
-    """The IMUs of a topic, and findings about rows left out.
+def imu_streams(data: TopicData) -> tuple[ImuStream, ...]:
+    """The IMUs of a topic.
 
     Frames whose messages come at the same time are IMUs that share the topic. If frames follow each
     other, as after a restart of the driver, the one with most messages is used.
     """
-    losses: list[Finding] = []
     pieces: dict[str, list[Piece]] = {}
     for piece in data.pieces:
         pieces.setdefault(_frame(piece), []).append(piece)
     counts = Counter({frame: sum(len(p.log_ns) for p in some) for frame, some in pieces.items()})
     if not counts:
-        return (), losses
+        return ()
     main, _ = counts.most_common(1)[0]
     used = [frame for frame in pieces if frame == main or _accompanies(pieces[frame], pieces[main])]
     others = [frame for frame in pieces if frame not in used]
     if others:
         count = sum(counts[frame] for frame in others)
         values = {"topic": data.topic, "frame": main, "others": others}
-        losses.append(warning("imu.frames_mixed", count=count, **values))
-    streams = [_imu_stream(data, frame, pieces[frame], losses) for frame in used]
+        data.losses.append(warning("imu.frames_mixed", count=count, **values))
+    streams = [_imu_stream(data, frame, pieces[frame]) for frame in used]
     if len(streams) > 1:
         streams = [replace(each, shared=f"{each.topic}:{each.frame_id}") for each in streams]
-    return tuple(streams), losses
+    return tuple(streams)
 
 
 def _accompanies(pieces: list[Piece], main: list[Piece]) -> bool:
@@ -239,9 +240,7 @@ def _accompanies(pieces: list[Piece], main: list[Piece]) -> bool:
     return 2 * (min(last, end) - max(first, start)) > end - start
 
 
-def _imu_stream(
-    data: TopicData, frame: str, pieces: list[Piece], losses: list[Finding]
-) -> ImuStream:
+def _imu_stream(data: TopicData, frame: str, pieces: list[Piece]) -> ImuStream:
     topic = data.topic
     joined = _joined(pieces, *_SENSORS, ticks=data.reading.has_ticks)
     both = joined.numbers
@@ -251,7 +250,7 @@ def _imu_stream(
     sound: Bools | slice = slice(None)  # a slice copies nothing
     if not numbers.all():
         sound, count = numbers, np.count_nonzero(~numbers)
-        losses.append(warning("imu.not_finite", topic=topic, count=count, limit=_ABSURD))
+        data.losses.append(warning("imu.not_finite", topic=topic, count=count, limit=_ABSURD))
     return ImuStream(
         topic=topic,
         header_ns=joined.stamp_ns[sound],
@@ -275,7 +274,7 @@ def _is_number(values: Floats) -> Bools:
     return sound
 
 
-def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Finding]]:
+def joint_streams(data: TopicData) -> tuple[JointStream, ...]:
     """One stream per set of joint names; rows in another order are reordered as the first."""
     sets: dict[tuple[str, ...], tuple[tuple[str, ...], list[Piece]]] = {}
     repeated = 0
@@ -295,17 +294,15 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
             if names != first:
                 position = position[:, [names.index(name) for name in first]]
             pieces.append(replace(piece, numbers={**piece.numbers, "position": position}))
-    losses = []
     if repeated:
-        losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
+        data.losses.append(warning("joints.named_twice", topic=data.topic, count=repeated))
     if short:
-        losses.append(_wrong_counts(data, short))
+        data.losses.append(_wrong_counts(data, short))
     streams = []
     unsound = 0
     for names, pieces in sets.values():
         joined = _joined(pieces, "position", ticks=data.reading.has_ticks)
-        position = joined.numbers["position"]
-        sound, position = _sound_rows(position)
+        sound, position = _sound_rows(joined.numbers["position"])
         unsound += len(position) - len(position[sound])
         streams.append(
             JointStream(
@@ -318,8 +315,9 @@ def joint_streams(data: TopicData) -> tuple[tuple[JointStream, ...], list[Findin
             )
         )
     if unsound:
-        losses.append(warning("joints.not_finite", topic=data.topic, count=unsound, limit=_ABSURD))
-    return tuple(streams), losses
+        values = {"count": unsound, "limit": _ABSURD}
+        data.losses.append(warning("joints.not_finite", topic=data.topic, **values))
+    return tuple(streams)
 
 
 def _wrong_counts(data: TopicData, short: Counter[tuple[int, int]]) -> Finding:
@@ -370,7 +368,7 @@ def _sound_rows(position: Floats) -> tuple[Bools | slice, Floats]:
     return sound, position if measured.all() else np.where(good, position, np.nan)
 
 
-def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]]:
+def pose_streams(data: TopicData) -> tuple[PoseStream, ...]:
     """One stream per (parent, child)."""
     edges: dict[tuple[str, str], list[Piece]] = {}
     for piece in data.pieces:
@@ -399,10 +397,9 @@ def pose_streams(data: TopicData) -> tuple[tuple[PoseStream, ...], list[Finding]
                     is_static=is_static,
                 )
             )
-    losses = []
     if unusable:
-        losses.append(warning("pose.unusable", topic=data.topic, count=unusable))
-    return tuple(streams), losses
+        data.losses.append(warning("pose.unusable", topic=data.topic, count=unusable))
+    return tuple(streams)
 
 
 def _stamps_of_ticks(ticks_ns: Nanoseconds, log_ns: Nanoseconds) -> Nanoseconds:

@@ -24,7 +24,7 @@ from imucalib_cli.logs.messages.table import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from imucalib_cli.logs.messages.table import Field, NumberType
 
@@ -42,11 +42,8 @@ _PRIMITIVES: dict[str, NumberType] = {
 }
 _TIMES = frozenset({"time", "duration", "builtin_interfaces/Time", "builtin_interfaces/Duration"})
 _HEADERS = frozenset({"Header", "std_msgs/Header"})
-_TIME_PARTS = (
-    frozenset({"sec", "secs", "seconds"}),
-    frozenset({"nsec", "nanosec", "nsecs", "nanos"}),
-)
-"""Names of the parts of a time in JSON."""
+TIME_PARTS = {10**9: ("sec", "secs", "seconds"), 1: ("nanosec", "nsec", "nsecs", "nanos")}
+"""Nanoseconds of each part of a time, and its possible names."""
 _FIELD = re.compile(
     r"(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+(?P<name>[A-Za-z]\w*)(?P<more>.*)"
 )
@@ -57,12 +54,7 @@ class DefinitionError(Exception):
 
 
 def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ...]:
-    """The fields of a type, unnamed.
-
-    Args:
-        type_name: Such as sensor_msgs/Imu.
-        encoding: The encoding of its messages: ``cdr``, ``ros1``, ``json`` or ``protobuf``.
-        definition: As a log embeds it.
+    """The fields of a type, unnamed, by its definition as a log embeds it.
 
     Raises:
         DefinitionError: It cannot be read, or the package that reads it is not installed.
@@ -151,6 +143,10 @@ def _msg_leaves(kind: str, path: str, count: int) -> tuple[Field, ...]:
     return ()
 
 
+def _is_time(parts: Iterable[str]) -> bool:
+    return all(set(names).intersection(parts) for names in TIME_PARTS.values())
+
+
 def _of_json(_: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
     try:
         schema = json.loads(definition or "{}")
@@ -170,8 +166,7 @@ def _json_struct(
         path, described = f"{prefix}{name}", _referred(schema_of, whole)
         kind = described.get("type")
         if kind == "object":
-            parts = described.get("properties") or {}
-            if all(set(parts) & each for each in _TIME_PARTS):
+            if _is_time(described.get("properties") or ()):
                 fields.append(Stamp(path, is_stamp=False))
             else:
                 fields += _json_struct(described, whole, f"{path}.", spelling, depth + 1)
@@ -226,8 +221,7 @@ def _protobuf_struct(
         elif inner is not None and inner.full_name.startswith("google.protobuf."):
             fields.append(Stamp(path, is_stamp=False))
         elif inner is not None:
-            parts = {part.name for part in inner.fields}
-            if len(parts) == 2 and all(parts & names for names in _TIME_PARTS):
+            if len(inner.fields) == 2 and _is_time({part.name for part in inner.fields}):
                 fields.append(Stamp(path, is_stamp=False))
             else:
                 fields += _protobuf_struct(inner, f"{path}.", spelling, depth + 1)

@@ -145,13 +145,10 @@ _FOXGLOVE: dict[str, Fields] = {
 def reading_of(
     type_name: str, encoding: str, definition: str, columns: JointColumns | None = None
 ) -> MessageType | None:
-    """How messages of a type are read; None if they cannot be.
+    """How messages of a type, named without ``/msg/``, are read; None if they cannot be.
 
-    Args:
-        type_name: Without ``/msg/``.
-        encoding: The encoding of the messages.
-        definition: As the log embeds it; empty if it does not.
-        columns: The joints that the user names among its numbers.
+    The definition is empty if the log does not embed it. ``columns`` are the joints that the user
+    names among the numbers.
     """
     known = MESSAGE_TYPES.get(type_name)
     if encoding == "text":
@@ -230,16 +227,13 @@ def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
         at = _with_joints_of_structs(at, found)
     if not found.kinds:
         return None
-    stamp = _stamp_of(at)
     if "frame_id" not in found.names.values():
         frames = (path for path in _FRAMES if isinstance(at.get(path), Text))
         frame = next(frames, "")
         found.names |= {frame: "frame_id"} if frame else {}
         found.texts |= {} if frame else {"frame_id": ""}
-    named = tuple(_named(each, found.names, stamp, "") for each in at.values())
-    named = named if stamp else _with_other_stamp(named)
-    named = named if is_binary else _in_order(named, found.names)
-    return MessageType(found.kinds, named, found.texts, is_tf=found.is_tf)
+    taken = _taken(tuple(at.values()), at, found.names, is_binary=is_binary)
+    return MessageType(found.kinds, taken, found.texts, is_tf=found.is_tf)
 
 
 def _found(at: Mapping[str, Field]) -> _Found:
@@ -255,9 +249,14 @@ def _found(at: Mapping[str, Field]) -> _Found:
     return found
 
 
-def _stamp_of(at: Mapping[str, Field]) -> str:
-    """Path of the stamp; empty if there is none."""
-    return next((path for path in _STAMPS if isinstance(at.get(path), Stamp)), "")
+def _taken(
+    fields: Fields, at: Mapping[str, Field], names: Mapping[str, str], *, is_binary: bool
+) -> Fields:
+    """Fields with the names under which they are taken, and with a stamp, if there is one."""
+    stamp = next((path for path in _STAMPS if isinstance(at.get(path), Stamp)), "")
+    named = tuple(_named(each, names, stamp, "") for each in fields)
+    named = named if stamp else _with_other_stamp(named)
+    return named if is_binary else _in_order(named, names)
 
 
 def _fit(shape: _Shape, at: Mapping[str, Field]) -> dict[str, str] | None:
@@ -282,16 +281,14 @@ def _places(
         case None if axes and all(isinstance(at.get(each), Numbers) for each in axes):
             return axes
         case Text() if name in {"frame_id", "child_frame_id"}:
-            pass
+            return (path,)
         case Texts() if name == "name":
-            pass
+            return (path,)
         case Numbers(_, count) if not vectors or count == len(axes):
-            pass
+            return (path,)
         case NumberList() if not vectors:
-            pass
-        case _:
-            return None
-    return (path,)
+            return (path,)
+    return None
 
 
 def _with_joints_of_structs(at: dict[str, Field], found: _Found) -> dict[str, Field]:
@@ -363,21 +360,14 @@ def _with_columns(
 ) -> MessageType | None:
     """Read the joints that the user names; None if the message has no such numbers.
 
-    Args:
-        known: How the message is read without the user's choice; its IMU stays.
-        fields: All of its fields.
-        columns: The joints that the user names.
-        is_binary: Whether fields have places.
+    Of ``known``, how it is read without the user's choice, the IMU stays.
     """
     leaves = dict(_leaves(fields))
     if not isinstance(leaves.get(columns.path), (Numbers, NumberList)):
         return None
     if known is None or "imu" not in known.kinds:
-        stamp = _stamp_of(leaves)
         names = {"header.frame_id": "frame_id"} if is_binary else {}
-        plain = tuple(_named(each, names, stamp, "") for each in fields)
-        plain = plain if stamp else _with_other_stamp(plain)
-        known = MessageType({}, plain if is_binary else _in_order(plain, {}), {})
+        known = MessageType({}, _taken(fields, leaves, names, is_binary=is_binary), {})
     kept = tuple(_without_joints(each, columns.path, "") for each in known.fields)
     if not is_binary:
         kept = (*kept, NumberList(columns.path, "position"))

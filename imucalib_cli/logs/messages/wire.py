@@ -84,11 +84,7 @@ class _Run(NamedTuple):
 
 
 class _Shape:
-    """Positions of the values in a payload, and the bytes that determine them.
-
-    Raises:
-        WireError: The payload does not fit its type.
-    """
+    """Positions of the values in a payload, and the bytes that determine them, or a WireError."""
 
     def __init__(self, payload: bytes, reading: MessageType, *, ros1: bool) -> None:
         fields = reading.fields

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Buffer
 
+    from imucalib_cli.logs.reader import Progress
     from imucalib_cli.logs.remote.store import Received, Span, Store
 
-    Progress = Callable[[float], None]
     _T = TypeVar("_T")
 
 _LARGEST_RANGE = 1 << 22
@@ -46,7 +46,7 @@ class RemoteFile:
     """A file behind a URL, with the methods of a path that readers use.
 
     Its text shows neither user and password nor a query, where signatures are: so no message and
-    no result can.
+    no result can. What reads raises InputError where the file cannot be read.
 
     Attributes:
         address: The URL as the user gave it.
@@ -106,30 +106,18 @@ class RemoteFile:
         return f"{self}: {read_bytes} in {read.requests} request{plural}{repeats}"
 
     def head(self, size: int) -> bytes:
-        """The first bytes.
-
-        Raises:
-            InputError: The file cannot be read.
-            NoRangesError: The server does not send parts of it.
-        """
+        """The first bytes; NoRangesError if the server does not send parts of the file."""
         data = self._fetch([(0, size)], self._received)[0]
         self._kept[0] = data
         return data
 
     def open(self, mode: str = "rb", buffering: int = -1) -> BinaryIO:  # noqa: ARG002 - as a path
-        """Open it for random access; closing frees the parts kept in memory.
-
-        Every read raises InputError where the server fails.
-        """
+        """Open it for random access; closing frees the parts kept in memory."""
         raw = RangedReader(self)
         return cast("BinaryIO", io.BufferedReader(raw) if buffering else raw)
 
     def read_bytes(self, most: int) -> bytes:
-        """The whole of a small file, or its first ``most`` bytes.
-
-        Raises:
-            InputError: The file cannot be read.
-        """
+        """The whole of a small file, or its first ``most`` bytes."""
         with suppress(NoRangesError):
             return self.head(most)
         if (self.size or 0) > most:
@@ -139,7 +127,7 @@ class RemoteFile:
             file.seek(0)
             return file.read(most)
 
-    def download(self, progress: Callable[[float], None]) -> Path:
+    def download(self, progress: Progress) -> Path:
         """The whole file as a temporary one, which is removed with this object.
 
         Args:
@@ -178,30 +166,17 @@ class RemoteFile:
         self.copy = None
 
     def check_unchanged(self) -> None:
-        """Check that the file did not change while it was read.
-
-        Raises:
-            InputError: It did.
-        """
+        """Check that the file did not change while it was read; InputError if it did."""
         self._named(self._store.check_unchanged)
 
-    def expect(self, spans: Iterable[Span], progress: Callable[[float], None]) -> None:
-        """Announce what will be read: neighbours are then read together, and some at once.
-
-        Args:
-            spans: Start and end of each part, which are read in the order of the file.
-            progress: Called with the share that has been read, 0 to 1.
-        """
+    def expect(self, spans: Iterable[Span], progress: Progress) -> None:
+        """See :func:`announce`: neighbours are then read together, and some at once."""
         self._plan = list(_parts(_joined(spans, self.size or 0)))
         total = sum(stop - start for start, stop in self._plan) or 1
         self._received = _counting(lambda: total, progress)
 
     def read_into(self, at: int, buffer: memoryview) -> int:
-        """Fill a buffer from a position on; fewer bytes only at the end of the file.
-
-        Raises:
-            InputError: The file cannot be read.
-        """
+        """Fill a buffer from a position on; fewer bytes only at the end of the file."""
         done, stop = at, min(at + len(buffer), self.size or 0)
         while done < stop:
             # a buffered reader asks for more than it needs

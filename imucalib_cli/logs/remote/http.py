@@ -110,11 +110,7 @@ class HttpStore:
         return bytes(data)
 
     async def _repeat(self, once: Callable[[], Awaitable[None]]) -> None:
-        """Try a request some times.
-
-        Raises:
-            RemoteError: It fails for good, or every time.
-        """
+        """Try a request some times; RemoteError if it fails for good, or every time."""
         reason = ""
         for number in range(TRIES):
             if number:
@@ -139,8 +135,7 @@ class HttpStore:
             async for block in answer.content.iter_any():
                 data += block
                 left -= len(block)
-                self._traffic.bytes += len(block)
-                received(len(block))
+                self._traffic.count(len(block), received)
                 if left <= 0:  # even if the server promised more
                     break
         if left < 0:
@@ -158,8 +153,7 @@ class HttpStore:
             self.version = _version(answer)
             async for block in answer.content.iter_any():
                 target.write(block)
-                self._traffic.bytes += len(block)
-                received(len(block))
+                self._traffic.count(len(block), received)
 
     @asynccontextmanager
     async def _answer(
@@ -200,11 +194,7 @@ class HttpStore:
 
 
 def _check_found(answer: aiohttp.ClientResponse) -> None:
-    """Check that the server sends the file.
-
-    Raises:
-        RemoteError, _BusyError: It does not.
-    """
+    """Check that the server sends the file; RemoteError or _BusyError if it does not."""
     said = f"{answer.status} {answer.reason or ''}".strip()
     if answer.status in _GONE:
         raise RemoteError(f"does not exist ({said}): check the URL")

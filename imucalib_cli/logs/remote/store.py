@@ -41,6 +41,11 @@ class Traffic:
     repeats: int = 0
     """Requests that had to be repeated."""
 
+    def count(self, size: int, received: Received) -> None:
+        """Count bytes that have arrived, and say so."""
+        self.bytes += size
+        received(size)
+
 
 class Store(Protocol):
     """One file of a remote file system.
@@ -96,7 +101,7 @@ class AnyStore:
             lambda: self._fs.cat_ranges([self._path] * len(spans), starts, ends, on_error="raise")
         )
         for data, start, end in zip(found, starts, ends, strict=True):
-            self._count(len(data), received)
+            self._traffic.count(len(data), received)
             if len(data) != end - start:
                 raise RemoteError("is shorter than it says: it may be changing, so try again later")
         return found
@@ -106,7 +111,7 @@ class AnyStore:
         self._traffic.requests += 1
         for data in self._blocks():
             target.write(data)
-            self._count(len(data), received)
+            self._traffic.count(len(data), received)
 
     def check_unchanged(self) -> None:
         """See :class:`Store`."""
@@ -119,10 +124,6 @@ class AnyStore:
         with file:
             while data := _translated(lambda: file.read(_STEP)):
                 yield data
-
-    def _count(self, size: int, received: Received) -> None:
-        self._traffic.bytes += size
-        received(size)
 
     def _identity(self) -> tuple[int | None, str]:
         self._traffic.requests += 1
@@ -137,11 +138,7 @@ CHANGED = "changed while it was read: try again when nothing writes to it any mo
 
 
 def _translated(read: Callable[[], Any]) -> Any:
-    """The result of a call of a file system.
-
-    Raises:
-        RemoteError: It fails; each file system raises exceptions of its own.
-    """
+    """The result of a call of a file system, whose own exceptions become a RemoteError."""
     try:
         return read()
     except FileNotFoundError:

@@ -334,11 +334,7 @@ def _guess(time: float) -> str:
 
 
 def _nanoseconds(text: str, unit: str) -> int:
-    """A time in ns, exact where it is written in decimals.
-
-    Raises:
-        ValueError, OverflowError: It is none, or too far away.
-    """
+    """A time in ns, exact where written in decimals; ValueError or OverflowError if it is none."""
     whole, _, fraction = text.partition(".")
     if whole.isdecimal() and (fraction.isdecimal() or not fraction):
         found = int(whole) * _UNITS[unit]

@@ -27,11 +27,8 @@ two sensors differ."""
 def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tuple[Finding, ...]]:
     """Readings of a base IMU on even stamps and in SI units, and what was repaired.
 
-    Args:
-        imu: As read.
-        units: As far as the user states them. Without kinematics, degrees are recognised only if
-            the values are beyond gyroscopes in rad/s.
-        gravity: Norm at rest, m/s².
+    Without kinematics, degrees are recognised only if the values are beyond gyroscopes in rad/s.
+    ``gravity`` is the norm at rest, m/s².
 
     Raises:
         InputError: Values are beyond any IMU, or without gravity.

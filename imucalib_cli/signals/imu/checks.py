@@ -34,11 +34,9 @@ _TWO_AXES = 0.2
 
 
 def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
-    """Refuse values that no sensor can have; the estimator interpolates over single rows.
+    """Refuse values that none of the sensors, or of both without names, can have.
 
-    Args:
-        imu: As read.
-        sensors: To check; none means both.
+    The estimator interpolates over single rows.
 
     Raises:
         InputError: Most values are beyond any IMU.
@@ -54,9 +52,7 @@ def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:
 def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
     """Refuse a missing sensor: all zero, all NaN, or with an axis that never changes.
 
-    Args:
-        imu: As read.
-        option: The option that chooses another IMU.
+    ``option`` chooses another IMU.
 
     Raises:
         InputError: One is missing.
@@ -111,12 +107,9 @@ def _dead(imu: ImuSamples, sensor: Sensor, axes: str) -> dict[str, Any]:
 def beyond_ranges(
     imu: ImuSamples, model: str, ranges: Callable[[Sensor], tuple[float, ...]]
 ) -> Iterator[Finding]:
-    """A finding for each sensor with values beyond the range of the named IMU.
+    """A finding for each sensor with values, SI, beyond the range of the named IMU.
 
-    Args:
-        imu: In order, SI.
-        model: Name of the IMU.
-        ranges: Its full scales, m/s² or rad/s; empty if unknown.
+    ``ranges`` are its full scales, m/s² or rad/s; empty if unknown.
     """
     for sensor in ("accel", "gyro"):
         full_scale = max(ranges(sensor), default=np.inf)

@@ -214,11 +214,8 @@ def repeats_by_chance(values: Floats, known: Bools) -> bool:
     """Whether the sensor repeats values without a fault, so that a run of repeats proves nothing.
 
     That is so if noise is small compared with the quantum, or absent. A sensor whose noise exceeds
-    its quantum never repeats a value a dozen times.
-
-    Args:
-        values: (N, C).
-        known: (N,), rows of suspected faults.
+    its quantum never repeats a value a dozen times. Of values (N, C), the ``known`` rows (N,) are
+    suspected faults.
     """
     outside = ~known
     if outside.sum() < _LEAST_OUTSIDE:

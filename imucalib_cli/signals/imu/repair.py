@@ -20,7 +20,7 @@ from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.timing.bursts import bunched_share, gathered, rate_stretches, time_bursts
-from imucalib_cli.signals.timing.stamps import gap_limit, tidy_rows, usable_rows
+from imucalib_cli.signals.timing.stamps import longest_step, tidy_rows, usable_rows
 from imucalib_cli.signals.trajectory import Trajectory, continuous
 from imucalib_cli.signals.turning import BIN, compare_turning
 
@@ -111,12 +111,10 @@ def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: fl
     for each in (gyro, accel):
         if each.finding is not None and not each.contradicted:
             (findings if each.is_converted else suspects).append(each.finding)
-    in_si = accel.convert(imu.accel)
+    sign = -1.0 if units.sign == "down" else 1.0
     return replace(
         repaired,
-        samples=replace(
-            imu, gyro=gyro.convert(imu.gyro), accel=-in_si if units.sign == "down" else in_si
-        ),
+        samples=replace(imu, gyro=imu.gyro * gyro.value, accel=imu.accel * (sign * accel.value)),
         turning=turning.scaled(gyro.value),
         findings=tuple(findings),
         gyro_unit=gyro.unit,
@@ -129,11 +127,7 @@ def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: fl
 def _without_faults(
     repaired: Repaired, accel_ranges: tuple[float, ...], max_offset: float
 ) -> Repaired:
-    """Leave out frozen and saturated samples.
-
-    Raises:
-        InputError: Too little is left.
-    """
+    """Leave out frozen and saturated samples; InputError if too little is left."""
     imu = repaired.samples
     faults = sensor_faults(imu, repaired.turning, accel_ranges)
     if not faults:
@@ -302,7 +296,8 @@ def rows_at_fault(imu: ImuSamples, faults: list[Fault]) -> Bools:
 
     Interpolation would bridge holes shorter than a gap, so holes are widened to gaps.
     """
-    reach = int(np.ceil(gap_limit(imu.t) / (2.0 * float(np.median(np.diff(imu.t)))))) + 1
+    usual = float(np.median(np.diff(imu.t)))
+    reach = int(np.ceil(longest_step(usual) / (2.0 * usual))) + 1
     rows = np.any([fault.rows for fault in faults], axis=0)
     return np.asarray(np.convolve(rows, np.ones(2 * reach + 1), mode="same") > 0.5)
 

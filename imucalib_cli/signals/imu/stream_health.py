@@ -8,13 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.signals.timing.stamps import (
-    BUNCHED,
-    GAP_INTERVALS,
-    GAP_SECONDS,
-    SHORT,
-    usual_interval,
-)
+from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, longest_step, usual_interval
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -78,7 +72,7 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         short = forward < SHORT * usual
         bursts = int(np.count_nonzero(short))
         between = float(np.median(forward[~short]))  # in bursts, if there are any
-        gaps = int(np.count_nonzero(forward > max(GAP_INTERVALS * between, GAP_SECONDS)))
+        gaps = int(np.count_nonzero(forward > longest_step(between)))
     return StampHealth(
         count=len(stamp_ns),
         duration=duration,

@@ -96,10 +96,6 @@ class Factor:
         """Whether the values are converted."""
         return self.value != 1.0
 
-    def convert(self, values: Floats) -> Floats:
-        """Values in SI units; the same array if they are in SI units already."""
-        return values * self.value if self.is_converted else values
-
     @property
     def contradicted(self) -> tuple[Finding, ...]:
         """The finding if the data contradict the unit that the user states; else empty."""
@@ -112,12 +108,8 @@ def gyro_factor(
 ) -> Factor:
     """Find the unit of a gyroscope from the robot's angular rate at the same time.
 
-    Args:
-        imu: As read, in order.
-        turning: Rates of the robot and of the IMU, as recorded.
-        wanted: The unit that the user states.
-        most_angle: Largest rotation of a joint in the log, rad: joint positions in degrees look
-            like a gyroscope that was converted twice.
+    ``wanted`` is the unit that the user states, ``most_angle`` the largest rotation of a joint in
+    the log, rad: joint positions in degrees look like a gyroscope that was converted twice.
 
     Raises:
         InputError: It has no known unit.
@@ -166,10 +158,8 @@ def _is_constant(ratio: RateRatio, turning: Turning) -> bool:
 def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Factor:
     """Find the unit of an accelerometer from its norm at rest.
 
-    Args:
-        imu: As read.
-        wanted: The unit that the user states.
-        gravity: Norm expected at rest, m/s²; with 0 the unit cannot be found.
+    ``wanted`` is the unit that the user states, ``gravity`` the norm expected at rest, m/s²; with 0
+    the unit cannot be found.
 
     Raises:
         InputError: Gravity is expected and not measured.
@@ -224,11 +214,8 @@ class UnitGuess:
 def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess:
     """Guess the units of an IMU from its values at rest.
 
-    Rest is the calmest tenth of all stretches of 0.5 s, by the deviation of both sensors.
-
-    Args:
-        imu: As read.
-        gravity: Norm that is expected at rest, m/s².
+    Rest is the calmest tenth of all stretches of 0.5 s, by the deviation of both sensors. There the
+    norm is expected to be ``gravity``, m/s².
     """
     if not len(imu):
         return UnitGuess()

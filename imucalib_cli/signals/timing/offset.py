@@ -25,12 +25,7 @@ _BLOCK = 1 << 14
 def coarse_time_offset(
     grid: ImuGrid, trajectory: Trajectory, most: float
 ) -> tuple[tuple[float, ...], Lag | None]:
-    """Shift at which |angular rate| of the IMU and of the kinematics agree best.
-
-    Args:
-        grid: The IMU.
-        trajectory: The parent link.
-        most: Largest |offset| searched, s.
+    """Shift up to ``most``, s, at which |angular rate| of the IMU and of the kinematics agree best.
 
     Returns:
         IMU stamp - robot stamp, s, to a few milliseconds, and others at which periodic motion

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 Number = TypeVar("Number", np.float64, np.complex128)
 
-GAP_INTERVALS = 3.0
-GAP_SECONDS = 0.010
+_GAP_INTERVALS = 3.0
+_GAP_SECONDS = 0.010
 """An interval longer than both is a gap: no filter window crosses it."""
 
 _SLOW_STRETCH = 32
@@ -114,7 +114,12 @@ def _usable(t: Floats, values: tuple[Floats, ...]) -> tuple[Bools, Bools]:
 
 def gap_limit(t: Floats) -> float:
     """Longest interval, s, that still counts as continuous."""
-    return max(GAP_INTERVALS * float(np.median(np.diff(t))), GAP_SECONDS)
+    return longest_step(float(np.median(np.diff(t))))
+
+
+def longest_step(usual: float) -> float:
+    """Longest continuous interval, s, where ``usual``, s, is the median one."""
+    return max(_GAP_INTERVALS * usual, _GAP_SECONDS)
 
 
 def gap_breaks(t: Floats) -> Indices:
@@ -132,7 +137,7 @@ def gap_breaks(t: Floats) -> Indices:
     beside = sliding_window_view(around, _SLOW_STRETCH)
     # Of the intervals before each, and of those after it.
     usual = np.maximum(*(np.median(beside[long + k], axis=1) for k in (0, _SLOW_STRETCH + 1)))
-    slow = (intervals[long] <= GAP_INTERVALS * usual) & (usual <= _SLOWEST)
+    slow = (intervals[long] <= _GAP_INTERVALS * usual) & (usual <= _SLOWEST)
     return long[~slow] + 1
 
 
@@ -241,7 +246,7 @@ def _count_ticks(t: Floats) -> tuple[Floats, float] | None:
     # stamp is a short peak in it, which a median removes; a true loss is a step and remains.
     rank = np.arange(len(t), dtype=np.float64)
     lost = ticks - rank
-    lost[2:-2] = np.median(np.lib.stride_tricks.sliding_window_view(lost, 5), axis=1)
+    lost[2:-2] = np.median(sliding_window_view(lost, 5), axis=1)
     free = np.maximum.accumulate(lost) + rank
     return (free, period) if (free != ticks).mean() <= _MAX_SHARED_TICKS else None
 
