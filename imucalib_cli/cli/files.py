@@ -6,7 +6,6 @@ import os
 import sys
 from contextlib import contextmanager
 from glob import escape
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -129,7 +128,14 @@ def deliver_into(
         ChoiceError, InputError: As results.places.check_places.
     """
     from imucalib_cli.results.formats import FORMATS
-    from imucalib_cli.results.names import collision_key, labels_of, log_name, safe_name, shortened
+    from imucalib_cli.results.names import (
+        collision_key,
+        labels_of,
+        log_name,
+        numbered,
+        safe_name,
+        shortened,
+    )
     from imucalib_cli.results.places import check_places
 
     try:
@@ -143,13 +149,13 @@ def deliver_into(
     for result, label in zip(results, labels_of(results), strict=True):
         stem = shortened(f"{log_name(log)}.{safe_name(label)}")
         text = FORMATS[fmt].render([result])
-        for number in count(1):
-            path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
+        for name in numbered(stem, "."):
+            path = folder / f"{name}{suffix}"
             if collision_key(path.name) not in taken and _is_free(path, text, result):
                 break
         taken.add(collision_key(path.name))
         texts[path] = text
-        if number > 1:
+        if name != stem:
             warnings.append(
                 f"{folder / f'{stem}{suffix}'} is of another IMU or log: this result is in {path}"
             )
