@@ -99,8 +99,7 @@ def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; no exception leaves it.
 
-    Args:
-        argv: Arguments without the program's name; default: those of the process.
+    ``argv`` are arguments without the program's name, by default those of the process.
     """
     try:
         if argv is None:

@@ -75,10 +75,6 @@ class Outcome:
 def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> Outcome:
     """Calibrate every IMU of a recording.
 
-    Args:
-        request: Which files, topics, frames and options.
-        progress: Called with the current step and the share done, 0 to 1 or None.
-
     Raises:
         InputError: The recording cannot be used, for any IMU.
         ChoiceError: The user must choose something that concerns every IMU.

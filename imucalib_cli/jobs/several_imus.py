@@ -29,9 +29,6 @@ def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> 
 
     An IMU that cannot be trusted, has unexplained residuals, or does not agree with the others
     keeps its own estimate; a finding reports a disagreement.
-
-    Args:
-        imus: Name, own estimate and path of each IMU.
     """
     found = [estimate for _, estimate, _ in imus]
     members: list[tuple[int, str, LogStatistics, OnRobot]] = []

@@ -64,15 +64,8 @@ def verify_results(
 ) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
     """Compare results of earlier runs with the poses in a URDF.
 
-    Args:
-        names: As of :func:`.result_files.result_names`.
-        urdf: To be checked.
-        within: Tolerance.
-        imu_link: The IMU's link in the URDF, if it is not the result's child.
-        imu_topics: Which results to take; empty takes all.
-        ignored: As for :func:`verify_recording`.
-
-    A file that cannot be used does not stop the others.
+    ``imu_link`` is the IMU's link in the URDF, if it is not the result's child. Without topics all
+    results are compared. A file that cannot be used does not stop the others.
 
     Raises:
         InputError: The URDF cannot be used.

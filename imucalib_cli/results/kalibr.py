@@ -149,14 +149,8 @@ def compare_with_kalibr(
     """Express both results in both frames through the URDF's fixed joints, also in words.
 
     Each result is compared with the truth in the frame in which it was estimated, so that a wrong
-    camera pose in the URDF counts against neither.
-
-    Args:
-        result: File and content of our result.
-        kalibr: File, camera and content of Kalibr's result.
-        robot: The URDF.
-        camera_link: The camera's optical frame.
-        truth: File and content of the truth, if it is known.
+    camera pose in the URDF counts against neither. The files come with their names, that of Kalibr
+    also with the camera's; ``camera_link`` is its optical frame.
 
     Raises:
         ChoiceError: A frame is not in the URDF, a joint between them moves, or the truth is of

@@ -104,13 +104,7 @@ def with_base_imu(
     """Use one of a log's IMUs for the motion of the base, if the user names one or one is needed.
 
     One is needed if the root of the URDF carries an IMU that turns, the log has joint states, and
-    nothing else in the log moves the base.
-
-    Args:
-        wanted: IMUs to be calibrated.
-        others: Other IMUs of the log.
-        sources: What else describes the motion.
-        request: With the name of the base IMU, if the user gives it.
+    nothing else in the log moves the base. ``wanted`` are the IMUs to be calibrated.
 
     Returns:
         The IMUs left to be calibrated, the sources with the base IMU, and findings that say so.
