@@ -8,13 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imucalib_cli.sentences import (
-    CAUSES,
-    cause,
-    publishers,
-    unknown_found,
-    unusual_bias,
-)
+from imucalib_cli.sentences import CAUSES, cause, publishers, unknown_found, unusual_bias
 
 if TYPE_CHECKING:
     from collections.abc import Callable

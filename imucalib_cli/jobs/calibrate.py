@@ -14,12 +14,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.explain import explain
-from imucalib_cli.jobs.input.data_sheet import (
-    checked,
-    contradicted,
-    with_priors,
-    without_priors,
-)
+from imucalib_cli.jobs.input.data_sheet import checked, contradicted, with_priors, without_priors
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import path_text, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options

@@ -12,11 +12,7 @@ import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.results.pose import PARTS
-from imucalib_cli.robot.rotations import (
-    quaternion_from_matrix,
-    rotvec_from_matrix,
-    rpy_from_matrix,
-)
+from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:

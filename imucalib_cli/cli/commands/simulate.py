@@ -20,11 +20,7 @@ from imucalib_cli.cli.output import say
 from imucalib_cli.cli.parsers import imu_name, log_file, names, seconds, tilt, unix_time, vector
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.simulate.options import (
-    LogOptions,
-    NoiseOptions,
-    PhysicsOptions,
-)
+from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.config import SystemConfig
