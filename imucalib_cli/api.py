@@ -381,13 +381,10 @@ def _request(
 
 def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> ExpectedImu:
     """An IMU by its data sheet, with priors of the biases that the options leave free."""
-    priors: tuple[Sensor, ...] = ()
+    stds: dict[Sensor, float] = {}
     if isinstance(options, MatchedOptions):
-        stds: dict[Sensor, float] = {
-            "accel": options.accel_bias_std,
-            "gyro": options.gyro_bias_std,
-        }
-        priors = tuple(sensor for sensor, std in stds.items() if np.isinf(std))
+        stds = {"accel": options.accel_bias_std, "gyro": options.gyro_bias_std}
+    priors = tuple(sensor for sensor, std in stds.items() if np.isinf(std))
     return ExpectedImu(model=load_imu_model(_path("imu_model", imu_model)), priors=priors)
 
 

@@ -94,15 +94,14 @@ def warning_of_old_outputs(*outputs: Path | None, read: Iterable[Path] = ()) -> 
 
     Files that it reads are none of them.
     """
-    inputs = {_identity(path) for path in read}
+    inputs = {None, *map(_identity, read)}
     before = {path: _identity(path) for path in outputs if path is not None}
-    before = {path: identity for path, identity in before.items() if identity not in inputs}
     try:
         yield
     except (ImucalibError, typer.Exit, KeyboardInterrupt) as error:
         if getattr(error, "exit_code", 1):
             for path, identity in before.items():
-                if identity is not None and _identity(path) == identity:
+                if identity not in inputs and _identity(path) == identity:
                     say("warning", f"{path} is of an earlier run: this one has not written it")
         raise
 

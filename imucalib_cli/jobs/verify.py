@@ -11,7 +11,7 @@ from imucalib_cli.jobs.input.motion import no_nominal
 from imucalib_cli.jobs.known.robot import robot_of
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.result_files import read_result_files
-from imucalib_cli.results.comparison.verdicts import WITHIN, verify
+from imucalib_cli.results.comparison.verdicts import verify
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.mount import nominal_pose
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def verify_recording(
     request: CalibrationRequest,
-    within: Tolerance = WITHIN,
+    within: Tolerance,
     progress: Progress | None = None,
     *,
     ignored: frozenset[int] = frozenset(),
@@ -56,7 +56,7 @@ def verify_recording(
 def verify_results(
     names: Sequence[str],
     urdf: LogPath,
-    within: Tolerance = WITHIN,
+    within: Tolerance,
     *,
     imu_link: str | None = None,
     imu_topics: Sequence[str] = (),

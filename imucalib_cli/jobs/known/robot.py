@@ -15,7 +15,7 @@ from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import similar_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.log import LogData
@@ -117,12 +117,14 @@ def asked_imus(data: LogData, request: CalibrationRequest) -> Imus:
     topics = {topic for imu in data.imus.values() for topic in imu.topics}
     for name in asked:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
-            names = list(data.imus)
-            raise ChoiceError(
-                f"--imu-topic {name}: no such IMU; there are {', '.join(names)}"
-                f"{similar_names(name, names)}"
-            )
+            raise ChoiceError(no_such_imu("--imu-topic", name, list(data.imus)))
     return {name: imu for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
+
+
+def no_such_imu(option: str, name: str, names: Sequence[str]) -> str:
+    """The message for an option that names an IMU which the log does not have."""
+    listed = ", ".join(names) or "none"
+    return f"{option} {name}: no such IMU; there are {listed}{similar_names(name, names)}"
 
 
 def robot_of(urdf: LogPath) -> Robot:
