@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
+from imucalib_cli.results.comparison.requirement import CODES
 from imucalib_cli.results.pose import PARTS
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 from imucalib_cli.shown import printable
@@ -191,9 +192,9 @@ def _lines(result: Result) -> Iterator[str]:
 
 
 def unobservable_fields(result: Result) -> Iterator[Field]:
-    """Undetermined directions one by one, or in one field where many have the same cause."""
+    """Undetermined directions one by one, or in one field where a poor fit leaves many."""
     directions = result.diagnostics.unobservable
-    if len(directions) > _MANY and len({each.motion for each in directions}) == 1:
+    if len(directions) > _MANY and _is_poor(result):
         # all have one cause, so their directions say nothing
         kinds = dict.fromkeys(each.kind for each in directions)
         sigmas = (
@@ -201,7 +202,8 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
             f"{', '.join(_direction_std(each) for each in directions if each.kind == kind)})"
             for kind in kinds
         )
-        text = f"{' and '.join(sigmas)}; {directions[0].motion}"
+        motions = dict.fromkeys(each.motion for each in directions)
+        text = "; ".join((" and ".join(sigmas), *motions))
         yield Field("not determined", text, "untrusted")
         directions = []
     for direction in directions:
@@ -212,6 +214,20 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
         yield Field("not determined", text, "untrusted")
     if known := result.diagnostics.observable:
         yield Field("still determined", "; ".join(map(_known, known)), "note")
+
+
+def contradictions(result: Result) -> list[FindingEntry]:
+    """Findings against a result that make its sigma worthless.
+
+    Undetermined directions and a sigma larger than required do not: the covariance contains them.
+    """
+    findings = result.diagnostics.findings
+    return [each for each in findings if each.severity == "untrusted" and each.code not in CODES]
+
+
+def _is_poor(result: Result) -> bool:
+    """Whether the fit may have a cause that comes before all else."""
+    return bool(contradictions(result) or _findings(result, "residual.beyond_noise"))
 
 
 def _known(direction: Observable) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -69,9 +70,6 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
     used: set[str] = set()
     frames = " ".join(imu.frame_id for imu in imus.values())
 
-    def numbered(topic: str, stream: JointStream) -> JointStream:
-        return _numbered(robot, topic, stream, findings)
-
     def prefixed(topic: str, stream: JointStream) -> JointStream:
         found = prefixes(stream.names, robot.moving_joints, f"{topic} {frames}")
         if request.joint_prefix is not None:
@@ -86,7 +84,7 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
             findings[note("joints.prefixed", count=len(names), **values)] = None
         return replace(stream, names=tuple(names.get(name, name) for name in stream.names))
 
-    joints = _each(prefixed, _each(numbered, data.joints))
+    joints = _each(prefixed, _each(partial(_numbered, robot, findings), data.joints))
     if request.joint_prefix is not None and not used:
         logged = [name for some in joints.values() for each in some for name in each.names]
         raise ChoiceError(
@@ -204,7 +202,7 @@ def _each(change: Callable[[str, JointStream], JointStream], joints: Joints) -> 
     }
 
 
-def _numbered(robot: Robot, topic: str, stream: JointStream, findings: Findings) -> JointStream:
+def _numbered(robot: Robot, findings: Findings, topic: str, stream: JointStream) -> JointStream:
     """Joints that messages only number, with the names of the robot's motors."""
     called, names = _motors_of(stream, set(robot.moving_joints))
     used = [k for k, name in enumerate(names) if name and k < len(stream.names)]
