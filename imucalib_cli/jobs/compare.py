@@ -30,10 +30,10 @@ def compare_files(
     kalibr: str,
     urdf: Path,
     *,
-    camera: str = "cam0",
-    camera_link: str | None = None,
-    imu: str | None = None,
-    truth: str | None = None,
+    camera: str,
+    camera_link: str | None,
+    imu: str | None,
+    truth: str | None,
 ) -> tuple[KalibrAnswer, tuple[Block, ...]]:
     """Compare one result with Kalibr's, through a URDF that has the IMU and the camera.
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def trend_of(
-    names: Sequence[str], within: Tolerance | None = None, since: datetime | None = None
+    names: Sequence[str], within: Tolerance | None, since: datetime | None
 ) -> tuple[list[TrendAnswer], list[ImucalibError]]:
     """Decide for every IMU of some results whether its mount has moved.
 

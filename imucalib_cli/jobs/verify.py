@@ -58,9 +58,9 @@ def verify_results(
     urdf: LogPath,
     within: Tolerance,
     *,
-    imu_link: str | None = None,
-    imu_topics: Sequence[str] = (),
-    ignored: frozenset[int] = frozenset(),
+    imu_link: str | None,
+    imu_topics: Sequence[str],
+    ignored: frozenset[int],
 ) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
     """Compare results of earlier runs with the poses in a URDF.
 

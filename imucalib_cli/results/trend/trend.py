@@ -331,7 +331,7 @@ def _drifting(
 ) -> _Seen:
     """A pose that changes steadily."""
     series, line, weights = vectors.series, found.model, found.weights
-    values, spreads = line.through(series, weights, series.times)
+    values, spreads = line.through(series, weights)
     poses = [vectors.pose(*each) for each in zip(values, spreads, strict=True)]
     odd = {}
     for place in line.odd.tolist():
