@@ -247,11 +247,10 @@ class RecordingOptions:
         help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib\\[xacro]'); "
         "without it the log's /robot_description or its frames must give the motion.",
     )
-    description_topics: list[str] = _robot(
-        [],
+    description_topics: list[str] = _topics(
+        "text",
         "--description-topic",
-        metavar="TOPIC",
-        autocompletion=complete.topics("text"),
+        rich_help_panel=ROBOT,
         help="Topic of the URDF in the log, if several fit.",
         show_default="found automatically",
     )
