@@ -165,15 +165,15 @@ def _estimate_one(
         tuple(each for each in some if each.code not in blamed)
         for some in (of_log, repaired.suspects)
     )
-    repairs: dict[str, float | str | bool | None] = {
-        "gyro_unit": repaired.gyro_unit,
-        "accel_unit": repaired.accel_unit,
-        "imu_samples_at_fault": repaired.samples_at_fault,
-    }
     estimate = replace(
         estimate,
         findings=(*before, *repaired.findings, *suspects, *estimate.findings),
-        notes={**repairs, **estimate.notes},
+        notes={
+            "gyro_unit": repaired.gyro_unit,
+            "accel_unit": repaired.accel_unit,
+            "imu_samples_at_fault": repaired.samples_at_fault,
+            **estimate.notes,
+        },
     )
     return _Alone(
         imu=imu,

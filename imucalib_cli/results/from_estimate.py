@@ -106,6 +106,22 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
     unobservable = [tree_from(tree.Unobservable, each) for each in estimate.unobservable]
     # a sigma that is contradicted says nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
+    normalised = consistency = imu_model = None
+    if residuals.accel_normalised is not None:
+        own = plain(residuals.accel_normalised), plain(residuals.gyro_normalised)
+        normalised = tree.ResidualNormalised(*own)
+    if parts is not None:
+        consistency = tree_from(
+            tree.ConsistencyEntry,
+            parts,
+            folds=parts.folds,
+            fold_std=tree.Tangent(*tangent(parts.fold_std)),
+            halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+            whiteness=tree.Whiteness(*plain(parts.whiteness)),
+        )
+    if check is not None:
+        accel, gyro = (tree_from(tree.SensorCheckEntry, each) for each in (check.accel, check.gyro))
+        imu_model = tree_from(tree.ImuModelEntry, check, accel=accel, gyro=gyro)
     return tree.Diagnostics(
         method=estimate.method,
         unobservable=unobservable,
@@ -129,29 +145,9 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
         nominal=None if nominal is None else _nominal(estimate, nominal),
         window=tree_from(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
         residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
-        residual_normalised=None
-        if residuals.accel_normalised is None
-        else tree.ResidualNormalised(
-            plain(residuals.accel_normalised), plain(residuals.gyro_normalised)
-        ),
-        consistency=None
-        if parts is None
-        else tree_from(
-            tree.ConsistencyEntry,
-            parts,
-            folds=parts.folds,
-            fold_std=tree.Tangent(*tangent(parts.fold_std)),
-            halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
-            whiteness=tree.Whiteness(*plain(parts.whiteness)),
-        ),
-        imu_model=None
-        if check is None
-        else tree_from(
-            tree.ImuModelEntry,
-            check,
-            accel=tree_from(tree.SensorCheckEntry, check.accel),
-            gyro=tree_from(tree.SensorCheckEntry, check.gyro),
-        ),
+        residual_normalised=normalised,
+        consistency=consistency,
+        imu_model=imu_model,
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
         samples_replaced=int(residuals.samples_replaced),
