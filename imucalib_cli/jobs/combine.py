@@ -56,11 +56,7 @@ def combine(
 ) -> tuple[list[tree.Result], list[ImucalibError]]:
     """Solve the logs of each IMU together; an IMU with one log is solved again.
 
-    Args:
-        logs: In any order, of one IMU or of several; the same log twice counts once.
-        change: From the options of a run to those that are asked for.
-        tolerance: Largest sigma to trust.
-        asked: How many logs there were, including those that could not be used.
+    The same log twice counts once; ``asked`` counts also the logs that could not be used.
 
     Returns:
         A result for each IMU, and why others have none: their logs are of different robots, none

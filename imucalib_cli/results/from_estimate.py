@@ -40,9 +40,13 @@ def result_of(
     provenance: tree.Provenance,
 ) -> tree.Result:
     """The result of one IMU; ``nominal`` is its pose by the URDF or the log's own frames."""
-    estimate = _with_nominal(estimate, nominal)
-    pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
+    if nominal is not None and lost and len(lost) == len(estimate.unobservable):
+        # the undetermined part of the translation is the nominal one
+        apart = nominal.t_parent_imu - estimate.t_parent_imu
+        along = np.array(lost).T @ (np.array(lost) @ apart)
+        estimate = replace(estimate, t_parent_imu=estimate.t_parent_imu + along)
+    pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     known = np.all(np.abs(np.reshape(lost, (-1, 3))) < LEAST_COMPONENT, axis=0).tolist()
     turned = any(each.kind == "rotation" for each in estimate.unobservable)
     covariance = estimate.covariance
@@ -66,16 +70,6 @@ def result_of(
         diagnostics=_diagnostics(estimate, nominal),
         provenance=provenance,
     )
-
-
-def _with_nominal(estimate: Estimate, nominal: NominalPose | None) -> Estimate:
-    """The estimate, moved to the nominal translation along undetermined directions."""
-    lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
-    if nominal is None or not lost or len(lost) < len(estimate.unobservable):
-        return estimate
-    apart = nominal.t_parent_imu - estimate.t_parent_imu
-    along = np.array(lost).T @ (np.array(lost) @ apart)
-    return replace(estimate, t_parent_imu=estimate.t_parent_imu + along)
 
 
 def known_directions(

@@ -58,7 +58,8 @@ def verify_command(
     from imucalib_cli.results.comparison.verdicts import WITHIN
     from imucalib_cli.results.fields import findings_of
 
-    paths, within = [*map(path_or_url, logs)], within or WITHIN
+    paths = [*map(path_or_url, logs)]
+    within = within or WITHIN
     ignored = frozenset(ignore or ())
     with (
         writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
