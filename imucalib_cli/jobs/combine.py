@@ -253,14 +253,14 @@ def _several(
     before = [log.result.diagnostics for log in logs]
     longest = max(before, key=lambda each: each.windows_used)
     values = [_own_values(log, own) for log, own in zip(logs, found.own, strict=True)]
-    means: dict[str, Any] = {
+    common: dict[str, Any] = {
         name: np.mean([own[name] for own in values], axis=0) for name in values[0]
     }
     for name in ("time_offset", "accel_bias", "gyro_bias"):
         own_stds = [getattr(log.result, name).std for log in logs]
         known = [np.square(np.atleast_1d(std)) for std in own_stds if std is not None]
         between = np.array([own[name] for own in values]).var(axis=0, ddof=1)
-        means[f"{name}_std"] = np.sqrt(between + np.mean(known, axis=0)) if known else None
+        common[f"{name}_std"] = np.sqrt(between + np.mean(known, axis=0)) if known else None
     estimate = estimate_of(
         found.answer,
         window=Window(**structs.asdict(longest.window)),
@@ -272,12 +272,12 @@ def _several(
         ),
         notes={"logs": len(logs)},
     )
-    offset, std = means.pop("time_offset"), means.pop("time_offset_std")
+    offset, std = common.pop("time_offset"), common.pop("time_offset_std")
     estimate = replace(
         estimate,
         time_offset=float(offset[0]),
         time_offset_std=None if std is None else float(std[0]),
-        **means,
+        **common,
     )
     return estimate, _entry(logs, found, values, left_out)
 
