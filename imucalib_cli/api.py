@@ -19,9 +19,8 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrio
 from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.input.from_arrays import streams_of
 from imucalib_cli.jobs.input.reading import read_recording, recording_of
-from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
+from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked
 from imucalib_cli.logs.messages.columns import joint_columns
-from imucalib_cli.logs.part import Part
 from imucalib_cli.logs.remote.file import discarding_copies, path_or_url
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.fields import sections, summarise, verdict
@@ -234,6 +233,8 @@ def calibrate(
         ChoiceError: Something must be chosen, such as the IMU.
         UntrustedError: Nothing moves in the log.
     """
+    for name, value in (("start", start), ("end", end)):
+        _check_type(name, value, (int, float))
     paths = [logs] if isinstance(logs, (str, os.PathLike)) else list(_texts("logs", logs, _PATH))
     request = _request(
         logs=tuple(_path_or_url("logs", path) for path in paths),
@@ -251,7 +252,7 @@ def calibrate(
         joint_columns=tuple(map(_joint_columns, _texts("joints", joints))),
         gyro_topics=_one("gyro_topic", gyro_topic),
         accel_topics=_one("accel_topic", accel_topic),
-        part=_part(start, end),
+        part=part_asked(start, end),
         description_topics=_one("description_topic", description_topic),
         joint_prefix=joint_prefix,
         estimator=estimator,
@@ -354,12 +355,6 @@ def calibrate_arrays(
     return _calibrated(recording_of(data, request, epoch_ns=epoch_ns), request, progress)
 
 
-def _part(start: float | None, end: float | None) -> Part | None:
-    for name, value in (("start", start), ("end", end)):
-        _check_type(name, value, (int, float))
-    return None if start is None and end is None else Part(start=start, end=end)
-
-
 def _request(
     *,
     urdf: StrPath | None,
@@ -386,13 +381,10 @@ def _request(
 
 def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> ExpectedImu:
     """An IMU by its data sheet, with priors of the biases that the options leave free."""
-    priors: tuple[Sensor, ...] = ()
+    stds: dict[Sensor, float] = {}
     if isinstance(options, MatchedOptions):
-        stds: dict[Sensor, float] = {
-            "accel": options.accel_bias_std,
-            "gyro": options.gyro_bias_std,
-        }
-        priors = tuple(sensor for sensor, std in stds.items() if np.isinf(std))
+        stds = {"accel": options.accel_bias_std, "gyro": options.gyro_bias_std}
+    priors = tuple(sensor for sensor, std in stds.items() if np.isinf(std))
     return ExpectedImu(model=load_imu_model(_path("imu_model", imu_model)), priors=priors)
 
 

@@ -8,13 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imucalib_cli.sentences import (
-    CAUSES,
-    cause,
-    publishers,
-    unknown_found,
-    unusual_bias,
-)
+from imucalib_cli.sentences import CAUSES, cause, publishers, unknown_found, unusual_bias
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,6 +16,13 @@ if TYPE_CHECKING:
 _ONE_SIDE = (
     "use a part on one side of it (--to {seconds:before uncertainty} or --from "
     "{seconds:after uncertainty})"
+)
+_AT = " at about {seconds:.0f} ± {uncertainty:whole} s of the log: "
+_RESET = "the sensor was reset, struck or is warming up; " + _ONE_SIDE
+_NOISE = "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a sample, "
+_FILTERED = (
+    _NOISE + "and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: the "
+    "driver filters it, "
 )
 _STAMPS = "{stamps:stamps} of {topic} "
 _THEN = (
@@ -200,18 +201,13 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.bias_beyond_sheet": "a {sensor} bias of {bias:.2g} {sensor:unit} is far beyond the data "
     "sheet of {model} ({sigma:.2g}, 1 sigma): it was left free; the IMU is not the one of "
     "--imu-model, the unit is another, or the sensor is damaged",
-    "imu.noise_above_sheet": "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a "
-    "sample, {measured:/ expected} times the {expected:.2g} of the data sheet of {model} at "
-    "{rate:.4g} Hz: the mount is loose or vibrates, or this is another IMU; fasten or damp it, or "
-    "correct --imu-model (the result uses the measured noise)",
-    "imu.noise_below_sheet": "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a "
-    "sample, and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: the "
-    "driver filters it, the log is simulated, or this is another IMU; if it is another, correct "
-    "--imu-model",
-    "imu.noise_filtered": "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a "
-    "sample, and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: the "
-    "driver filters it, because below the cut-off the noise is that of the sheet; the filter's "
-    "delay is part of the time offset; if this is another IMU, correct --imu-model",
+    "imu.noise_above_sheet": _NOISE + "{measured:/ expected} times the {expected:.2g} of the data "
+    "sheet of {model} at {rate:.4g} Hz: the mount is loose or vibrates, or this is another IMU; "
+    "fasten or damp it, or correct --imu-model (the result uses the measured noise)",
+    "imu.noise_below_sheet": _FILTERED + "the log is simulated, or this is another IMU; if it is "
+    "another, correct --imu-model",
+    "imu.noise_filtered": _FILTERED + "because below the cut-off the noise is that of the sheet; "
+    "the filter's delay is part of the time offset; if this is another IMU, correct --imu-model",
     "imu.beyond_range": "{samples} samples of the {sensor:sensor} are beyond the range of "
     "{full_scale:.4g} {sensor:unit} in the data sheet of {model}: glitches, another unit, or an "
     "IMU other than --imu-model",
@@ -333,16 +329,12 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
     "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
-    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other at "
-    "about {seconds:.0f} ± {uncertainty:whole} s of the log: "
+    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
+    + _AT
     + _ONE_SIDE
     + ", and see that no clock is set while recording",
-    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s at about {seconds:.0f} "
-    "± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming up; "
-    + _ONE_SIDE,
-    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s² at about "
-    "{seconds:.0f} ± {uncertainty:whole} s of the log: the sensor was reset, struck or is warming "
-    "up; " + _ONE_SIDE,
+    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s" + _AT + _RESET,
+    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
     "unknown.found": unknown_found,
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
     "sensor has ({limit:in unit}): [other?not so by a window of {other:.2g} s (try --window), "

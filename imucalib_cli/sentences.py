@@ -82,10 +82,7 @@ _FORMS: dict[str, Callable[[Any], str]] = {
         "late": "they come one place late",
         "early": "they come one place early",
     }.__getitem__,
-    "sound": {
-        "accelerometer": "point up at rest",
-        "gyroscope": "be right-handed",
-    }.__getitem__,
+    "sound": {"accelerometer": "point up at rest", "gyroscope": "be right-handed"}.__getitem__,
 }
 _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "±": with_std,

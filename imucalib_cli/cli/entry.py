@@ -95,8 +95,7 @@ def _unraisable(unraisable: "sys.UnraisableHookArgs") -> None:
 def last_words(say: Callable[[], None]) -> Iterator[None]:
     """Call ``say`` if an interruption ends the process at once meanwhile.
 
-    Args:
-        say: Is called from a signal handler: it must not wait for a lock.
+    It is called from a signal handler: it must not wait for a lock.
     """
     _last_words.append(say)
     try:

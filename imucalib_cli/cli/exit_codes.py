@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from imucalib_cli.cli.entry import EXIT_INTERRUPTED
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 
 if TYPE_CHECKING:
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 EXIT_OK, EXIT_INPUT, EXIT_USAGE, EXIT_UNTRUSTED, EXIT_NO = 0, 1, 2, 3, 4
-EXIT_INTERRUPTED, EXIT_BROKEN_PIPE = 130, 141
+EXIT_BROKEN_PIPE = 141
 
 
 class Meaning(NamedTuple):

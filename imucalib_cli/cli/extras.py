@@ -128,10 +128,8 @@ def _debug_mcap(path: Path, outcome: Outcome) -> Files:
     ]
     robot, joints = recording.robot, recording.sources.joints
     yield path, debug_mcap(seen, robot, joints, recording.clock.origin_ns)
-    yield (
-        _layout_of(path),
-        foxglove_layout([result for result, _ in seen], with_urdf=robot is not None),
-    )
+    layout = foxglove_layout([result for result, _ in seen], with_urdf=robot is not None)
+    yield _layout_of(path), layout
 
 
 def _layout_of(path: Path) -> Path:
@@ -150,10 +148,8 @@ def _for_each_imu(path: Path, outcome: Outcome) -> Iterator[tuple[Path, Calibrat
 
     several = len(outcome.calibrated) > 1
     for name, each in zip(names_of(outcome.results), outcome.calibrated, strict=True):
-        own = (
-            path.with_name(f"{shortened(f'{path.stem}.{name}')}{path.suffix}") if several else path
-        )
-        yield own, each
+        stem = shortened(f"{path.stem}.{name}") if several else path.stem
+        yield path.with_name(f"{stem}{path.suffix}"), each
 
 
 def _statistics(path: Path, outcome: Outcome) -> Files:

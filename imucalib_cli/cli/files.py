@@ -6,7 +6,6 @@ import os
 import sys
 from contextlib import contextmanager
 from glob import escape
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,15 +94,14 @@ def warning_of_old_outputs(*outputs: Path | None, read: Iterable[Path] = ()) -> 
 
     Files that it reads are none of them.
     """
-    inputs = {_identity(path) for path in read}
+    inputs = {None, *map(_identity, read)}
     before = {path: _identity(path) for path in outputs if path is not None}
-    before = {path: identity for path, identity in before.items() if identity not in inputs}
     try:
         yield
     except (ImucalibError, typer.Exit, KeyboardInterrupt) as error:
         if getattr(error, "exit_code", 1):
             for path, identity in before.items():
-                if identity is not None and _identity(path) == identity:
+                if identity not in inputs and _identity(path) == identity:
                     say("warning", f"{path} is of an earlier run: this one has not written it")
         raise
 
@@ -129,7 +127,14 @@ def deliver_into(
         ChoiceError, InputError: As results.places.check_places.
     """
     from imucalib_cli.results.formats import FORMATS
-    from imucalib_cli.results.names import collision_key, labels_of, log_name, safe_name, shortened
+    from imucalib_cli.results.names import (
+        collision_key,
+        labels_of,
+        log_name,
+        numbered,
+        safe_name,
+        shortened,
+    )
     from imucalib_cli.results.places import check_places
 
     try:
@@ -143,13 +148,13 @@ def deliver_into(
     for result, label in zip(results, labels_of(results), strict=True):
         stem = shortened(f"{log_name(log)}.{safe_name(label)}")
         text = FORMATS[fmt].render([result])
-        for number in count(1):
-            path = folder / f"{stem}{'' if number == 1 else f'.{number}'}{suffix}"
+        for name in numbered(stem, "."):
+            path = folder / f"{name}{suffix}"
             if collision_key(path.name) not in taken and _is_free(path, text, result):
                 break
         taken.add(collision_key(path.name))
         texts[path] = text
-        if number > 1:
+        if name != stem:
             warnings.append(
                 f"{folder / f'{stem}{suffix}'} is of another IMU or log: this result is in {path}"
             )

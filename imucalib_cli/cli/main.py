@@ -12,14 +12,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from imucalib_cli.cli.entry import was_interrupted
-from imucalib_cli.cli.exit_codes import (
-    EXIT_BROKEN_PIPE,
-    EXIT_CODES,
-    EXIT_INPUT,
-    EXIT_INTERRUPTED,
-    exit_code,
-)
+from imucalib_cli.cli.entry import EXIT_INTERRUPTED, was_interrupted
+from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE, EXIT_CODES, EXIT_INPUT, exit_code
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue
@@ -99,8 +93,7 @@ def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; no exception leaves it.
 
-    Args:
-        argv: Arguments without the program's name; default: those of the process.
+    ``argv`` are arguments without the program's name, by default those of the process.
     """
     try:
         if argv is None:

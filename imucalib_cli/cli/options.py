@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.table import Kind
-    from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
 
@@ -248,11 +247,10 @@ class RecordingOptions:
         help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib\\[xacro]'); "
         "without it the log's /robot_description or its frames must give the motion.",
     )
-    description_topics: list[str] = _robot(
-        [],
+    description_topics: list[str] = _topics(
+        "text",
         "--description-topic",
-        metavar="TOPIC",
-        autocompletion=complete.topics("text"),
+        rich_help_panel=ROBOT,
         help="Topic of the URDF in the log, if several fit.",
         show_default="found automatically",
     )
@@ -485,7 +483,7 @@ def calibration_request(
             such IMU.
         InputError: The user's own data sheet cannot be used.
     """
-    from imucalib_cli.jobs.input.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest, part_asked
     from imucalib_cli.signals.imu.units import Units
 
     asked: dict[str, Any] = {
@@ -509,13 +507,6 @@ def calibration_request(
         planar=estimator.planar,
         **asked,
     )
-
-
-def part_asked(start: float | None, end: float | None) -> Part | None:
-    """The part of a log to use; None for all of it."""
-    from imucalib_cli.logs.part import Part
-
-    return None if start is None and end is None else Part(start=start, end=end)
 
 
 def _parents(given: Sequence[str]) -> tuple[str | None, tuple[tuple[str, str], ...]]:
@@ -585,7 +576,7 @@ def _given(known: KnownOptions, *more: int) -> dict[str, Any]:
 
     if known.tilt_std is not None and known.gravity in {"fixed", "none"}:
         raise ChoiceError(f"--tilt-std has no effect with --gravity {known.gravity}: leave one out")
-    given = _given_fields(known, MatchedOptions)
+    given = given_fields(known, MatchedOptions)
     if isinstance(known.gravity, float):
         del given["gravity"]
         given |= {"gravity_norm": known.gravity, "gravity_std": 0.0}
@@ -600,7 +591,7 @@ def _published(estimator: EstimatorOptions) -> PaperOptions:
 
     if estimator.gravity == "tilt":
         raise ChoiceError("--gravity tilt belongs to --method matched: use fixed, none or a norm")
-    given = _given_fields(estimator, PaperOptions)
+    given = given_fields(estimator, PaperOptions)
     if estimator.gravity not in {None, "fixed"}:
         given["gravity_norm"] = 0.0 if estimator.gravity == "none" else estimator.gravity
     if estimator.initial is not None:
@@ -608,9 +599,9 @@ def _published(estimator: EstimatorOptions) -> PaperOptions:
     return PaperOptions(**given)
 
 
-def _given_fields(estimator: KnownOptions, kind: type[Any]) -> dict[str, Any]:
-    """Options that are given and that a method's options call by the same name."""
-    values = {each.name: getattr(estimator, each.name, None) for each in fields(kind)}
+def given_fields(options: object, kind: type[Any]) -> dict[str, Any]:
+    """Options that are given and that a dataclass calls by the same name."""
+    values = {each.name: getattr(options, each.name, None) for each in fields(kind)}
     return {name: value for name, value in values.items() if value is not None}
 
 

@@ -16,7 +16,7 @@ from imucalib_cli.shown import printable
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress
     from typing_extensions import Self
 
 PATIENCE = 2.0
@@ -40,7 +40,6 @@ class ProgressBar:
         self._lock = threading.Lock()
         self._state: dict[str, Any] = {"description": "starting", "total": None, "completed": 0.0}
         self._bar: Progress | None = None
-        self._task: TaskID | None = None
         self._leaving = ExitStack()
         self._timer = threading.Timer(PATIENCE, self._appear)
         self._timer.daemon = True
@@ -91,13 +90,13 @@ class ProgressBar:
                 console=Console(file=sys.stderr),
                 transient=True,
             )
-            self._task = self._bar.add_task("", total=None)
+            self._bar.add_task("", total=None)
             self._bar.start()
             self._show()
 
     def _show(self) -> None:
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, **self._state)
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], **self._state)
 
 
 @dataclass(eq=False)

@@ -68,15 +68,7 @@ def apply(
     """Replace the origin of each result's joint; every other byte stays.
 
     In a xacro file the joint is changed as it is written there. Results that cannot be used are
-    left out and reported.
-
-    Args:
-        names: As of :func:`.result_files.result_names`.
-        urdf: It is not changed.
-        imus: Frames or topics of the IMUs to take from the files; empty takes all.
-        add: Write the joint and the link of an IMU that the URDF does not have.
-        kinematics: Also correct errors of the robot that are clearly not zero.
-        force: Use untrusted results too.
+    left out and reported. The options are those of ``imucalib apply``; no file is written.
 
     Raises:
         InputError: A file cannot be used.

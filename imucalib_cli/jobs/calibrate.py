@@ -14,12 +14,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.explain import explain
-from imucalib_cli.jobs.input.data_sheet import (
-    checked,
-    contradicted,
-    with_priors,
-    without_priors,
-)
+from imucalib_cli.jobs.input.data_sheet import checked, contradicted, with_priors, without_priors
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import path_text, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options
@@ -74,10 +69,6 @@ class Outcome:
 
 def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> Outcome:
     """Calibrate every IMU of a recording.
-
-    Args:
-        request: Which files, topics, frames and options.
-        progress: Called with the current step and the share done, 0 to 1 or None.
 
     Raises:
         InputError: The recording cannot be used, for any IMU.
@@ -174,15 +165,15 @@ def _estimate_one(
         tuple(each for each in some if each.code not in blamed)
         for some in (of_log, repaired.suspects)
     )
-    repairs: dict[str, float | str | bool | None] = {
-        "gyro_unit": repaired.gyro_unit,
-        "accel_unit": repaired.accel_unit,
-        "imu_samples_at_fault": repaired.samples_at_fault,
-    }
     estimate = replace(
         estimate,
         findings=(*before, *repaired.findings, *suspects, *estimate.findings),
-        notes={**repairs, **estimate.notes},
+        notes={
+            "gyro_unit": repaired.gyro_unit,
+            "accel_unit": repaired.accel_unit,
+            "imu_samples_at_fault": repaired.samples_at_fault,
+            **estimate.notes,
+        },
     )
     return _Alone(
         imu=imu,

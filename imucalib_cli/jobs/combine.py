@@ -56,11 +56,7 @@ def combine(
 ) -> tuple[list[tree.Result], list[ImucalibError]]:
     """Solve the logs of each IMU together; an IMU with one log is solved again.
 
-    Args:
-        logs: In any order, of one IMU or of several; the same log twice counts once.
-        change: From the options of a run to those that are asked for.
-        tolerance: Largest sigma to trust.
-        asked: How many logs there were, including those that could not be used.
+    The same log twice counts once; ``asked`` counts also the logs that could not be used.
 
     Returns:
         A result for each IMU, and why others have none: their logs are of different robots, none
@@ -257,13 +253,14 @@ def _several(
     before = [log.result.diagnostics for log in logs]
     longest = max(before, key=lambda each: each.windows_used)
     values = [_own_values(log, own) for log, own in zip(logs, found.own, strict=True)]
-    means = {name: np.mean([own[name] for own in values], axis=0) for name in values[0]}
-    stds: dict[str, Any] = {}
+    common: dict[str, Any] = {
+        name: np.mean([own[name] for own in values], axis=0) for name in values[0]
+    }
     for name in ("time_offset", "accel_bias", "gyro_bias"):
         own_stds = [getattr(log.result, name).std for log in logs]
         known = [np.square(np.atleast_1d(std)) for std in own_stds if std is not None]
         between = np.array([own[name] for own in values]).var(axis=0, ddof=1)
-        stds[name] = np.sqrt(between + np.mean(known, axis=0)) if known else None
+        common[f"{name}_std"] = np.sqrt(between + np.mean(known, axis=0)) if known else None
     estimate = estimate_of(
         found.answer,
         window=Window(**structs.asdict(longest.window)),
@@ -275,15 +272,12 @@ def _several(
         ),
         notes={"logs": len(logs)},
     )
+    offset, std = common.pop("time_offset"), common.pop("time_offset_std")
     estimate = replace(
         estimate,
-        time_offset=float(means["time_offset"][0]),
-        time_offset_std=None if stds["time_offset"] is None else float(stds["time_offset"][0]),
-        accel_bias=means["accel_bias"],
-        accel_bias_std=stds["accel_bias"],
-        gyro_bias=means["gyro_bias"],
-        gyro_bias_std=stds["gyro_bias"],
-        gravity_world=means["gravity_world"],
+        time_offset=float(offset[0]),
+        time_offset_std=None if std is None else float(std[0]),
+        **common,
     )
     return estimate, _entry(logs, found, values, left_out)
 

@@ -30,22 +30,15 @@ def compare_files(
     kalibr: str,
     urdf: Path,
     *,
-    camera: str = "cam0",
-    camera_link: str | None = None,
-    imu: str | None = None,
-    truth: str | None = None,
+    camera: str,
+    camera_link: str | None,
+    imu: str | None,
+    truth: str | None,
 ) -> tuple[KalibrAnswer, tuple[Block, ...]]:
-    """Compare one result with Kalibr's.
+    """Compare one result with Kalibr's, through a URDF that has the IMU and the camera.
 
-    Args:
-        result: A result of this tool; one file may be ``-`` for standard input.
-        kalibr: A result of Kalibr.
-        urdf: Has the IMU and the camera.
-        camera: Name of the camera in Kalibr's result.
-        camera_link: The camera's optical frame in the URDF; by default the only frame with such a
-            name.
-        imu: Frame or topic of the IMU, if the result has several.
-        truth: File with the true pose, if it is known.
+    ``camera_link`` is the camera's optical frame, by default the only one with such a name;
+    ``imu`` is needed where the result has several. One file may be ``-`` for standard input.
 
     Returns:
         The answer, and its text form of a dozen lines.
@@ -58,23 +51,20 @@ def compare_files(
     if [result, kalibr, truth].count("-") > 1:
         raise ChoiceError("standard input can be one of the files, not two: name the others")
     wanted = () if imu is None else (imu,)
-    found = [(display_name(result), each) for each in read_result_file(result)]
+    name, kalibr_name = display_name(result), display_name(kalibr)
+    found = [(name, each) for each in read_result_file(result)]
     ours, *more = (each for _, each in results_of(found, wanted))
     if more:
         topics = ", ".join(each.imu_topic for each in (ours, *more))
-        raise ChoiceError(f"{display_name(result)} has results of {topics}: choose one with --imu")
-    theirs = read_kalibr(read_text(kalibr, KALIBR), display_name(kalibr), camera)
+        raise ChoiceError(f"{name} has results of {topics}: choose one with --imu")
+    theirs = read_kalibr(read_text(kalibr, KALIBR), kalibr_name, camera)
     true = None
     if truth is not None:
         true = display_name(truth), read_truth(read_text(truth, TRUTH), display_name(truth))
     robot = load_robot(urdf)
     link = _only_optical(robot) if camera_link is None else frame_name(camera_link)
     return compare_with_kalibr(
-        (display_name(result), ours),
-        (display_name(kalibr), camera, theirs),
-        robot,
-        camera_link=link,
-        truth=true,
+        (name, ours), (kalibr_name, camera, theirs), robot, camera_link=link, truth=true
     )
 
 

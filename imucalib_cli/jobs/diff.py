@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 
 
 def diff_results(
-    first: str,
-    others: Sequence[str],
-    *,
-    urdf: Path | None = None,
-    within: Tolerance | None = None,
+    first: str, others: Sequence[str], *, urdf: Path | None, within: Tolerance | None
 ) -> tuple[list[DiffAnswer], list[ImucalibError]]:
     """Compare every IMU of one file with the same IMU of each other file.
 

@@ -42,12 +42,7 @@ def explain(
 ) -> Estimate:
     """Put the cause of a poor fit first, if one cause explains it; a good fit returns at once.
 
-    Args:
-        estimate: The fit.
-        repaired: What it was made from.
-        motion: What moves the IMU.
-        imus: All IMUs that are calibrated.
-        request: With the options of the fit.
+    ``imus`` are all that are calibrated, ``request`` has the options of the fit.
     """
     options, robot = request.estimator, motion.sources.whole_robot
     if not isinstance(options, MatchedOptions):

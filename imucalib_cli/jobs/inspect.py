@@ -45,9 +45,6 @@ _BODY = "BODY by a name for what the poses are of"
 _BASE = "IMU by the topic of the one on the body that the others are calibrated against"
 _URDF = "ROBOT.urdf by your robot's"
 """What the user must put into a command."""
-
-
-_MS = 1e3
 _READ_AS: dict[Kind, str] = {"imu": "IMU", "joints": "joints", "pose": "poses", "text": "text"}
 _TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
 _HEALTH = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "bunched", "back", "zero")
@@ -237,13 +234,10 @@ def _health_row(each: Health, kind: str) -> tuple[str, ...]:
     return (
         each.name,
         f"{health.rate_hz:.1f}",
-        f"{health.jitter * _MS:.2f}",
+        f"{health.jitter * 1e3:.2f}",
         str(health.gaps),
         f"{health.longest_gap:.3f}",
-        str(health.duplicates),
-        str(health.bursts),
-        str(health.backwards),
-        str(health.zeros),
+        *map(str, (health.duplicates, health.bursts, health.backwards, health.zeros)),
     )
 
 
@@ -274,6 +268,7 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
         data, _ = part_of(data, clock, request.part)
     commands, placeholders = _commands(request, imus, data)
     robot = robots[0].robot if len(robots) == 1 else None
+    known = None if robot is None else robot.joint_by_name
     named = data if robot is None else robots[0].data
     return Inspection(
         files=tuple(str(path) for path in log.paths),
@@ -285,9 +280,7 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
             JointFinding(
                 topic=joint.topic,
                 names=joint.names,
-                missing=None
-                if robot is None
-                else tuple(name for name in joint.names if name not in robot.joint_by_name),
+                missing=None if known is None else tuple(n for n in joint.names if n not in known),
             )
             for joints in named.joints.values()
             for joint in joints

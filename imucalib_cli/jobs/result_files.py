@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
     from imucalib_cli.results.statistics_file import StoredLog
 
+    Named = tuple[str, Result]
+
 _SUFFIXES = {".yaml", ".yml", ".json"}
 _STATISTICS = ".npz"
 _OPENING = re.compile(rb"\A\s*(?:#[^\n]*\n\s*)*(?:---\s*)?[\[{\s]*\"?schema\"?\s*:")
@@ -84,15 +86,13 @@ def read_result_file(name: str) -> list[Result]:
     return read_results(read_text(name), display_name(name))
 
 
-def read_result_files(
-    names: Sequence[str],
-) -> tuple[list[tuple[str, Result]], list[ImucalibError]]:
+def read_result_files(names: Sequence[str]) -> tuple[list[Named], list[ImucalibError]]:
     """Results of several files, each with its file's name in messages, and what cannot be read.
 
     Raises:
         InputError: As :func:`result_names`.
     """
-    found: list[tuple[str, Result]] = []
+    found: list[Named] = []
     failures: list[ImucalibError] = []
     for name in result_names(names):
         try:
@@ -102,9 +102,7 @@ def read_result_files(
     return found, failures
 
 
-def results_of(
-    found: Sequence[tuple[str, Result]], imus: Sequence[str]
-) -> list[tuple[str, Result]]:
+def results_of(found: Sequence[Named], imus: Sequence[str]) -> list[Named]:
     """The results of some IMUs, by frame (with or without a leading slash) or topic.
 
     Without IMUs all results.

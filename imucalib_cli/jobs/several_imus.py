@@ -27,11 +27,9 @@ _UNEXPLAINED: Final = {"window.dependent", "parts.disagree", "residual.beyond_no
 def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> list[Estimate]:
     """Solve IMUs again with common errors of the robot, if their chains share any part of it.
 
-    An IMU that cannot be trusted, has unexplained residuals, or does not agree with the others
-    keeps its own estimate; a finding reports a disagreement.
-
-    Args:
-        imus: Name, own estimate and path of each IMU.
+    Each comes with its name, its own estimate and its path. One that cannot be trusted, has
+    unexplained residuals, or does not agree with the others keeps its own estimate; a finding
+    reports a disagreement.
     """
     found = [estimate for _, estimate, _ in imus]
     members: list[tuple[int, str, LogStatistics, OnRobot]] = []

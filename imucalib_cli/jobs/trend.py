@@ -18,19 +18,15 @@ if TYPE_CHECKING:
 
 
 def trend_of(
-    names: Sequence[str], within: Tolerance | None = None, since: datetime | None = None
+    names: Sequence[str], within: Tolerance | None, since: datetime | None
 ) -> tuple[list[TrendAnswer], list[ImucalibError]]:
     """Decide for every IMU of some results whether its mount has moved.
 
-    Results are of one mount if parent, child and topic are the same.
-
-    Args:
-        names: As of :func:`.result_files.result_names`.
-        within: How far a mount may move; with None every decisive change is an alarm.
-        since: Earlier recordings are ignored.
+    Results are of one mount if parent, child and topic are the same. ``within`` and ``since`` are
+    those of :func:`.trend.trend`.
 
     Raises:
-        InputError: There is no result.
+        InputError: As :func:`.result_files.result_names`.
     """
     found, failures = read_result_files(names)
     mounts: dict[tuple[str, str, str], list[tuple[str, Result]]] = {}

@@ -11,7 +11,7 @@ from imucalib_cli.jobs.input.motion import no_nominal
 from imucalib_cli.jobs.known.robot import robot_of
 from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.result_files import read_result_files
-from imucalib_cli.results.comparison.verdicts import WITHIN, verify
+from imucalib_cli.results.comparison.verdicts import verify
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.mount import nominal_pose
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def verify_recording(
     request: CalibrationRequest,
-    within: Tolerance = WITHIN,
+    within: Tolerance,
     progress: Progress | None = None,
     *,
     ignored: frozenset[int] = frozenset(),
@@ -56,23 +56,16 @@ def verify_recording(
 def verify_results(
     names: Sequence[str],
     urdf: LogPath,
-    within: Tolerance = WITHIN,
+    within: Tolerance,
     *,
-    imu_link: str | None = None,
-    imu_topics: Sequence[str] = (),
-    ignored: frozenset[int] = frozenset(),
+    imu_link: str | None,
+    imu_topics: Sequence[str],
+    ignored: frozenset[int],
 ) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
     """Compare results of earlier runs with the poses in a URDF.
 
-    Args:
-        names: As of :func:`.result_files.result_names`.
-        urdf: To be checked.
-        within: Tolerance.
-        imu_link: The IMU's link in the URDF, if it is not the result's child.
-        imu_topics: Which results to take; empty takes all.
-        ignored: As for :func:`verify_recording`.
-
-    A file that cannot be used does not stop the others.
+    ``imu_link`` is the IMU's link in the URDF, if it is not the result's child. Without topics all
+    results are compared. A file that cannot be used does not stop the others.
 
     Raises:
         InputError: The URDF cannot be used.

@@ -11,12 +11,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
+from imucalib_cli.results.comparison.requirement import CODES
 from imucalib_cli.results.pose import PARTS
-from imucalib_cli.robot.rotations import (
-    quaternion_from_matrix,
-    rotvec_from_matrix,
-    rpy_from_matrix,
-)
+from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
@@ -195,9 +192,9 @@ def _lines(result: Result) -> Iterator[str]:
 
 
 def unobservable_fields(result: Result) -> Iterator[Field]:
-    """Undetermined directions one by one, or in one field where many have the same cause."""
+    """Undetermined directions one by one, or in one field where a poor fit leaves many."""
     directions = result.diagnostics.unobservable
-    if len(directions) > _MANY and len({each.motion for each in directions}) == 1:
+    if len(directions) > _MANY and _is_poor(result):
         # all have one cause, so their directions say nothing
         kinds = dict.fromkeys(each.kind for each in directions)
         sigmas = (
@@ -205,11 +202,12 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
             f"{', '.join(_direction_std(each) for each in directions if each.kind == kind)})"
             for kind in kinds
         )
-        text = f"{' and '.join(sigmas)}; {directions[0].motion}"
+        motions = dict.fromkeys(each.motion for each in directions)
+        text = "; ".join((" and ".join(sigmas), *motions))
         yield Field("not determined", text, "untrusted")
         directions = []
     for direction in directions:
-        axis = _numbers(direction.direction_parent, 2)
+        axis = numbers(direction.direction_parent, 2)
         how = "along" if direction.kind == "translation" else "about"
         place = f"{direction.kind} {how} ({axis}) of {result.parent}"
         text = f"{place}, sigma {_direction_std(direction)}; {direction.motion}"
@@ -218,8 +216,22 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
         yield Field("still determined", "; ".join(map(_known, known)), "note")
 
 
+def contradictions(result: Result) -> list[FindingEntry]:
+    """Findings against a result that make its sigma worthless.
+
+    Undetermined directions and a sigma larger than required do not: the covariance contains them.
+    """
+    findings = result.diagnostics.findings
+    return [each for each in findings if each.severity == "untrusted" and each.code not in CODES]
+
+
+def _is_poor(result: Result) -> bool:
+    """Whether the fit may have a cause that comes before all else."""
+    return bool(contradictions(result) or _findings(result, "residual.beyond_noise"))
+
+
 def _known(direction: Observable) -> str:
-    axis = _numbers(direction.direction_parent, 2)
+    axis = numbers(direction.direction_parent, 2)
     if direction.value is None:
         return f"rotation about ({axis}) to ± {figures(math.degrees(direction.std), 2)} deg"
     return f"place along ({axis}) {with_std(direction.value * 1e3, direction.std * 1e3)} mm"
@@ -252,15 +264,15 @@ def instant(when: datetime) -> str:
 
 
 def _paste(R: Floats, t: Floats) -> Iterator[Field]:
-    yield Field("xyz", f"{_numbers(t, 6)}    m")
-    yield Field("rpy", f"{_numbers(rpy_from_matrix(R), 6)}    rad, about fixed x, y, z")
-    yield Field("quaternion xyzw", _numbers(quaternion_from_matrix(R), 8))
+    yield Field("xyz", f"{numbers(t, 6)}    m")
+    yield Field("rpy", f"{numbers(rpy_from_matrix(R), 6)}    rad, about fixed x, y, z")
+    yield Field("quaternion xyzw", numbers(quaternion_from_matrix(R), 8))
 
 
 def _use(result: Result) -> Iterator[Field]:
     R, t = result.pose.R, result.pose.t
-    yield Field("", f'<origin xyz="{_numbers(t, 6)}" rpy="{_numbers(rpy_from_matrix(R), 6)}"/>')
-    example = _numbers(R @ np.array([0.1, 0.0, 0.0]) + t, 4)
+    yield Field("", f'<origin xyz="{numbers(t, 6)}" rpy="{numbers(rpy_from_matrix(R), 6)}"/>')
+    example = numbers(R @ np.array([0.1, 0.0, 0.0]) + t, 4)
     yield Field("", f"e.g. the point (0.1 0 0) of {result.child} is ({example}) of {result.parent}")
 
 
@@ -301,7 +313,7 @@ def _least_known(result: Result) -> Iterator[Field]:
         return
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
     std = sigma(float(np.sqrt(variances[-1])) * 1e3)
-    where = f"along ({_numbers(axis, 2)}) of {result.parent}, ± {std} mm"
+    where = f"along ({numbers(axis, 2)}) of {result.parent}, ± {std} mm"
     yield Field("least known", f"{where}: rotate faster about perpendicular axes to improve it")
 
 
@@ -336,7 +348,7 @@ def _nuisances(result: Result) -> Iterator[Field]:
 
 def _bias(bias: Bias) -> str:
     if bias.std is None:
-        return f"{_numbers(bias.value, 6)} (not estimated)"
+        return f"{numbers(bias.value, 6)} (not estimated)"
     return ", ".join(with_std(v, s) for v, s in zip(bias.value, bias.std, strict=True))
 
 
@@ -362,7 +374,7 @@ def _fit(result: Result) -> Iterator[Field]:
     used = f"{diagnostics.windows_used} used, {diagnostics.windows_dropped} dropped"
     lost = f"{diagnostics.samples_replaced} spikes bridged, {diagnostics.gaps} gaps"
     yield Field("windows", f"{used}, {lost}")
-    sizes = f"accel {_numbers(rms.accel, 5)} m/s², gyro {_numbers(rms.gyro, 6)} rad/s"
+    sizes = f"accel {numbers(rms.accel, 5)} m/s², gyro {numbers(rms.gyro, 6)} rad/s"
     yield Field("residual rms", f"{sizes}, axes of {result.parent}")
     if (model := diagnostics.imu_model) is not None:
         yield Field(
@@ -408,9 +420,10 @@ def _nominal(result: Result) -> Iterator[Field]:
     shift = (result.pose.t - pose.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(result.pose.R @ pose.R_parent_imu.T))
     apart = f"{figures(entry.distance_mm, 3)} mm and {figures(entry.distance_deg, 3)} deg away"
-    vectors = f"({_numbers(shift, 2)}) mm, ({_numbers(turn, 3)}) deg in {result.parent}"
+    vectors = f"({numbers(shift, 2)}) mm, ({numbers(turn, 3)}) deg in {result.parent}"
     yield Field("from nominal", f"{apart} from {where}: {vectors}")
 
 
-def _numbers(values: Sequence[float | None] | Floats, places: int) -> str:
+def numbers(values: Sequence[float | None] | Floats, places: int) -> str:
+    """Numbers to some decimal places, separated by blanks."""
     return " ".join("nan" if value is None else fixed(float(value), places) for value in values)

@@ -40,9 +40,13 @@ def result_of(
     provenance: tree.Provenance,
 ) -> tree.Result:
     """The result of one IMU; ``nominal`` is its pose by the URDF or the log's own frames."""
-    estimate = _with_nominal(estimate, nominal)
-    pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
+    if nominal is not None and lost and len(lost) == len(estimate.unobservable):
+        # the undetermined part of the translation is the nominal one
+        apart = nominal.t_parent_imu - estimate.t_parent_imu
+        along = np.array(lost).T @ (np.array(lost) @ apart)
+        estimate = replace(estimate, t_parent_imu=estimate.t_parent_imu + along)
+    pose = pose_entry(estimate.R_parent_imu, estimate.t_parent_imu)
     known = np.all(np.abs(np.reshape(lost, (-1, 3))) < LEAST_COMPONENT, axis=0).tolist()
     turned = any(each.kind == "rotation" for each in estimate.unobservable)
     covariance = estimate.covariance
@@ -66,16 +70,6 @@ def result_of(
         diagnostics=_diagnostics(estimate, nominal),
         provenance=provenance,
     )
-
-
-def _with_nominal(estimate: Estimate, nominal: NominalPose | None) -> Estimate:
-    """The estimate, moved to the nominal translation along undetermined directions."""
-    lost = [each.direction_parent for each in estimate.unobservable if each.kind == "translation"]
-    if nominal is None or not lost or len(lost) < len(estimate.unobservable):
-        return estimate
-    apart = nominal.t_parent_imu - estimate.t_parent_imu
-    along = np.array(lost).T @ (np.array(lost) @ apart)
-    return replace(estimate, t_parent_imu=estimate.t_parent_imu + along)
 
 
 def known_directions(
@@ -106,6 +100,22 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
     unobservable = [tree_from(tree.Unobservable, each) for each in estimate.unobservable]
     # a sigma that is contradicted says nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
+    normalised = consistency = imu_model = None
+    if residuals.accel_normalised is not None:
+        own = plain(residuals.accel_normalised), plain(residuals.gyro_normalised)
+        normalised = tree.ResidualNormalised(*own)
+    if parts is not None:
+        consistency = tree_from(
+            tree.ConsistencyEntry,
+            parts,
+            folds=parts.folds,
+            fold_std=tree.Tangent(*tangent(parts.fold_std)),
+            halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+            whiteness=tree.Whiteness(*plain(parts.whiteness)),
+        )
+    if check is not None:
+        accel, gyro = (tree_from(tree.SensorCheckEntry, each) for each in (check.accel, check.gyro))
+        imu_model = tree_from(tree.ImuModelEntry, check, accel=accel, gyro=gyro)
     return tree.Diagnostics(
         method=estimate.method,
         unobservable=unobservable,
@@ -129,29 +139,9 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
         nominal=None if nominal is None else _nominal(estimate, nominal),
         window=tree_from(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
         residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
-        residual_normalised=None
-        if residuals.accel_normalised is None
-        else tree.ResidualNormalised(
-            plain(residuals.accel_normalised), plain(residuals.gyro_normalised)
-        ),
-        consistency=None
-        if parts is None
-        else tree_from(
-            tree.ConsistencyEntry,
-            parts,
-            folds=parts.folds,
-            fold_std=tree.Tangent(*tangent(parts.fold_std)),
-            halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
-            whiteness=tree.Whiteness(*plain(parts.whiteness)),
-        ),
-        imu_model=None
-        if check is None
-        else tree_from(
-            tree.ImuModelEntry,
-            check,
-            accel=tree_from(tree.SensorCheckEntry, check.accel),
-            gyro=tree_from(tree.SensorCheckEntry, check.gyro),
-        ),
+        residual_normalised=normalised,
+        consistency=consistency,
+        imu_model=imu_model,
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
         samples_replaced=int(residuals.samples_replaced),

@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Meta
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.digits import figures, fixed
+from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.guarded_yaml import YamlError, load_one
@@ -22,6 +22,7 @@ from imucalib_cli.layout import Table
 from imucalib_cli.results.codec import FARTHEST, ROTATIONS_AGREE, convert
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
+from imucalib_cli.results.fields import numbers
 from imucalib_cli.results.from_estimate import plain, pose_entry
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
@@ -109,7 +110,7 @@ class Truth(Tree, frozen=True):
     camera: Camera | None = None
 
 
-def read_kalibr(text: str, name: str, camera: str = "cam0") -> Camera:
+def read_kalibr(text: str, name: str, camera: str) -> Camera:
     """One camera from the text of Kalibr's result; ``name`` is its file, for messages.
 
     Raises InputError where it is another file or has an impossible value, ChoiceError where it has
@@ -144,19 +145,13 @@ def compare_with_kalibr(
     robot: Robot,
     *,
     camera_link: str,
-    truth: tuple[str, Truth] | None = None,
+    truth: tuple[str, Truth] | None,
 ) -> tuple[answers.KalibrAnswer, tuple[Block, ...]]:
     """Express both results in both frames through the URDF's fixed joints, also in words.
 
     Each result is compared with the truth in the frame in which it was estimated, so that a wrong
-    camera pose in the URDF counts against neither.
-
-    Args:
-        result: File and content of our result.
-        kalibr: File, camera and content of Kalibr's result.
-        robot: The URDF.
-        camera_link: The camera's optical frame.
-        truth: File and content of the truth, if it is known.
+    camera pose in the URDF counts against neither. The files come with their names, that of Kalibr
+    also with the camera's; ``camera_link`` is its optical frame.
 
     Raises:
         ChoiceError: A frame is not in the URDF, a joint between them moves, or the truth is of
@@ -306,8 +301,8 @@ def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Blo
     yield ""
     both = ours.T_parent_imu, theirs.T_parent_imu
     rows = [
-        ("xyz", *(_numbers(each.translation) for each in both), f"m, in {answer.parent}"),
-        ("rpy", *(_numbers(each.rotation_rpy) for each in both), "rad, about fixed x, y, z"),
+        ("xyz", *(numbers(each.translation, 6) for each in both), f"m, in {answer.parent}"),
+        ("rpy", *(numbers(each.rotation_rpy, 6) for each in both), "rad, about fixed x, y, z"),
     ]
     for name, mine, his in (
         ("from nominal", ours.from_nominal, theirs.from_nominal),
@@ -336,7 +331,3 @@ def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Blo
 
 def _milliseconds(value: float | None) -> str:
     return "" if value is None else f"{figures(value, 5)} ms"
-
-
-def _numbers(values: list[float]) -> str:
-    return " ".join(fixed(value, 6) for value in values)

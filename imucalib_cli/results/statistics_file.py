@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.results.result import Result
 
-SUFFIX: Final = ".statistics.npz"
 _WHAT: Final = "statistics of an imucalib result"
 _SCHEMA: Final = 2
 _ROOM: Final = 1_000_000
@@ -66,7 +65,7 @@ class StoredLog:
 
 def place_of(result: Path) -> Path:
     """The file for the statistics of a result, beside the result."""
-    return result.with_name(f"{result.stem}{SUFFIX}")
+    return result.with_name(f"{result.stem}.statistics.npz")
 
 
 def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:

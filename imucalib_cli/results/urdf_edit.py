@@ -35,9 +35,8 @@ _START_TAG = re.compile(
 class MissingJointError(InputError):
     """The URDF has no joint to put the pose into; carries the snippet to add."""
 
-    def __init__(self, message: str, snippet: str, *, parent: str) -> None:
+    def __init__(self, message: str, snippet: str) -> None:
         self.snippet = snippet
-        self.parent = parent
         super().__init__(message)
 
 
@@ -76,7 +75,6 @@ def joint_for(
             f"{robot.source}: no fixed joint holds '{child}' (it {said}): add one (--add), or, if "
             "the IMU's frame has another name there, run again with --imu-link",
             joint_snippet(parent, name, t_parent_imu, rpy, taken=taken),
-            parent=parent,
         )
     robot.require_link(parent)
     between = rigid_transform(robot, joint.parent, parent)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
 
 _work = partial(typer.Option, rich_help_panel="Work")
+_table_file = partial(
+    options.output_option, None, metavar="FILE", parser=parsers.output_file, show_default="none"
+)
 
 
 def batch_command(
@@ -54,20 +57,10 @@ def batch_command(
         help="Format on stdout; jsonl: one line per log, as each finishes; the others: at the end.",
         show_default="nothing with -o; else summary on a terminal, jsonl into pipes",
     ),
-    markdown: Path | None = options.output_option(
-        None,
-        metavar="FILE",
-        parser=parsers.output_file,
-        help="Also write a Markdown table, for the summary of a CI job.",
-        show_default="none",
+    markdown: Path | None = _table_file(
+        help="Also write a Markdown table, for the summary of a CI job."
     ),
-    junit: Path | None = options.output_option(
-        None,
-        metavar="FILE",
-        parser=parsers.output_file,
-        help="Also write JUnit XML.",
-        show_default="none",
-    ),
+    junit: Path | None = _table_file(help="Also write JUnit XML."),
     require: options.Require = None,
     extras: options.ExtrasForEachLog,
     workers: int | None = _work(

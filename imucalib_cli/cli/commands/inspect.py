@@ -39,7 +39,7 @@ def inspect_command(
     verbose: options.Verbose = False,
 ) -> None:
     """Show topics, rates, gaps, stamps and units of a log, and the command to run on it."""
-    from imucalib_cli.jobs.input.request import CalibrationRequest
+    from imucalib_cli.jobs.input.request import CalibrationRequest, part_asked
     from imucalib_cli.jobs.inspect import inspect
 
     with (
@@ -53,7 +53,7 @@ def inspect_command(
                 csv_columns=csv_columns or (),
                 joint_columns=tuple(joints or ()),
                 allow_remote_scan=allow_remote_scan,
-                part=options.part_asked(part_from, part_to),
+                part=part_asked(part_from, part_to),
             )
             report = inspect(request, bar.report)
         if fmt == "json":

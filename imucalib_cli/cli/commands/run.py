@@ -211,7 +211,7 @@ def report_findings(
 
     Where stdout has words, a ``hint`` says how to get the result as YAML.
     """
-    from imucalib_cli.results.fields import findings_of, unobservable_fields
+    from imucalib_cli.results.fields import findings_of, reasons
 
     in_words = fmt == "summary" and target is None
     if is_terminal(sys.stderr) and not (in_words or (target is None and is_terminal(sys.stdout))):
@@ -221,7 +221,7 @@ def report_findings(
         lines = [
             ("untrusted", f"{result.child}: {reason}")
             for result in results
-            for reason in (*result.diagnostics.distrust, *unobservable_fields(result))
+            for reason in reasons(result)
         ]
         lines += [(finding.label, finding.text) for finding in findings_of(results)]
         if any("±" in text for _, text in lines):

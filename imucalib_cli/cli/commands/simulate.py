@@ -6,7 +6,7 @@ Options have the names of the fields in simulate.options; None is the default of
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path  # noqa: TC003 - typer evaluates the annotations
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -15,16 +15,12 @@ import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
-from imucalib_cli.cli.options import Quiet  # noqa: TC001 - typer evaluates the annotations
+from imucalib_cli.cli.options import Quiet, given_fields
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.parsers import imu_name, log_file, names, seconds, tilt, unix_time, vector
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.simulate.options import (
-    LogOptions,
-    NoiseOptions,
-    PhysicsOptions,
-)
+from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.config import SystemConfig
@@ -245,9 +241,7 @@ def simulate_command(
 
 def _with_options(defaults: Options, options: SimulateOptions) -> Options:
     """Options of one part of the simulation: the defaults, replaced by what is given."""
-    given = {each.name: getattr(options, each.name, None) for each in fields(defaults)}
-    chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    return replace(defaults, **chosen)
+    return replace(defaults, **given_fields(options, type(defaults)))
 
 
 def _with_noise(options: SimulateOptions) -> NoiseOptions:

@@ -59,6 +59,7 @@ def verify_command(
     from imucalib_cli.results.fields import findings_of
 
     paths = [*map(path_or_url, logs)]
+    within = within or WITHIN
     ignored = frozenset(ignore or ())
     with (
         writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
@@ -72,7 +73,7 @@ def verify_command(
             found = verify_results(
                 results,
                 recording.urdf,
-                within or WITHIN,
+                within,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
                 ignored=ignored | frozenset(options.PLANAR if estimator.planar else ()),
@@ -80,7 +81,7 @@ def verify_command(
         else:
             request = options.calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
-                found = verify_recording(request, within or WITHIN, bar.report, ignored=ignored)
+                found = verify_recording(request, within, bar.report, ignored=ignored)
         by_file: dict[str, list[VerifyAnswer]] = {}
         for answer in found[0]:
             by_file.setdefault(answer.about, []).append(answer)

@@ -14,8 +14,8 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note
+from imucalib_cli.jobs.known.robot import no_such_imu
 from imucalib_cli.logs.select import without_sensor
-from imucalib_cli.shown import similar_names
 from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
@@ -78,12 +78,7 @@ def _asked(
     for option, names in given.items():
         for name in names:
             if name not in imus or not len(imus[name]):
-                listed = ", ".join(imus) or "none"
-                raise ChoiceError(
-                    f"{option} {name}: no such IMU; there are {listed}"
-                    f"{similar_names(name, list(imus))}",
-                    option=option,
-                )
+                raise ChoiceError(no_such_imu(option, name, list(imus)), option=option)
     pairs = zip(request.gyro_topics, request.accel_topics, strict=True)
     return [(imus[gyro], imus[accel]) for gyro, accel in pairs]
 

@@ -28,7 +28,7 @@ from imucalib_cli.signals.imu.base import is_turning, turning_rate
 from imucalib_cli.signals.moves import track_moves
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -78,9 +78,9 @@ class Sources:
         """The robot, with the static frames of the log."""
         return None if self.robot is None else with_static_frames(self.robot, self.edges)
 
-    def topics_of(self, path: KinematicPath) -> tuple[str, ...]:
-        """Topics that move a path."""
-        return tuple(dict.fromkeys(self.topics[track.name] for track in path.tracks))
+    def topics_of(self, tracks: Iterable[Track]) -> tuple[str, ...]:
+        """Topics of tracks, each once."""
+        return tuple(dict.fromkeys(self.topics[track.name] for track in tracks))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +96,7 @@ class Motion:
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics that move the parent."""
-        return self.sources.topics_of(self.path)
+        return self.sources.topics_of(self.path.tracks)
 
 
 def find_motion(
@@ -129,8 +129,7 @@ def find_motion(
         if not is_in_log and (sources.joints or error.option != "--parent"):
             raise  # frames alone would take the base of an arm for what carries the IMU
         try:
-            motion = _from_frames(frames_alone, frame_id, request)
-            motion = _checked(motion, request, samples)
+            motion = _checked(_from_frames(frames_alone, frame_id, request), request, samples)
         except ImucalibError:
             raise error from None
         make, urdf = note if request.urdf is None else warning, str(sources.robot.source)
@@ -160,7 +159,7 @@ def _static(sources: Sources, request: CalibrationRequest, samples: ImuSamples |
     part = request.part is not None
     if samples is None or not is_turning(samples):
         return untrusted("robot.static", part=part)
-    topics = tuple(dict.fromkeys(sources.topics[track.name] for track in _moving(sources)))
+    topics = sources.topics_of(_moving(sources))
     return untrusted("robot.frozen", topics=topics, rate=turning_rate(samples), part=part)
 
 
@@ -210,7 +209,7 @@ def _from_robot(
     request = replace(request, parent=parent, imu_link=imu_link, world=in_urdf(request.world))
     mount = find_mount(robot, frame_id, parent, imu_link)
     path = _robot_path(sources, robot, mount.parent, request)
-    unused = set(request.pose_topics) - set(sources.topics_of(path))
+    unused = set(request.pose_topics) - set(sources.topics_of(path.tracks))
     for edge in sources.edges:
         topic = sources.topics[edge.track.name]
         if topic in unused and not edge.is_static:
@@ -327,9 +326,11 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
         if parent is None:
             parent, nominal = _guess_parent(edges, frame_id)
             if nominal is None and joints_move:  # a joint may lie between that frame and the IMU
-                topics = tuple(dict.fromkeys(sources.topics[each.name] for each in sources.joints))
-                values = {"parent": parent, "frame": frame_id, "topics": topics}
-                findings = (warning("robot.chain_missing", **values),)
+                topics = sources.topics_of(sources.joints)
+                missing = warning(
+                    "robot.chain_missing", parent=parent, frame=frame_id, topics=topics
+                )
+                findings = (missing,)
         path = frame_path(edges, parent, world=request.world)
         if not path.tracks and not all(edge.is_static for edge in edges):
             apart = f"no transform of the log leads from '{parent}' to a frame that moves"
@@ -347,7 +348,7 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
 
 def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
     """The error for joints without the robot's chain, with ``otherwise`` as another remedy."""
-    topics = (sources.topics[track.name] for track in sources.joints)
+    topics = sources.topics_of(sources.joints)
     listed = ", ".join(dict.fromkeys((*topics, *sources.unused_joints)))
     remedy = f"give --urdf, or record /robot_description{otherwise}"
     return ChoiceError(

@@ -139,12 +139,8 @@ def recording_of(
 ) -> Recording:
     """Put streams on one clock, and find the robot and the sources of its motion.
 
-    Args:
-        data: With at least one IMU.
-        request: Which IMUs, robot, clock and part.
-        chosen: The topics that were read; None for arrays.
-        files: Where the data come from.
-        epoch_ns: What was subtracted from the stamps of arrays.
+    ``chosen`` are the topics that were read, None for arrays, from whose stamps ``epoch_ns`` was
+    subtracted.
 
     Raises:
         InputError: The stamps of an IMU stand still, or the URDF cannot be used.

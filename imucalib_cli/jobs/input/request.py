@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
+from imucalib_cli.logs.part import Part
 from imucalib_cli.signals.imu.repair import repair
 from imucalib_cli.signals.imu.units import Units
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.logs.messages.columns import JointColumns
-    from imucalib_cli.logs.part import Part
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.result import Scalar
@@ -47,6 +47,11 @@ class ExpectedImu:
         """The data sheet's priors of these sensors' biases, 1 sigma, m/s² and rad/s."""
         stated = {sensor: self.model.bias_prior(sensor) for sensor in self.priors}
         return {sensor: prior for sensor, prior in stated.items() if prior is not None}
+
+
+def part_asked(start: float | None, end: float | None) -> Part | None:
+    """The part of a log to use, s; None for all of it."""
+    return None if start is None and end is None else Part(start=start, end=end)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,6 +12,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
 from imucalib_cli.jobs.input.motion import other_frames
+from imucalib_cli.jobs.known.robot import no_such_imu
 from imucalib_cli.robot.build import BaseImu, find_base
 from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, rigid_transform
 from imucalib_cli.shown import similar_names
@@ -104,13 +105,7 @@ def with_base_imu(
     """Use one of a log's IMUs for the motion of the base, if the user names one or one is needed.
 
     One is needed if the root of the URDF carries an IMU that turns, the log has joint states, and
-    nothing else in the log moves the base.
-
-    Args:
-        wanted: IMUs to be calibrated.
-        others: Other IMUs of the log.
-        sources: What else describes the motion.
-        request: With the name of the base IMU, if the user gives it.
+    nothing else in the log moves the base. ``wanted`` are the IMUs to be calibrated.
 
     Returns:
         The IMUs left to be calibrated, the sources with the base IMU, and findings that say so.
@@ -173,11 +168,7 @@ def possible_bases(imus: Imus, sources: Sources, request: CalibrationRequest) ->
 def _named(imus: Imus, name: str) -> ImuStream:
     found = [imu for imu in imus if name in (imu.name, imu.topic)]
     if len(found) != 1:
-        names = [imu.name for imu in imus]
-        raise ChoiceError(
-            f"--base-imu {name}: no such IMU; there are {', '.join(names)}"
-            f"{similar_names(name, names)}"
-        )
+        raise ChoiceError(no_such_imu("--base-imu", name, [imu.name for imu in imus]))
     return found[0]
 
 

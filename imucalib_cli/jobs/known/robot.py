@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import similar_names
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     from imucalib_cli.jobs.input.request import CalibrationRequest
     from imucalib_cli.logs.log import LogData
@@ -69,9 +70,6 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
     used: set[str] = set()
     frames = " ".join(imu.frame_id for imu in imus.values())
 
-    def numbered(topic: str, stream: JointStream) -> JointStream:
-        return _numbered(robot, topic, stream, findings)
-
     def prefixed(topic: str, stream: JointStream) -> JointStream:
         found = prefixes(stream.names, robot.moving_joints, f"{topic} {frames}")
         if request.joint_prefix is not None:
@@ -86,7 +84,7 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
             findings[note("joints.prefixed", count=len(names), **values)] = None
         return replace(stream, names=tuple(names.get(name, name) for name in stream.names))
 
-    joints = _each(prefixed, _each(numbered, data.joints))
+    joints = _each(prefixed, _each(partial(_numbered, robot, findings), data.joints))
     if request.joint_prefix is not None and not used:
         logged = [name for some in joints.values() for each in some for name in each.names]
         raise ChoiceError(
@@ -117,12 +115,14 @@ def asked_imus(data: LogData, request: CalibrationRequest) -> Imus:
     topics = {topic for imu in data.imus.values() for topic in imu.topics}
     for name in asked:
         if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
-            names = list(data.imus)
-            raise ChoiceError(
-                f"--imu-topic {name}: no such IMU; there are {', '.join(names)}"
-                f"{similar_names(name, names)}"
-            )
+            raise ChoiceError(no_such_imu("--imu-topic", name, list(data.imus)))
     return {name: imu for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
+
+
+def no_such_imu(option: str, name: str, names: Sequence[str]) -> str:
+    """The message for an option that names an IMU which the log does not have."""
+    listed = ", ".join(names) or "none"
+    return f"{option} {name}: no such IMU; there are {listed}{similar_names(name, names)}"
 
 
 def robot_of(urdf: LogPath) -> Robot:
@@ -202,7 +202,7 @@ def _each(change: Callable[[str, JointStream], JointStream], joints: Joints) -> 
     }
 
 
-def _numbered(robot: Robot, topic: str, stream: JointStream, findings: Findings) -> JointStream:
+def _numbered(robot: Robot, findings: Findings, topic: str, stream: JointStream) -> JointStream:
     """Joints that messages only number, with the names of the robot's motors."""
     called, names = _motors_of(stream, set(robot.moving_joints))
     used = [k for k, name in enumerate(names) if name and k < len(stream.names)]

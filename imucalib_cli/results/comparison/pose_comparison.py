@@ -11,13 +11,7 @@ import numpy as np
 from msgspec import UNSET
 
 from imucalib_cli.digits import decimals, figures, fixed, with_std
-from imucalib_cli.results.comparison.answers import (
-    RotationEntry,
-    Significance,
-    TestEntry,
-    TranslationEntry,
-    Verdict,
-)
+from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.from_estimate import plain
 from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, correlation, orthogonal_complement
@@ -169,7 +163,7 @@ class PoseComparison:
             [part.meaningful for part in self.parts],
         )
 
-    def test(self, *chosen: Part) -> TestEntry | None:
+    def test(self, *chosen: Part) -> answers.TestEntry | None:
         """Test parts of the difference (default: both) together against no difference.
 
         None without a covariance or without a direction that is known in both poses.
@@ -178,9 +172,9 @@ class PoseComparison:
         if self.covariance is None or not len(rows):
             return None
         chi2 = _squared(rows @ self.vector, rows @ self.covariance @ rows.T)
-        return TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
+        return answers.TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
-    def judge(self, part: Part, within: Tolerance) -> Verdict:
+    def judge(self, part: Part, within: Tolerance) -> answers.Verdict:
         """Whether a part is within its bound: yes or no if two sigma leave no doubt.
 
         An unknown direction prevents a yes, but not a no from the others.
@@ -192,7 +186,7 @@ class PoseComparison:
             return "no"
         return "yes" if part.determined and part.bounds[1] <= bound else "unknown"
 
-    def verdict(self, within: Tolerance | None) -> Verdict:
+    def verdict(self, within: Tolerance | None) -> answers.Verdict:
         """Whether the poses agree: one no is a no, a yes needs both parts.
 
         Without a tolerance the answer is no if noise rarely (RARE) gives such a chi-squared in the
@@ -208,12 +202,14 @@ class PoseComparison:
             return "no"
         return "yes" if all(part.determined for part in self.parts) else "unknown"
 
-    def entries(self, *verdicts: Verdict) -> dict[str, Any]:
+    def entries(self, *verdicts: answers.Verdict) -> dict[str, Any]:
         """Both parts as answers write them, with their verdicts if there are any."""
         translation, rotation = verdicts or (UNSET, UNSET)
         return {
-            "translation": TranslationEntry(verdict=translation, **self._entry(self.translation)),
-            "rotation": RotationEntry(verdict=rotation, **self._entry(self.rotation)),
+            "translation": answers.TranslationEntry(
+                verdict=translation, **self._entry(self.translation)
+            ),
+            "rotation": answers.RotationEntry(verdict=rotation, **self._entry(self.rotation)),
         }
 
     def _entry(self, part: Part) -> dict[str, Any]:
@@ -229,7 +225,7 @@ class PoseComparison:
             for name, size in sizes.items()
         } | {"unknown_directions": plain(part.unknown), "test": self.test(part)}
 
-    def significance(self) -> Significance | None:
+    def significance(self) -> answers.Significance | None:
         """The larger of the two parts in sigmas."""
         known = [
             (part.norm / part.sigma if part.sigma > 0.0 else math.inf, part.kind)
@@ -239,7 +235,7 @@ class PoseComparison:
         if not known:
             return None
         sigmas, kind = max(known)
-        return Significance(kind, plain(sigmas))
+        return answers.Significance(kind, plain(sigmas))
 
     def __str__(self) -> str:
         """Both norms with their sigma, such as ``4.39 ± 0.01 mm and 1.0 ± 0.1 deg (1 sigma)``."""

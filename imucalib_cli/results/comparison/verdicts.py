@@ -12,8 +12,8 @@ from imucalib_cli.estimate.checks.stated import POSE_NAMES
 from imucalib_cli.findings import warning
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
-from imucalib_cli.results.comparison.requirement import CODES, Tolerance
-from imucalib_cli.results.fields import unobservable_fields
+from imucalib_cli.results.comparison.requirement import Tolerance
+from imucalib_cli.results.fields import contradictions, unobservable_fields
 from imucalib_cli.results.from_estimate import plain, pose_entry, tree_from
 from imucalib_cli.results.result import SCHEMA
 
@@ -162,16 +162,9 @@ def _named(urdf: SourceFile) -> str:
 
 
 def _contradictions(result: Result) -> list[str]:
-    """Reasons against a result that make its sigma, and so every answer, worthless.
-
-    Undetermined directions and a sigma larger than required are no such reasons: the covariance
-    contains them.
-    """
-    return [
-        f"the result contradicts itself or its model: {finding.message}"
-        for finding in result.diagnostics.findings
-        if finding.severity == "untrusted" and finding.code not in CODES
-    ]
+    """Why a result gives no answer."""
+    said = "the result contradicts itself or its model"
+    return [f"{said}: {finding.message}" for finding in contradictions(result)]
 
 
 def _gaps(result: Result) -> Iterator[str]:

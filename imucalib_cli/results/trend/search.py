@@ -116,15 +116,15 @@ class Line:
 
     def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
         """Means (k, m) and their covariances (k, m, m), by weights (k, m, m)."""
-        mean, spread = self.through(series, weights, series.times)
+        mean, spread = self.through(series, weights)
         mean[self.odd] = series.values[self.odd]
         spread[self.odd] = np.linalg.inv(weights[self.odd])
         return mean, spread
 
-    def through(self, series: Series, weights: Floats, times: Floats) -> tuple[Floats, Floats]:
-        """The line at some times: (n, m) with covariances (n, m, m)."""
+    def through(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
+        """The line at the recordings: (k, m) with covariances (k, m, m)."""
         at, covariance = self._ends(series, weights)
-        columns = _columns(series, times)
+        columns = _columns(series)
         return columns @ at, columns @ covariance @ np.swapaxes(columns, 1, 2)
 
     def difference(self, series: Series, weights: Floats) -> Floats:
@@ -136,7 +136,7 @@ class Line:
         """Value at the first recording and change up to the last, (2 m,), and the covariance."""
         on = weights.copy()
         on[self.odd] = 0.0
-        columns = _columns(series, series.times)
+        columns = _columns(series)
         information = np.einsum("kai,kab,kbj->ij", columns, on, columns)
         covariance = np.linalg.inv(information)
         return covariance @ np.einsum("kai,kab,kb->i", columns, on, series.values), covariance
@@ -169,13 +169,12 @@ def means(series: Series, weights: Floats, numbers: Indices) -> tuple[Floats, Fl
     return np.einsum("nij,nj->ni", covariance, score), covariance
 
 
-def _columns(series: Series, times: Floats) -> Floats:
-    """(n, m, 2 m), derivative of a line by its value at the first recording and its change."""
-    share = (times - series.times[0]) / (float(np.ptp(series.times)) or 1.0)
+def _columns(series: Series) -> Floats:
+    """(k, m, 2 m), derivative of a line by its value at the first recording and its change."""
+    share = (series.times - series.times[0]) / (float(np.ptp(series.times)) or 1.0)
     eye = np.eye(series.values.shape[1])
-    return np.concatenate(
-        [np.broadcast_to(eye, (len(times), *eye.shape)), share[:, None, None] * eye], axis=2
-    )
+    still = np.broadcast_to(eye, (len(series), *eye.shape))
+    return np.concatenate([still, share[:, None, None] * eye], axis=2)
 
 
 def explained(series: Series, model: Model) -> Explained[Model]:

@@ -52,7 +52,6 @@ _SURE = 0.99
 class _Seen:
     """What the recordings show; nothing where there are fewer than two."""
 
-    used: Sequence[Named] = ()
     recordings: Sequence[answers.TrendRecording] = ()
     mounts: Sequence[answers.MountEntry] = ()
     changes: Sequence[answers.ChangeEntry] = ()
@@ -301,7 +300,6 @@ def _steps(
     }
     chi2 = search.chi2_about_one(series)
     return _Seen(
-        used=used,
         recordings=_recordings(used, mounts[0], rows, odd),
         mounts=[
             tree_from(
@@ -331,7 +329,7 @@ def _drifting(
 ) -> _Seen:
     """A pose that changes steadily."""
     series, line, weights = vectors.series, found.model, found.weights
-    values, spreads = line.through(series, weights, series.times)
+    values, spreads = line.through(series, weights)
     poses = [vectors.pose(*each) for each in zip(values, spreads, strict=True)]
     odd = {}
     for place in line.odd.tolist():
@@ -354,7 +352,6 @@ def _drifting(
         evidence=_evidence(search.explained(series, search.Mounts(numbers=still)), found),
     )
     return _Seen(
-        used=used,
         recordings=_recordings(used, poses[0], (), odd),
         drift=drift,
         moves=[apart],
@@ -413,8 +410,8 @@ def _recordings(
 
 
 def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.Moved, str]:
-    first, last = (_named(name, each.recorded_at) for name, each in (seen.used[0], seen.used[-1]))
-    span = f"{len(seen.used)} recordings, {first} to {last}"
+    first, *_, last = (_named(each.file, each.start) for each in seen.recordings)
+    span = f"{len(seen.recordings)} recordings, {first} to {last}"
     if seen.odd:
         each = (f"{entry.file} by {apart}" for apart, entry in seen.odd.values())
         span += f", of which odd and left out: {', '.join(each)}"
@@ -436,7 +433,7 @@ def _judged(seen: _Seen, place: str, within: Tolerance | None) -> tuple[answers.
 
 def _doubt(seen: _Seen, within: Tolerance | None) -> str:
     """Why recordings without a change do not prove that there was none; empty if they do."""
-    ends = {0: "the first", len(seen.used) - 1: "the last"}
+    ends = {0: "the first", len(seen.recordings) - 1: "the last"}
     for place, (apart, entry) in seen.odd.items():
         if place in ends and (within is None or apart.verdict(within) != "yes"):
             return (
