@@ -113,9 +113,10 @@ def frame_path(
             "or record the transform that joins them"
         )
     tracks: list[Track] = []
-    up, down = way_between(from_world, from_parent)
-    steps = [_step(above[frame][0], tracks, inverse=True) for frame in up]
-    steps += [_step(above[frame][0], tracks, inverse=False) for frame in down]
+    steps = [
+        _step(above[frame][0], tracks, inverse=upwards)
+        for frame, upwards in way_between(from_world, from_parent)
+    ]
     return KinematicPath(world=world, parent=parent, steps=merge_fixed(steps), tracks=tuple(tracks))
 
 
