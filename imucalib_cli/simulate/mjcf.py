@@ -45,13 +45,14 @@ def model_xml(
     bodies: dict[str, ET.Element] = {}
     if isinstance(mover, Legged):
         height = mover.gait.height + mover.feet[0].radius
-        bodies = _floating(world, system.parent, mover.trunk, mover.trunk.com, height)
+        trunk = mover.trunk
+        bodies[system.parent] = _floating(world, system.parent, trunk, trunk.com, height)
     else:
         ET.SubElement(option, "flag", contact="disable", constraint="disable")
     if isinstance(mover, FreeBody):
-        bodies = _floating(world, system.parent, mover)
+        bodies[system.parent] = _floating(world, system.parent, mover)
     else:
-        bodies = _jointed(world, bodies, mover)
+        _jointed(world, bodies, mover)
         _drives(ET.SubElement(root, "actuator"), mover)
     if isinstance(mover, Legged):
         _contacts(world, bodies, mover)
@@ -75,11 +76,8 @@ def _mounted(bodies: dict[str, ET.Element], name: str, mount: Mount) -> None:
     ET.SubElement(bodies[link], "site", name=name, pos=_numbers(p), quat=_numbers(_wxyz(R)))
 
 
-def _jointed(
-    world: ET.Element, bodies: dict[str, ET.Element], arm: Jointed
-) -> dict[str, ET.Element]:
-    """Bodies by the names of their links: the given ones and one for each joint."""
-    bodies = dict(bodies)
+def _jointed(world: ET.Element, bodies: dict[str, ET.Element], arm: Jointed) -> None:
+    """Add the body of each joint's link."""
     links = {link.name: link for link in arm.links}
     for joint, rotor in zip(arm.joints, arm.drives.rotor_inertia, strict=True):
         link = links.get(joint.child)
@@ -98,7 +96,6 @@ def _jointed(
         )
         _inertial(body, link.mass, link.com, link.inertia())
         bodies[link.name] = body
-    return bodies
 
 
 def _floating(
@@ -107,11 +104,11 @@ def _floating(
     box: FreeBody | Trunk,
     com: Sequence[float] = ZERO,
     height: float = 0.0,
-) -> dict[str, ET.Element]:
+) -> ET.Element:
     body = ET.SubElement(world, "body", name=name, pos=_numbers((0.0, 0.0, height)))
     ET.SubElement(body, "freejoint")
     _inertial(body, box.mass, com, box.inertia)
-    return {name: body}
+    return body
 
 
 def _inertial(
