@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -10,8 +10,8 @@ import msgspec
 
 from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
 from imucalib_cli.batch.folder import ResultFolder
-from imucalib_cli.batch.tables import csv_table
 from imucalib_cli.findings import note
+from imucalib_cli.results.formats import FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
@@ -35,11 +35,6 @@ class Engine(Protocol):
 
     def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
         """Run the task."""
-
-
-SUMMARY = "summary.csv"
-RESULT = ".yaml"
-"""Suffix of the result files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +67,7 @@ class Batch:
             yield from self._work(self.logs, None, report)
             return
         folder = ResultFolder(self.folder)
-        with ExitStack() as stack:
-            stack.enter_context(folder.opened())
-            stack.callback(lambda: folder.summarise(SUMMARY, csv_table))
+        with folder.opened():
             left = []
             places = frozenset(log.place for log in self.logs)
             sizes = {
@@ -87,7 +80,7 @@ class Batch:
                     left.append(log)
                 else:
                     yield log, record
-            suffixes = (RESULT, *(suffix for suffix, _ in self.task.extras))
+            suffixes = (FORMATS["yaml"].suffix, *(suffix for suffix, _ in self.task.extras))
             yield from self._work(folder.named(left, suffixes), folder, report)
 
     def _work(

@@ -18,6 +18,7 @@ import msgspec
 
 from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.batch.record import FileStamp, Record
+from imucalib_cli.batch.tables import csv_table
 from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.jobs.input.reading import path_text
@@ -26,7 +27,7 @@ from imucalib_cli.results.atomic import clear_partial, lock, sha256_of, write_wh
 from imucalib_cli.results.names import collision_key, log_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from imucalib_cli.batch.task import Done
 
@@ -34,6 +35,8 @@ T = TypeVar("T")
 
 RECORDS = "records"
 """Name of the folder of records."""
+SUMMARY = "summary.csv"
+"""Name of the table of all records, in the order of their logs' names."""
 _NAMES, _LOCK = ".names.json", ".lock"
 
 
@@ -55,7 +58,7 @@ class ResultFolder:
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:
-        """Make, lock and read the folder.
+        """Make, lock and read the folder; write its summary at the end.
 
         Raises:
             ChoiceError: Another batch writes to it.
@@ -75,7 +78,11 @@ class ResultFolder:
             clear_partial(self._folder)
             clear_partial(self._records)
             self._read()
-            yield
+            try:
+                yield
+            finally:
+                records = sorted(self.records.values(), key=lambda record: record.log)
+                write_whole(self._folder / SUMMARY, csv_table(records))
 
     def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
         """The name of a finished log; None if it must be done.
@@ -138,11 +145,6 @@ class ResultFolder:
         write_whole(self._records / f"{name}.json", msgspec.json.encode(record) + b"\n")
         self.records[name] = record
         self._owners[name] = record.place
-
-    def summarise(self, file: str, table: Callable[[Iterable[Record]], str]) -> None:
-        """Write a table of all records, in the order of their logs' names."""
-        records = sorted(self.records.values(), key=lambda record: record.log)
-        write_whole(self._folder / file, table(records))
 
     def _read(self) -> None:
         owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
