@@ -82,11 +82,7 @@ def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions
             R = first.R @ last.R.T  # of the camera's later frame in its earlier one
             imu_moved = _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned)
             moved.append((R, first.t - R @ last.t, imu_moved.R, imu_moved.p))
-    shapes = (-1, 3, 3), (-1, 3), (-1, 3, 3), (-1, 3)
-    columns = zip(*moved, strict=True) if moved else ((),) * 4
-    motions = Motions(
-        *(np.array(each).reshape(shape) for each, shape in zip(columns, shapes, strict=True))
-    )
+    motions = Motions(*(np.array([each[part] for each in moved]) for part in range(4)))
     found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
     return Answer(
         frame="camera",
@@ -231,7 +227,7 @@ class Displacement:
 def integrate(
     t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
 ) -> Displacement:
-    """Integrate bias-free samples from rest: t (N,), s; gyro (N, 3), rad/s; accel (N, 3), m/s².
+    """Integrate bias-free samples from rest.
 
     Rates are means of neighbouring samples, accelerations vary linearly between them.
 

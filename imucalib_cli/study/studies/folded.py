@@ -331,8 +331,8 @@ class NoiseStudy(FoldedStudy):
             if arm:
                 yield from self._claims_of_the_arm(method, arm)
             if arm and bar:
-                still, grown = self._growth(bar, self.accel)
-                arm_still, arm_grown = self._growth(arm, self.accel)
+                still, grown = _growth(bar, self.accel)
+                arm_still, arm_grown = _growth(arm, self.accel)
                 little = self.claims.little
                 yield Claim(
                     words=f"{method}: BarBot: translation errors grow little with σ_a (less than "
@@ -341,11 +341,6 @@ class NoiseStudy(FoldedStudy):
                     f"{digits(arm_grown)} mm",
                     met=grown - still < little * (arm_grown - arm_still),
                 )
-
-    @staticmethod
-    def _growth(rows: Sequence[Row], accel: Sequence[float]) -> tuple[float, float]:
-        """Mean translation errors, mm, at the first and the last noise of the accelerometer."""
-        return _error(rows, accel[0]), _error(rows, accel[-1])
 
     def _claims_of_the_arm(self, method: str, arm: list[Row]) -> Iterator[Claim]:
         criteria, of_arm = self.claims, f"{method}: RiHIBot"
@@ -375,7 +370,7 @@ class NoiseStudy(FoldedStudy):
             met=change - 2.0 * error <= criteria.same * still,
         )
         least, most = self.accel[0], self.accel[-1]
-        start, grown = self._growth(arm, self.accel)
+        start, grown = _growth(arm, self.accel)
         together = _error(arm, most, self.gyro[-1])
         yield Claim(
             words=f"{of_arm}: translation errors grow with σ_a (more than {criteria.same:.0%})",
@@ -424,7 +419,7 @@ class NoiseStudy(FoldedStudy):
         rows = in_best_setting(asides, steadily_small, "method")
 
         def from_to(case: str, offset: float) -> tuple[float, float]:
-            return self._growth(chosen(rows, method=JUDGED, case=case, offset=offset), accel)
+            return _growth(chosen(rows, method=JUDGED, case=case, offset=offset), accel)
 
         in_time = from_to(ARM, 0.0)
         growth = in_time[1] - in_time[0]
@@ -467,6 +462,11 @@ class NoiseStudy(FoldedStudy):
 def _error(rows: Sequence[Row], accel: float, gyro: float = 0.0) -> float:
     """Mean translation error, mm."""
     return MILLIMETRES * mean(chosen(rows, accel=accel, gyro=gyro), "translation")
+
+
+def _growth(rows: Sequence[Row], accel: Sequence[float]) -> tuple[float, float]:
+    """Mean translation errors, mm, at the first and the last noise of the accelerometer."""
+    return _error(rows, accel[0]), _error(rows, accel[-1])
 
 
 def _change(arm: list[Row], gyro: float) -> tuple[float, float]:

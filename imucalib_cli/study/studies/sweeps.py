@@ -246,7 +246,8 @@ def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
 def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     """Translation above, rotation below; a column of panels for each condition."""
     conditions = groups(rows, "condition")
-    figure, panels = new_figure(len(ERRORS), len(conditions), share_x=True)
+    size = 7.2 * (1 + 0.6 * (len(conditions) - 1)), 4.2 * (1 + 0.7 * (len(ERRORS) - 1))
+    figure, panels = new_figure(len(ERRORS), len(conditions), size=size, share_x=True)
     for line, (key, scale, unit) in enumerate(ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
