@@ -30,6 +30,7 @@ from imucalib_cli.robot.rotations import (
     skew,
 )
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.study.contest import Answer, Pose
 from imucalib_cli.study.methods.camera import target_pose
@@ -192,10 +193,9 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
     steady &= np.linalg.norm(mean_rate - bias, axis=1) < options.gyro
     # A sample is still if a steady window covers it.
     still = np.convolve(steady, np.ones(samples), mode="full") > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     found = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        a, b = t[first], t[last - 1]
+    for first, end in stretches_of(still):
+        a, b = t[first], t[end - 1]
         inside = (t >= a + options.margin) & (t <= b - options.margin)
         if b - a < options.shortest or not inside.any():
             continue
