@@ -140,11 +140,7 @@ def load_robot(path: Path) -> Robot:
 
 
 def _expanded(path: Path) -> bytes:
-    """The URDF that a xacro file expands to with the defaults of its arguments.
-
-    Raises:
-        InputError: xacro is not installed, or the file is faulty or needs an argument.
-    """
+    """The URDF that a xacro file expands to with the defaults of its arguments."""
     command = f"`xacro {path} > robot.urdf` and give robot.urdf"
     try:
         import xacro
