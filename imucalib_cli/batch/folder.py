@@ -181,13 +181,10 @@ def _free_name(
     files: Mapping[str, Iterable[Path]],
     counts: Mapping[str, Iterator[int]],
 ) -> str:
-    """A name that no other log and no file of something else has.
+    """A name that is not taken by another log, nor by a file of something else.
 
-    Args:
-        log: Its own results, such as ``imucalib run`` writes them, do not block a name.
-        taken: Names of other logs, as :func:`collision_key` returns them.
-        files: By the beginnings of their names.
-        counts: Numbers that are not used yet, by the name without its number.
+    The log's own results, such as ``imucalib run`` writes them, do not block a name. ``files`` are
+    by the beginnings of their names, ``counts`` numbers that are not used yet, by the name without.
     """
     stem = file_name(log_name(log.paths[0]))
     for number in counts[collision_key(stem)]:
