@@ -109,9 +109,6 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
     """Write a log beside its final path and move it there when it is complete.
 
     A symbolic link is kept and its target replaced; permissions are kept.
-
-    Raises:
-        InputError, ChoiceError: As :func:`check_log_place`.
     """
     compression = check_log_place(path, compression)
     try:

@@ -123,11 +123,7 @@ def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> S
 
 
 def _check_counts(parameters: object, where: str) -> None:
-    """Refuse empty lists (except optional ones) and counts below one.
-
-    Raises:
-        InputError: Names the key.
-    """
+    """Refuse empty lists (except optional ones) and counts below one, by the name of the key."""
     for part in fields(parameters):  # type: ignore[arg-type]
         value, here = getattr(parameters, part.name), f"{where}: {part.name}"
         if value == () and part.default is MISSING:

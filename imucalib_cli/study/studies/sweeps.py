@@ -216,11 +216,7 @@ def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
 
 
 def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
-    """A line for each sweep and method: the best value, and the errors at both ends.
-
-    Args:
-        sweeps: Rows of each by its title, as for the tables above it.
-    """
+    """A line for each sweep, by its title, and method: the best value, and errors at both ends."""
     lines: list[tuple[str, ...]] = []
     for title, rows in sweeps.items():
         for mine in groups(rows, "method"):
