@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import chain, cycle, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -173,13 +173,13 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
     else:
         raise InputError(f"{system.name} walks: only an arm or a free body moves and rests in turn")
     t = mover.start_rest
-    stretches, place = [], 0
-    while t < duration - _ROUNDING:
-        if place == len(moves):  # as the simulation repeats its plan
-            place = min(again, len(moves) - 1)
-        kind, seconds = moves[place]
+    stretches = []
+    # As the simulation repeats its plan.
+    for kind, seconds in chain(moves, cycle(moves[again:] or moves)):
+        if t >= duration - _ROUNDING:
+            break
         stretches.append(Stretch(start=t, stop=min(t + seconds, duration), kind=kind))
-        t, place = t + seconds, place + 1
+        t += seconds
     # Standstill at the start belongs to the first move, the last sample to the last move.
     stretches[0] = replace(stretches[0], start=0.0)
     stretches[-1] = replace(stretches[-1], stop=np.inf)

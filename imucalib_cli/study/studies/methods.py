@@ -52,6 +52,7 @@ from imucalib_cli.study.tables import (
     ERRORS,
     Claim,
     Column,
+    answered,
     chosen,
     claims_table,
     count,
@@ -351,7 +352,7 @@ _COLUMNS: tuple[Column, ...] = (
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
     statistic("memory MB", mean, "memory", _MEGABYTES),
-    count("answers", lambda row: row["translation"] is not None),
+    count("answers", answered),
 )
 
 
