@@ -265,11 +265,9 @@ def _run(
 def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
     """Columns of each publisher's joints."""
     joints = len(system.joints)
-    if joints == 0:
-        if number != 1:
-            raise InputError(f"{system.name} has no joints to split over {number} publishers")
-        return [[]]
-    if not 1 <= number <= joints:
+    if joints == 0 and number != 1:
+        raise InputError(f"{system.name} has no joints to split over {number} publishers")
+    if not 1 <= number <= max(joints, 1):
         raise InputError(f"{number} publishers: {system.name} has {joints} joints to split")
     return [part.tolist() for part in np.array_split(np.arange(joints), number)]
 
