@@ -46,6 +46,7 @@ from imucalib_cli.study.tables import (
     column,
     count,
     digits,
+    exceeds,
     in_best_setting,
     lay_out,
     mean,
@@ -434,7 +435,7 @@ class NoiseStudy(FoldedStudy):
                     words=f"{JUDGED}: {case.name}, stamps {offset * 1e3:g} ms late: errors grow "
                     f"more than on RiHIBot in time ({span})",
                     found=f"{digits(still)} to {digits(grown)} mm; RiHIBot in time {of_arm}",
-                    met=_more(grown - still, (1.0 + same) * growth),
+                    met=exceeds(grown - still, (1.0 + same) * growth),
                 )
         for case in self.timing:
             late = max(case.offsets)
@@ -448,14 +449,14 @@ class NoiseStudy(FoldedStudy):
                 words=f"matched: {case.name}: estimating the offset takes away what late stamps do",
                 found=f"{digits(after)} mm at {late * 1e3:g} ms, {digits(before)} mm in time; "
                 f"{JUDGED}: {digits(from_to(case.name, late)[0])} mm",
-                met=_more(before, 0.0) and after <= (1.0 + same) * before,
+                met=exceeds(before, 0.0) and after <= (1.0 + same) * before,
             )
         for body in self.bodies:
             still, grown = from_to(body.name, 0.0)
             yield Claim(
                 words=f"{JUDGED}: {body.name}: translation errors grow little with σ_a ({span})",
                 found=f"{digits(still)} to {digits(grown)} mm; RiHIBot {of_arm}",
-                met=_more(little * growth, grown - still),
+                met=exceeds(little * growth, grown - still),
             )
 
 
@@ -483,11 +484,6 @@ def _change(arm: list[Row], gyro: float) -> tuple[float, float]:
             pairs.append(MILLIMETRES * (after - before))
     error = float(np.std(pairs, ddof=1) / math.sqrt(len(pairs))) if len(pairs) > 1 else 0.0
     return float(np.mean(pairs)) if pairs else math.nan, error
-
-
-def _more(more: float, less: float) -> bool | None:
-    """Whether one is more than the other; None if either is missing."""
-    return None if math.isnan(more) or math.isnan(less) else more > less
 
 
 @dataclass(frozen=True, kw_only=True)

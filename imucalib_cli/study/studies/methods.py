@@ -57,6 +57,7 @@ from imucalib_cli.study.tables import (
     claims_table,
     count,
     digits,
+    exceeds,
     in_best_setting,
     lay_out,
     mean,
@@ -319,13 +320,13 @@ class MethodsStudy(Study, Conditioned):
                     yield Claim(
                         words=f"{words}: below {rival} in {key} ({condition})",
                         found=f"{digits(ours)} {unit} against {digits(errors[key])} {unit}",
-                        met=None if math.isnan(ours - errors[key]) else ours < errors[key],
+                        met=exceeds(errors[key], ours),
                     )
         angle, limit = error(_LIANG, "rotation", DEGREES), self.claims.liang_rotation_deg
         yield Claim(
             words=f"paper: Liang et al. over {limit:g} deg ({condition})",
             found=f"{digits(angle)} deg",
-            met=None if math.isnan(angle) else angle > limit,
+            met=exceeds(angle, limit),
         )
 
 
