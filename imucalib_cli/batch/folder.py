@@ -46,6 +46,7 @@ class ResultFolder:
     Attributes:
         records: By the name of the log.
         stamps: Of all files in earlier records, by absolute path.
+        sizes: Bytes of the files of each earlier record, ascending.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -53,6 +54,7 @@ class ResultFolder:
         self._records = folder / RECORDS
         self.records: dict[str, Record] = {}
         self.stamps: dict[str, FileStamp] = {}
+        self.sizes: set[tuple[int, ...]] = set()
         self._by_key: dict[str | None, list[str]] = {}
         self._owners: dict[str, str] = {}
 
@@ -157,6 +159,7 @@ class ResultFolder:
                 self._owners[path.stem] = record.place
                 self._by_key.setdefault(record.key, []).append(path.stem)
                 self.stamps |= {stamp.path: stamp for stamp in record.files}
+                self.sizes.add(tuple(sorted(stamp.size for stamp in record.files)))
         self._by_key.pop(None, None)
 
     def _is_whole(self, record: Record) -> bool:
