@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from imucalib_cli.simulate.options import (  # noqa: TC001 - type of fields, checked when read
-    Vector,
-)
+from imucalib_cli.simulate.options import Vector  # noqa: TC001 - type of fields, checked when read
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,12 +100,9 @@ def record(
 ) -> Recording:
     """Simulate a system without noise; options that are None are the system's own.
 
-    Args:
-        system: The system and its motion.
-        options: Rates, duration, gravity, mount.
-        progress: Called now and then with the share done, 0 to 1.
-        camera: Record its view too. Its optical frame is a frame of the system, as from
-            :func:`imucalib_cli.simulate.camera.config.load_camera`.
+    ``progress`` is called now and then with the share done, 0 to 1. A camera's view is recorded
+    too; its optical frame is a frame of the system, as from
+    :func:`imucalib_cli.simulate.camera.config.load_camera`.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
