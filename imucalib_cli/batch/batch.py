@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, closing
+from contextlib import closing
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
 from imucalib_cli.batch.folder import ResultFolder
-from imucalib_cli.batch.tables import csv_table
 from imucalib_cli.findings import note
+from imucalib_cli.results.formats import FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
@@ -23,23 +23,13 @@ if TYPE_CHECKING:
     from imucalib_cli.batch.task import Done, Task
     from imucalib_cli.findings import Finding
 
-    Report = Callable[[int, int], None]
-
-
-class Engine(Protocol):
+    Engine = Callable[[Task, Sequence[BatchLog]], Generator[tuple[BatchLog, Done]]]
     """Runs a task on each log and yields the results in the order of completion.
 
     A log whose worker is lost is tried again, then gets an error record; a log that exceeds the
     time limit gets an error record at once. Closing the generator ends running work.
     """
-
-    def __call__(self, task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
-        """Run the task."""
-
-
-SUMMARY = "summary.csv"
-RESULT = ".yaml"
-"""Suffix of the result files."""
+    Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,22 +62,16 @@ class Batch:
             yield from self._work(self.logs, None, report)
             return
         folder = ResultFolder(self.folder)
-        with ExitStack() as stack:
-            stack.enter_context(folder.opened())
-            stack.callback(lambda: folder.summarise(SUMMARY, csv_table))
+        with folder.opened():
             left = []
             places = frozenset(log.place for log in self.logs)
-            sizes = {
-                tuple(sorted(stamp.size for stamp in record.files))
-                for record in folder.records.values()
-            }
             for log in self.logs:
-                record = self._finished(log, folder, sizes, places)
+                record = self._finished(log, folder, places)
                 if record is None:
                     left.append(log)
                 else:
                     yield log, record
-            suffixes = (RESULT, *(suffix for suffix, _ in self.task.extras))
+            suffixes = (FORMATS["yaml"].suffix, *(suffix for suffix, _ in self.task.extras))
             yield from self._work(folder.named(left, suffixes), folder, report)
 
     def _work(
@@ -110,21 +94,17 @@ class Batch:
                 yield log, record
 
     def _finished(
-        self,
-        log: BatchLog,
-        folder: ResultFolder,
-        known: AbstractSet[tuple[int, ...]],
-        places: AbstractSet[str],
+        self, log: BatchLog, folder: ResultFolder, places: AbstractSet[str]
     ) -> Record | None:
         """The record of a finished log, updated to where its files are now.
 
-        A log whose files have sizes that no record has (``known``) is new, and is not hashed.
-        ``places`` are those of all logs.
+        A log whose files have sizes that no record has is new, and is not hashed. ``places`` are
+        those of all logs.
         """
         if self.fresh:
             return None
         sizes = sizes_of(log)
-        if tuple(sorted(size for size, _ in sizes.values())) not in known:
+        if tuple(sorted(size for size, _ in sizes.values())) not in folder.sizes:
             return None
         try:
             stamps = stamps_of(sizes, known=None if self.rehash else folder.stamps)

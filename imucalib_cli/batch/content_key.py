@@ -99,12 +99,10 @@ def stamps_of(
     hashes: Mapping[str, str] | None = None,
     known: Mapping[str, FileStamp] | None = None,
 ) -> list[FileStamp]:
-    """Hashes of the files of a log.
+    """Hashes of the files of a log, whose sizes are as of :func:`sizes_of`.
 
-    Args:
-        sizes: As of :func:`sizes_of`.
-        hashes: Hashes that were computed since, by path as text.
-        known: Earlier stamps by absolute path, trusted for files of the same size and time.
+    ``hashes`` were computed since, by path as text; ``known`` are earlier stamps by absolute path,
+    trusted for files of the same size and time.
 
     Raises:
         OSError: A file cannot be read.

@@ -18,6 +18,7 @@ import msgspec
 
 from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.batch.record import FileStamp, Record
+from imucalib_cli.batch.tables import csv_table
 from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.jobs.input.reading import path_text
@@ -26,7 +27,7 @@ from imucalib_cli.results.atomic import clear_partial, lock, sha256_of, write_wh
 from imucalib_cli.results.names import collision_key, log_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Collection, Iterable, Iterator, Mapping
 
     from imucalib_cli.batch.task import Done
 
@@ -34,6 +35,8 @@ T = TypeVar("T")
 
 RECORDS = "records"
 """Name of the folder of records."""
+SUMMARY = "summary.csv"
+"""Name of the table of all records, in the order of their logs' names."""
 _NAMES, _LOCK = ".names.json", ".lock"
 
 
@@ -43,6 +46,7 @@ class ResultFolder:
     Attributes:
         records: By the name of the log.
         stamps: Of all files in earlier records, by absolute path.
+        sizes: Bytes of the files of each earlier record, ascending.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -50,12 +54,13 @@ class ResultFolder:
         self._records = folder / RECORDS
         self.records: dict[str, Record] = {}
         self.stamps: dict[str, FileStamp] = {}
+        self.sizes: set[tuple[int, ...]] = set()
         self._by_key: dict[str | None, list[str]] = {}
         self._owners: dict[str, str] = {}
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:
-        """Make, lock and read the folder.
+        """Make, lock and read the folder; write its summary at the end.
 
         Raises:
             ChoiceError: Another batch writes to it.
@@ -75,7 +80,11 @@ class ResultFolder:
             clear_partial(self._folder)
             clear_partial(self._records)
             self._read()
-            yield
+            try:
+                yield
+            finally:
+                records = sorted(self.records.values(), key=lambda record: record.log)
+                write_whole(self._folder / SUMMARY, csv_table(records))
 
     def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
         """The name of a finished log; None if it must be done.
@@ -139,11 +148,6 @@ class ResultFolder:
         self.records[name] = record
         self._owners[name] = record.place
 
-    def summarise(self, file: str, table: Callable[[Iterable[Record]], str]) -> None:
-        """Write a table of all records, in the order of their logs' names."""
-        records = sorted(self.records.values(), key=lambda record: record.log)
-        write_whole(self._folder / file, table(records))
-
     def _read(self) -> None:
         owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
         # The folder may come from elsewhere: ignore names that lead out of it.
@@ -155,6 +159,7 @@ class ResultFolder:
                 self._owners[path.stem] = record.place
                 self._by_key.setdefault(record.key, []).append(path.stem)
                 self.stamps |= {stamp.path: stamp for stamp in record.files}
+                self.sizes.add(tuple(sorted(stamp.size for stamp in record.files)))
         self._by_key.pop(None, None)
 
     def _is_whole(self, record: Record) -> bool:
@@ -179,13 +184,10 @@ def _free_name(
     files: Mapping[str, Iterable[Path]],
     counts: Mapping[str, Iterator[int]],
 ) -> str:
-    """A name that no other log and no file of something else has.
+    """A name that is not taken by another log, nor by a file of something else.
 
-    Args:
-        log: Its own results, such as ``imucalib run`` writes them, do not block a name.
-        taken: Names of other logs, as :func:`collision_key` returns them.
-        files: By the beginnings of their names.
-        counts: Numbers that are not used yet, by the name without its number.
+    The log's own results, such as ``imucalib run`` writes them, do not block a name. ``files`` are
+    by the beginnings of their names, ``counts`` numbers that are not used yet, by the name without.
     """
     stem = file_name(log_name(log.paths[0]))
     for number in counts[collision_key(stem)]:

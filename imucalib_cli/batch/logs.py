@@ -67,15 +67,12 @@ class Found:
 
 
 def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
-    """Find the recordings that names lead to, in their order.
+    """Find the recordings that paths, patterns and URLs lead to, in their order.
 
     A folder is one recording where it has the metadata of one or the tables of EuRoC; otherwise
     its recordings are searched for in it and below. A pattern is expanded if no file has its name.
-    A name that leads nowhere stays, so that it is reported as a log that cannot be read.
-
-    Args:
-        names: Paths, patterns and URLs.
-        left_out: The folder of the results, which is not searched.
+    A name that leads nowhere stays, so that it is reported as a log that cannot be read. The folder
+    ``left_out``, that of the results, is not searched.
     """
     logs: dict[object, BatchLog] = {}
     findings = []
@@ -103,13 +100,10 @@ def _recordings(name: str, left_out: Path | None) -> Iterator[tuple[LogPath, ...
         if matches:
             return
     path = path_or_url(name)
-    if isinstance(path, RemoteFile):
-        yield (path,)
-    elif os.path.isdir(path) and not _is_recording(path):  # noqa: PTH112 - never raises
+    found: list[tuple[LogPath, ...]] = []
+    if isinstance(path, Path) and os.path.isdir(path) and not _is_recording(path):  # noqa: PTH112 - never raises
         found = list(_inside(path, left_out))
-        yield from found or [(path,)]
-    else:
-        yield (path,)
+    yield from found or [(path,)]
 
 
 def _is_recording(folder: Path) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.mcap.write import McapWriter
+from imucalib_cli.logs.messages.make import NS, Maker
 from imucalib_cli.report.table import stamps_ns
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.names import TOPIC, names_of
@@ -39,8 +40,7 @@ DESCRIPTION = "/robot_description"
 RESULT = "result.yaml"
 """Name of the attachment."""
 _LIBRARY = "imucalib run --debug-mcap"
-_NS = 1_000_000_000
-_LATEST_NS = 2**31 * _NS
+_LATEST_NS = 2**31 * NS
 """Seconds of a ROS 2 message are an int32."""
 _IMU, _TF = "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
 _NUMBERS = "std_msgs/msg/Float64MultiArray"
@@ -77,7 +77,7 @@ def debug_mcap(
     results = [result for result, _ in seen]
     ends = np.concatenate([stamps_ns(windows.t[[0, -1]], origin_ns) for _, windows in seen])
     start_ns = max(int(ends.min()), 0)
-    if int(ends.max()) + _NS > _LATEST_NS:
+    if int(ends.max()) + NS > _LATEST_NS:
         raise InputError("the log's stamps are after 2038, which no message of ROS 2 can hold")
     content = io.BytesIO()
     log = McapWriter(content, library=_LIBRARY)
@@ -107,18 +107,13 @@ def debug_mcap(
 def _readings(
     log: McapWriter, topic: str, frame: str, windows: WindowSeries, origin_ns: int
 ) -> Iterator[Row]:
-    imu, vector = log.types[_IMU], log.types["geometry_msgs/msg/Vector3"]
-    # REP 145: a first element of -1 says that there is no orientation.
-    unknown, no_orientation = np.zeros(9), np.array([-1.0, *np.zeros(8)])
-    no_turn = log.types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
-    header = _headers(log)
+    maker = Maker(log.types)
     stamps = stamps_ns(windows.t, origin_ns).tolist()
     for what in ("measured", "predicted", "residual"):
         write = log.connect(f"{topic}/{what}", _IMU)
         values = (getattr(windows, f"{sensor}_{what}").tolist() for sensor in ("accel", "gyro"))
         for ns, accel, gyro in zip(stamps, *values, strict=True):
-            readings = vector(*gyro), unknown, vector(*accel), unknown
-            yield ns, write, imu(header(ns, frame), no_turn, no_orientation, *readings)
+            yield ns, write, maker.imu(maker.header(ns, frame), gyro, accel)
     write, numbers = log.connect(f"{topic}/weight", _NUMBERS), log.types[_NUMBERS]
     layout = log.types["std_msgs/msg/MultiArrayLayout"]([], 0)
     for ns, weight in zip(stamps, windows.weight, strict=True):
@@ -229,28 +224,17 @@ def _link(joint: Joint, values: dict[str, Floats]) -> FrameSeries:
 
 def _transforms(log: McapWriter, frames: Sequence[FrameSeries]) -> Callable[[int, int], Any]:
     """A function that makes the TFMessage of a row of the poses, with a stamp in ns."""
-    vector, quaternion, transform, stamped = (
-        log.types[f"geometry_msgs/msg/{name}"]
-        for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")
+    maker, message = Maker(log.types), log.types[_TF]
+    series = [
+        (each.parent, each.child, each.p.tolist(), quaternion_from_matrix(each.R).tolist())
+        for each in frames
+    ]
+    return lambda row, ns: message(
+        [
+            maker.transform(maker.header(ns, parent), child, p[row], q[row])
+            for parent, child, p, q in series
+        ]
     )
-    message, header = log.types[_TF], _headers(log)
-    rows = [(each.p.tolist(), quaternion_from_matrix(each.R).tolist()) for each in frames]
-
-    def make(row: int, ns: int) -> Any:
-        poses = (transform(vector(*p[row]), quaternion(*q[row])) for p, q in rows)
-        return message(
-            [
-                stamped(header(ns, frame.parent), frame.child, pose)
-                for frame, pose in zip(frames, poses, strict=True)
-            ]
-        )
-
-    return make
-
-
-def _headers(log: McapWriter) -> Callable[[int, str], Any]:
-    time, header = log.types["builtin_interfaces/msg/Time"], log.types["std_msgs/msg/Header"]
-    return lambda ns, frame: header(stamp=time(*divmod(ns, _NS)), frame_id=frame)
 
 
 def _text(xml: bytes) -> str:

@@ -21,6 +21,7 @@ from imucalib_cli.report.chart import (
 from imucalib_cli.report.drawings import heat_map, parameter_table
 from imucalib_cli.report.words import WORDS
 from imucalib_cli.results.pose import PARTS
+from imucalib_cli.signals.samples import AXES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result, TimeOffset
     from imucalib_cli.signals.samples import Sensor
 
-_AXES = "xyz"
 _TIME = "time of the log, s"
 _LOG_TIME = "time"
 _over_time = partial(plot, x_label=_TIME, shared_x=_LOG_TIME)
@@ -84,7 +84,7 @@ def figures(material: Material) -> Iterator[Figure]:
         plots = _pose_plots(middles, *differences, x_label=_TIME, shared=_LOG_TIME)
         yield _figure("segments", count=len(edges) - 1, plots=plots)
         yield _so_far(stretches)
-        rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in _AXES)
+        rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in AXES)
         drawing = heat_map(stretches.share, rows=rows, edges=stretches.edges, unit="s")
         yield _figure("taught", drawing=drawing)
     if details is not None and details.offset is not None:
@@ -103,7 +103,7 @@ def _motion(material: Material, details: Details, sensor: Sensor) -> Figure:
     bias = result.accel_bias if sensor == "accel" else result.gyro_bias
     samples = details.imu.of(sensor) - np.array(bias.value)
     plots = []
-    for axis, name in enumerate(_AXES):
+    for axis, name in enumerate(AXES):
         at = thinned(np.stack([measured[:, axis], predicted[:, axis]], axis=1))
         t = series.t[at]
         band = ranges(details.imu.t, samples[:, axis : axis + 1], t)[:, 0]
@@ -242,5 +242,5 @@ def _by_axis(
     values: Floats, styles: Sequence[Style] = ("line",) * 3, half_width: Floats | None = None
 ) -> list[Data]:
     bars = [None] * 3 if half_width is None else half_width.T
-    rows = zip(_AXES, values.T, styles, AXIS_COLOURS, bars, strict=True)
+    rows = zip(AXES, values.T, styles, AXIS_COLOURS, bars, strict=True)
     return [trace(*row) for row in rows]

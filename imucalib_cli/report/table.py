@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.layout import csv_text
 from imucalib_cli.optional import optional
+from imucalib_cli.signals.samples import AXES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.details import WindowSeries
 
     Column = Floats | Integers
-
-AXES = "xyz"
 
 
 def stamps_ns(t: Floats, origin_ns: int) -> Integers:

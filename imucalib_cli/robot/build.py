@@ -31,17 +31,12 @@ if TYPE_CHECKING:
 def joint_path(
     robot: Robot, parent: str, tracks: Sequence[Track], *, world: str | None = None
 ) -> KinematicPath:
-    """Build the path from ``world`` to ``parent`` through the URDF.
+    """Build the path from ``world``, by default the URDF's root, to ``parent`` through the URDF.
 
-    Each joint on the path uses the column of its name, a mimic joint that of the joint it follows.
-    If several tracks have a joint, the track with most of the needed joints is used, then the one
-    with most samples. Tracks that are not needed are dropped.
-
-    Args:
-        robot: The tree.
-        parent: Link that carries the IMU.
-        tracks: Joint positions with their names, one track for each publisher.
-        world: Link in which the path starts; default: the URDF's root.
+    Each publisher of joint positions has its own track. Each joint on the path uses the column of
+    its name, a mimic joint that of the joint it follows. If several tracks have a joint, the track
+    with most of the needed joints is used, then the one with most samples. Tracks that are not
+    needed are dropped.
 
     Raises:
         InputError: A link is not in the URDF, joints are missing in the log or not finite, or
@@ -127,13 +122,9 @@ def moving_base_path(
 ) -> KinematicPath:
     """Build the path world -> (pose edges) -> ``base`` -> (joints of the URDF) -> ``parent``.
 
-    Args:
-        edges: Poses; between two links of the URDF its joints are used instead.
-        robot: The tree that ``base`` and ``parent`` belong to.
-        parent: Link that carries the IMU.
-        tracks: As for :func:`joint_path`.
-        base: Link of the URDF whose pose the edges contain, as :func:`find_base` finds it.
-        world: Frame in which the path starts; default: the root of the base's tree.
+    ``base`` is the link of the URDF whose pose the edges contain, as :func:`find_base` finds it;
+    ``world`` is by default the root of its tree. Between two links of the URDF its joints are used
+    instead of edges, with tracks as for :func:`joint_path`.
 
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
@@ -168,14 +159,9 @@ def base_imu_path(
 ) -> KinematicPath:
     """Build the path freely falling frame -> base IMU -> its link -> ``parent``.
 
-    The path's ``world`` is the base IMU's link, since people see the motion relative to it.
-
-    Args:
-        base: The IMU.
-        parent: Link that carries the other IMU.
-        robot: The tree that both links belong to; None: frames of the log.
-        tracks: As for :func:`joint_path`.
-        edges: Poses of the log's frames, where there is no robot.
+    The path's ``world`` is the base IMU's link, since people see the motion relative to it. It and
+    ``parent``, which carries the other IMU, are links of the robot, with tracks as for
+    :func:`joint_path`; without a robot they are frames of the log, with their poses as edges.
 
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.

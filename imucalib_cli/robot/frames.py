@@ -81,13 +81,8 @@ def frame_path(
 ) -> KinematicPath:
     """Build the path from ``world`` to ``parent`` over pose edges, in either direction.
 
-    Static edges become fixed steps.
-
-    Args:
-        edges: Static and dynamic.
-        parent: Frame that carries the IMU.
-        world: Frame in which the path starts; default: the root of the parent's tree.
-        robot: Its fixed joints are used as edges where the log has none to their child.
+    ``world`` is by default the root of the parent's tree. Static edges become fixed steps; fixed
+    joints of the robot are used as edges where the log has none to their child.
 
     Raises:
         ChoiceError: A frame is not in the tree, the two are not connected, or a frame on the path
@@ -113,9 +108,10 @@ def frame_path(
             "or record the transform that joins them"
         )
     tracks: list[Track] = []
-    up, down = way_between(from_world, from_parent)
-    steps = [_step(above[frame][0], tracks, inverse=True) for frame in up]
-    steps += [_step(above[frame][0], tracks, inverse=False) for frame in down]
+    steps = [
+        _step(above[frame][0], tracks, inverse=upwards)
+        for frame, upwards in way_between(from_world, from_parent)
+    ]
     return KinematicPath(world=world, parent=parent, steps=merge_fixed(steps), tracks=tuple(tracks))
 
 

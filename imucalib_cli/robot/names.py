@@ -36,16 +36,10 @@ def names_in_urdf(names: Collection[str], known: Collection[str], prefix: str) -
 
 
 def prefixes(names: Collection[str], known: Collection[str], hints: str = "") -> tuple[str, ...]:
-    """The prefixes by which most names become known ones; several if they do equally well.
+    """The prefixes by which most names of the log become known ones, those of the URDF.
 
-    Args:
-        names: Names in the log.
-        known: Names in the URDF.
-        hints: Text that names the robot, such as a topic: of prefixes that do equally well, the
-            one that it contains is used.
-
-    Returns:
-        Empty if the names need no prefix or none helps.
+    Several if they do equally well, unless ``hints``, text that names the robot, such as a topic,
+    contains one of them; none if the names need no prefix or none helps.
     """
     scores: Counter[str] = Counter()
     for name in set(names).difference(known):
@@ -61,12 +55,10 @@ def prefixes(names: Collection[str], known: Collection[str], hints: str = "") ->
 
 
 def name_without_prefix(name: str, known: Collection[str], hints: str = "") -> str:
-    """The known name that a name has behind a prefix; the name itself if there is none.
+    """The URDF's name that a name has behind a prefix; the name itself if there is none.
 
-    Args:
-        name: As the user types it, perhaps as the log has it.
-        known: Names in the URDF.
-        hints: Text that names the robot: it contains the prefix, unless that is a namespace.
+    The user types it, perhaps as the log has it. ``hints``, text that names the robot, contains the
+    prefix, unless that is a namespace.
     """
     if name in known:
         return name

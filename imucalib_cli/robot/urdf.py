@@ -98,11 +98,8 @@ class Robot:
         Raises:
             InputError: A link is not in the URDF.
         """
-        up, down = way_between(self._ancestors(start), self._ancestors(end))
-        return (
-            *((self.joint_above[link], True) for link in up),
-            *((self.joint_above[link], False) for link in down),
-        )
+        way = way_between(self._ancestors(start), self._ancestors(end))
+        return tuple((self.joint_above[link], upwards) for link, upwards in way)
 
     def _ancestors(self, link: str) -> list[str]:
         self.require_link(link)
@@ -119,14 +116,13 @@ class Robot:
             )
 
 
-def way_between(from_start: list[str], from_end: list[str]) -> tuple[list[str], list[str]]:
-    """Nodes of a tree to go up from and to go down to, by the ancestors of start and end.
+def way_between(from_start: list[str], from_end: list[str]) -> list[tuple[str, bool]]:
+    """Nodes of a tree to go up from (True), then those to go down to, by ancestors of both ends.
 
     Ancestors include the node itself, and end at the root.
     """
-    up = [node for node in from_start if node not in from_end]
-    down = [node for node in reversed(from_end) if node not in from_start]
-    return up, down
+    up = [(node, True) for node in from_start if node not in from_end]
+    return up + [(node, False) for node in reversed(from_end) if node not in from_start]
 
 
 def load_robot(path: Path) -> Robot:
@@ -144,11 +140,7 @@ def load_robot(path: Path) -> Robot:
 
 
 def _expanded(path: Path) -> bytes:
-    """The URDF that a xacro file expands to with the defaults of its arguments.
-
-    Raises:
-        InputError: xacro is not installed, or the file is faulty or needs an argument.
-    """
+    """The URDF that a xacro file expands to with the defaults of its arguments."""
     command = f"`xacro {path} > robot.urdf` and give robot.urdf"
     try:
         import xacro

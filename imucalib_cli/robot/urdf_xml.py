@@ -39,10 +39,10 @@ class Element:
         """All children of this tag."""
         return [child for child in self.children if child.tag == tag]
 
-    def value(self, tag: str, attribute: str, default: str = "") -> str:
-        """An attribute of the first child of this tag; the default if either is missing."""
+    def value(self, tag: str, attribute: str) -> str:
+        """An attribute of the first child of this tag; empty if either is missing."""
         child = self.find(tag)
-        return default if child is None else child.attributes.get(attribute, default)
+        return "" if child is None else child.attributes.get(attribute, "")
 
 
 def parse_xml(data: bytes, path: Path | str) -> Element:
@@ -80,8 +80,8 @@ class _Reader:
 
     def __init__(self, path: Path | str) -> None:
         self._path = path
-        self._stack: list[Element] = []
-        self._root: Element | None = None
+        self._document = Element("", {}, 0)
+        self._stack = [self._document]
         self._count = 0
         self._parser = expat.ParserCreate()
         self._parser.StartElementHandler = self._start
@@ -90,9 +90,7 @@ class _Reader:
 
     def read(self, data: bytes) -> Element:
         self._parser.Parse(data, True)
-        if self._root is None:
-            raise self._refused("has no element: give a URDF")
-        return self._root
+        return self._document.children[0]
 
     def _refused(self, why: str) -> InputError:
         return InputError(f"{self._path}: {why}")
@@ -109,11 +107,9 @@ class _Reader:
         if self._count > ELEMENT_LIMIT:
             raise self._refused(f"has more than {ELEMENT_LIMIT} elements: give a URDF")
         depth = len(self._stack)
-        if depth >= DEPTH_LIMIT:
+        if depth > DEPTH_LIMIT:
             raise self._refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
-        if depth == 0:
-            self._root = element
-        elif depth < 3:
+        if depth <= 3:
             self._stack[-1].children.append(element)
         self._stack.append(element)
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from imucalib_cli.simulate.options import (  # noqa: TC001 - type of fields, checked when read
-    Vector,
-)
+from imucalib_cli.simulate.options import Vector  # noqa: TC001 - type of fields, checked when read
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -355,9 +353,6 @@ class Legged(Jointed):
             )
 
 
-_ONE_MOVER = "state one of arm, free_body and legged"
-
-
 @dataclass(frozen=True, kw_only=True)
 class SystemConfig:
     """A system: one YAML file. Exactly one of arm, free_body and legged is given."""
@@ -385,10 +380,10 @@ class SystemConfig:
     @property
     def mover(self) -> Arm | FreeBody | Legged:
         """The part that moves."""
-        mover = self.arm or self.free_body or self.legged
-        if mover is None:
-            raise ValueError(_ONE_MOVER)
-        return mover
+        movers = [each for each in (self.arm, self.free_body, self.legged) if each is not None]
+        if len(movers) != 1:
+            raise ValueError("state one of arm, free_body and legged")
+        return movers[0]
 
     @property
     def every_imu(self) -> tuple[PlacedImu, ...]:
@@ -402,15 +397,14 @@ class SystemConfig:
         return self.mover.joints if isinstance(self.mover, Jointed) else ()
 
     def __post_init__(self) -> None:
-        if sum(mover is not None for mover in (self.arm, self.free_body, self.legged)) != 1:
-            raise ValueError(_ONE_MOVER)
+        mover = self.mover
         if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:
             raise ValueError("rates and duration must be positive")
-        if isinstance(self.mover, Jointed):
-            n, drives = len(self.mover.joints), self.mover.drives
+        if isinstance(mover, Jointed):
+            n, drives = len(mover.joints), mover.drives
             lists = [drives.stiffness, drives.damping, drives.rotor_inertia]
-            if self.arm is not None:
-                lists += [self.arm.start_deg, *(move.to_deg for move in self.arm.moves)]
+            if isinstance(mover, Arm):
+                lists += [mover.start_deg, *(move.to_deg for move in mover.moves)]
             if any(len(values) != n for values in lists):
                 raise ValueError(f"drives, start_deg and to_deg need {n} numbers, one a joint")
         for what in ("link", "topic"):

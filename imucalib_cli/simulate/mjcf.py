@@ -45,14 +45,14 @@ def model_xml(
     bodies: dict[str, ET.Element] = {}
     if isinstance(mover, Legged):
         height = mover.gait.height + mover.feet[0].radius
-        bodies = _floating(world, system.parent, mover.trunk, mover.trunk.com, height)
+        trunk = mover.trunk
+        bodies[system.parent] = _floating(world, system.parent, trunk, trunk.com, height)
     else:
         ET.SubElement(option, "flag", contact="disable", constraint="disable")
     if isinstance(mover, FreeBody):
-        bodies = _floating(world, system.parent, mover)
+        bodies[system.parent] = _floating(world, system.parent, mover)
     else:
-        bodies = _jointed(world, bodies, mover)
-        _drives(ET.SubElement(root, "actuator"), mover)
+        _jointed(world, ET.SubElement(root, "actuator"), bodies, mover)
     if isinstance(mover, Legged):
         _contacts(world, bodies, mover)
     sensors = ET.SubElement(root, "sensor")
@@ -76,12 +76,12 @@ def _mounted(bodies: dict[str, ET.Element], name: str, mount: Mount) -> None:
 
 
 def _jointed(
-    world: ET.Element, bodies: dict[str, ET.Element], arm: Jointed
-) -> dict[str, ET.Element]:
-    """Bodies by the names of their links: the given ones and one for each joint."""
-    bodies = dict(bodies)
-    links = {link.name: link for link in arm.links}
-    for joint, rotor in zip(arm.joints, arm.drives.rotor_inertia, strict=True):
+    world: ET.Element, actuators: ET.Element, bodies: dict[str, ET.Element], arm: Jointed
+) -> None:
+    """Add the body of each joint's link, and the joint's drive."""
+    links, drives = {link.name: link for link in arm.links}, arm.drives
+    each = zip(arm.joints, drives.rotor_inertia, drives.stiffness, drives.damping, strict=True)
+    for joint, rotor, stiffness, damping in each:
         link = links.get(joint.child)
         if link is None:
             raise InputError(f"joint {joint.name}: no mass is stated for its link {joint.child}")
@@ -91,14 +91,14 @@ def _jointed(
             name=link.name,
             pos=_numbers(joint.xyz),
             quat=_numbers(_wxyz(matrix_from_rpy(joint.rpy))),
-            gravcomp=repr(arm.drives.gravity_compensation),
+            gravcomp=repr(drives.gravity_compensation),
         )
         ET.SubElement(
             body, "joint", name=joint.name, axis=_numbers(joint.direction), armature=repr(rotor)
         )
         _inertial(body, link.mass, link.com, link.inertia())
+        ET.SubElement(actuators, "position", joint=joint.name, kp=repr(stiffness), kv=repr(damping))
         bodies[link.name] = body
-    return bodies
 
 
 def _floating(
@@ -107,11 +107,11 @@ def _floating(
     box: FreeBody | Trunk,
     com: Sequence[float] = ZERO,
     height: float = 0.0,
-) -> dict[str, ET.Element]:
+) -> ET.Element:
     body = ET.SubElement(world, "body", name=name, pos=_numbers((0.0, 0.0, height)))
     ET.SubElement(body, "freejoint")
     _inertial(body, box.mass, com, box.inertia)
-    return {name: body}
+    return body
 
 
 def _inertial(
@@ -137,12 +137,6 @@ def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) 
         ball = {"type": "sphere", "size": repr(foot.radius), "contype": "0", "conaffinity": "1"}
         place = {"pos": _numbers(foot.xyz), "mass": "0"}
         ET.SubElement(bodies[foot.link], "geom", ball | place | contact)
-
-
-def _drives(actuators: ET.Element, arm: Jointed) -> None:
-    drives = zip(arm.joints, arm.drives.stiffness, arm.drives.damping, strict=True)
-    for joint, stiffness, damping in drives:
-        ET.SubElement(actuators, "position", joint=joint.name, kp=repr(stiffness), kv=repr(damping))
 
 
 def _wxyz(R: Floats) -> Floats:

@@ -8,6 +8,7 @@ upright because its feet stand wide.
 from __future__ import annotations
 
 from bisect import bisect_right
+from itertools import chain, cycle
 from math import ceil
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -39,16 +40,14 @@ class ArmReference:
         start = np.radians(np.array(arm.start_deg))
         self._begins = [0.0]
         self._moves: list[tuple[float, Floats, Floats]] = [(1.0, start, np.zeros_like(start))]
-        t, position, number = arm.start_rest, start, 0
-        while t < duration:
-            again = len(arm.moves) > 1 and number >= len(arm.moves)
-            move = arm.moves[1 + (number - 1) % (len(arm.moves) - 1) if again else number]
+        t, position = arm.start_rest, start
+        for move in chain(arm.moves, cycle(arm.moves[1:])):
+            if t >= duration:
+                break
             target = np.radians(np.array(move.to_deg))
             self._begins.append(t)
             self._moves.append((move.seconds, position, target - position))
-            t, position, number = t + move.seconds + move.rest, target, number + 1
-            if number >= len(arm.moves) == 1:
-                break
+            t, position = t + move.seconds + move.rest, target
 
     def __call__(self, t: float) -> tuple[Floats, Floats]:
         """Positions (J,), rad, and rates (J,), rad/s, at t."""
@@ -175,13 +174,13 @@ def _walk(gait: Gait, t: Floats) -> Floats:
     """Forward and left, m/s, turn, rad/s, and lift, m, at each time; (N, 4)."""
     begins, before = gait.start_rest, np.zeros(4)
     value = np.zeros((len(t), 4))
-    number = 0
-    while begins < t[-1]:
-        walk = gait.walks[number % len(gait.walks)]
+    for walk in cycle(gait.walks):
+        if begins >= t[-1]:
+            break
         then = np.array([walk.forward, walk.left, np.radians(walk.turn_deg), walk.lift])
         risen, _ = quintic(np.clip((t - begins) / gait.blend, 0.0, 1.0))
         value += risen[:, None] * (then - before)
-        begins, before, number = begins + walk.seconds, then, number + 1
+        begins, before = begins + walk.seconds, then
     return value
 
 

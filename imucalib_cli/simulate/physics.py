@@ -100,12 +100,9 @@ def record(
 ) -> Recording:
     """Simulate a system without noise; options that are None are the system's own.
 
-    Args:
-        system: The system and its motion.
-        options: Rates, duration, gravity, mount.
-        progress: Called now and then with the share done, 0 to 1.
-        camera: Record its view too. Its optical frame is a frame of the system, as from
-            :func:`imucalib_cli.simulate.camera.config.load_camera`.
+    ``progress`` is called now and then with the share done, 0 to 1. A camera's view is recorded
+    too; its optical frame is a frame of the system, as from
+    :func:`imucalib_cli.simulate.camera.config.load_camera`.
 
     Raises:
         InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
@@ -265,11 +262,9 @@ def _run(
 def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
     """Columns of each publisher's joints."""
     joints = len(system.joints)
-    if joints == 0:
-        if number != 1:
-            raise InputError(f"{system.name} has no joints to split over {number} publishers")
-        return [[]]
-    if not 1 <= number <= joints:
+    if joints == 0 and number != 1:
+        raise InputError(f"{system.name} has no joints to split over {number} publishers")
+    if not 1 <= number <= max(joints, 1):
         raise InputError(f"{number} publishers: {system.name} has {joints} joints to split")
     return [part.tolist() for part in np.array_split(np.arange(joints), number)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -154,7 +155,8 @@ def truth_of(recording: Recording, log: LogOptions) -> dict[str, Any]:
             **({"camera": asdict(camera.config)} if camera else {}),
         },
     }
-    plain: dict[str, Any] = _plain(document)
+    # Tuples and arrays become lists, for YAML.
+    plain: dict[str, Any] = json.loads(json.dumps(document, default=np.ndarray.tolist))
     return plain
 
 
@@ -190,12 +192,3 @@ def _imus_truth(recording: Recording, log: LogOptions) -> list[dict[str, Any]]:
 def stated(settings: SystemConfig | PhysicsOptions) -> dict[str, Any]:
     """Settings as keys and values."""
     return {key: v for key, v in asdict(settings).items() if v or key not in _LATER}
-
-
-def _plain(value: Any) -> Any:
-    """Tuples and arrays as lists, for YAML."""
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return value.tolist() if isinstance(value, np.ndarray) else value

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs.messages.make import NS, Maker
 from imucalib_cli.results.atomic import check_writable
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.options import LogOptions
@@ -108,9 +109,6 @@ def _open_log(path: Path, compression: str | None) -> Iterator[_Log]:
     """Write a log beside its final path and move it there when it is complete.
 
     A symbolic link is kept and its target replaced; permissions are kept.
-
-    Raises:
-        InputError, ChoiceError: As :func:`check_log_place`.
     """
     compression = check_log_place(path, compression)
     try:
@@ -209,9 +207,9 @@ class _Factory:
 
     def __init__(self, types: Any, recording: Recording, options: LogOptions) -> None:
         self._types = types
+        self._maker = Maker(types)
         self._recording = recording
         self._options = options
-        self._sequence = "seq" in types["std_msgs/msg/Header"].__dataclass_fields__  # ROS 1 alone
 
     def __iter__(self) -> Iterator[tuple[Floats, str, str, Make]]:
         """Each publisher: when its messages were received, topic, message type and messages."""
@@ -245,35 +243,14 @@ class _Factory:
             yield at_once, "/tf_static", "tf2_msgs/msg/TFMessage", make
 
     def _headers(self, stamp: Floats, frame: str) -> Make:
-        time, header = (
-            self._types[name] for name in ("builtin_interfaces/msg/Time", "std_msgs/msg/Header")
-        )
         stamps = _ns(stamp, self._options).tolist()
         frame = f"{self._options.frame_prefix}{frame}" if frame else ""
-
-        def make(i: int) -> Any:
-            sequence = {"seq": i} if self._sequence else {}
-            return header(stamp=time(*divmod(stamps[i], 1_000_000_000)), frame_id=frame, **sequence)
-
-        return make
+        return lambda i: self._maker.header(stamps[i], frame, i)
 
     def _imu(self, record: ImuRecord, frame: str) -> Make:
-        vector, imu = self._types["geometry_msgs/msg/Vector3"], self._types["sensor_msgs/msg/Imu"]
-        unknown = np.zeros(9)
-        # REP 145: a first element of -1 means that there is no orientation.
-        no_orientation = np.array([-1.0, *np.zeros(8)])
-        no_turn = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
         header = self._headers(record.stamp, frame)
         gyro, accel = record.gyro.tolist(), record.accel.tolist()
-        return lambda i: imu(
-            header=header(i),
-            orientation=no_turn,
-            orientation_covariance=no_orientation,
-            angular_velocity=vector(*gyro[i]),
-            angular_velocity_covariance=unknown,
-            linear_acceleration=vector(*accel[i]),
-            linear_acceleration_covariance=unknown,
-        )
+        return lambda i: self._maker.imu(header(i), gyro[i], accel[i])
 
     def _joints(self, record: JointRecord) -> Make:
         joint_state = self._types["sensor_msgs/msg/JointState"]
@@ -298,20 +275,11 @@ class _Factory:
         quaternions_xyzw: Floats,
     ) -> Make:
         """Poses of the second frame in the first."""
-        vector, quaternion, transform, stamped = (
-            self._types[f"geometry_msgs/msg/{name}"]
-            for name in ("Vector3", "Quaternion", "Transform", "TransformStamped")
-        )
-        message = self._types["tf2_msgs/msg/TFMessage"]
         header = self._headers(stamp, frames[0])
         child = f"{self._options.frame_prefix}{frames[1]}"
         position, turn = positions.tolist(), quaternions_xyzw.tolist()
-
-        def make(i: int) -> Any:
-            pose = transform(translation=vector(*position[i]), rotation=quaternion(*turn[i]))
-            return message([stamped(header=header(i), child_frame_id=child, transform=pose)])
-
-        return make
+        message, transform = self._types["tf2_msgs/msg/TFMessage"], self._maker.transform
+        return lambda i: message([transform(header(i), child, position[i], turn[i])])
 
     def _images(self, record: CameraRecord) -> Make:
         from imucalib_cli.simulate.camera.render import Images
@@ -334,7 +302,7 @@ class _Factory:
 
 def _ns(seconds: Floats, options: LogOptions) -> Integers:
     """Seconds since the first instant to Unix time, int64 ns."""
-    ns = np.round(seconds * 1e9).astype(np.int64) + options.start * 1_000_000_000
+    ns = np.round(seconds * 1e9).astype(np.int64) + options.start * NS
     if len(ns) and ns.min() < 0:
         raise InputError("stamps before 1970: choose a later start or a smaller time offset")
     return ns

@@ -53,12 +53,10 @@ class Cost(Generic[T]):
 def run_alone(
     calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str] = ()
 ) -> list[Cost[T]]:
-    """Call functions one after the other in a new process; an exception of theirs is raised here.
+    """Call functions with an argument, one after the other in a new process.
 
-    Args:
-        calls: Functions to call; importable, because they are sent to the process.
-        given: Their argument.
-        modules: Imported before, if installed, so that their import is not measured.
+    They are importable, because they are sent to it, and an exception of theirs is raised here.
+    Modules are imported before, if installed, so that their import is not measured.
 
     Raises:
         InputError: The process was killed.

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure as Canvas
 
-SIZE = (7.2, 4.2)
-"""Size of a single panel, inches."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#999999")
 """Colours of Okabe and Ito, which colour-blind readers can distinguish, then greys."""
 
@@ -35,7 +33,7 @@ def new_figure(
     rows: int = 1,
     columns: int = 1,
     *,
-    size: tuple[float, float] | None = None,
+    size: tuple[float, float] = (7.2, 4.2),
     share_x: bool = False,
 ) -> tuple[Canvas, list[Axes]]:
     """An empty figure and its panels, row by row, without pyplot's global state; size in inches.
@@ -50,8 +48,7 @@ def new_figure(
         raise InputError(
             "figures need matplotlib: pip install 'imucalib[study]', or give --no-figures"
         ) from error
-    default = SIZE[0] * (1 + 0.6 * (columns - 1)), SIZE[1] * (1 + 0.7 * (rows - 1))
-    figure = Canvas(figsize=size or default, layout="constrained")
+    figure = Canvas(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
     for axes in panels.flat:

@@ -94,9 +94,7 @@ class PoseCost:
     @property
     def normal_matrix(self) -> Floats:
         """(columns.COUNT, columns.COUNT): the statistics that least squares needs."""
-        own = np.r_[
-            columns.ONE, np.arange(columns.COUNT)[columns.T], np.arange(columns.COUNT)[columns.R]
-        ]
+        own = np.r_[columns.ONE, columns.T, columns.R]
         J = np.column_stack([self.constant, self.slope])
         normal = np.zeros((columns.COUNT, columns.COUNT))
         normal[np.ix_(own, own)] = J.T @ J

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
-from imucalib_cli.robot.urdf import Robot, load_robot
+from imucalib_cli.robot.urdf import Robot, parse_robot
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.simulate.camera.config import load_camera
 from imucalib_cli.simulate.load import load_system
@@ -37,10 +35,7 @@ def clean_recording(system: str, physics: PhysicsOptions, camera: str = "") -> R
 @cache
 def robot_of(system: SystemConfig) -> Robot:
     """The system's URDF, parsed once per process."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{system.name}.urdf"
-        path.write_text(urdf_text(system), encoding="utf-8")
-        return load_robot(path)
+    return parse_robot(urdf_text(system).encode(), f"{system.name}.urdf")
 
 
 def streams_of(

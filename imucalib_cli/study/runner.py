@@ -41,7 +41,7 @@ def run_study(
     jobs: int | None = None,
     fresh: bool = False,
     prepare: Callable[[], None] | None = None,
-    report: Callable[[int, int], None] | None = None,
+    report: Callable[[int, int], None] = lambda _done, _all: None,
 ) -> list[Row]:
     """Return all rows of a study, including those of an earlier, interrupted run.
 
@@ -49,7 +49,7 @@ def run_study(
     runs. The order of the rows returned is that of the study, not that of the file.
 
     Args:
-        study: The study.
+        study: What to run.
         file: JSON lines: the parameters, then one line per run. Created with the first rows.
         jobs: Processes; default all processors. 1 runs in this process.
         fresh: Ignore the file's rows.
@@ -62,7 +62,6 @@ def run_study(
             killed.
     """
     cells = study.cells()
-    report = report or (lambda _done, _all: None)
     try:
         done = {} if fresh else _parse(study, file, file.read_bytes() if file.exists() else b"")[0]
         if all(_key(cell) in done for cell in cells):
@@ -124,11 +123,6 @@ def _open_rows(
     """The rows of a file, and a function that appends to it; meanwhile the file is locked.
 
     A run without rows leaves no file.
-
-    Raises:
-        ChoiceError: As _parse.
-        InputError: Another process writes to it, or its folder is a file.
-        OSError: It cannot be written.
     """
     folder = file.parent
     for place in (folder, *folder.parents):

@@ -98,12 +98,10 @@ _NEEDED = {"methods": ("mujoco", "cv2")}
 
 
 def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> Study:
-    """Read a study with its parameters; its module is imported only here.
+    """Read one of STUDIES with its parameters; its module is imported only here.
 
-    Args:
-        name: One of STUDIES.
-        file: Parameters of the user's own, instead of configs/studies/<name>.yaml.
-        quick: Few runs, for a quick look or for CI: section ``quick`` replaces some parameters.
+    They are those of configs/studies/<name>.yaml, or of the user's own file. For few runs, for a
+    quick look or for CI, its section ``quick`` replaces some of them.
 
     Raises:
         InputError: A parameter is missing, unknown or of another type; names it.
@@ -123,11 +121,7 @@ def load_study(name: str, file: Path | None = None, *, quick: bool = False) -> S
 
 
 def _check_counts(parameters: object, where: str) -> None:
-    """Refuse empty lists (except optional ones) and counts below one.
-
-    Raises:
-        InputError: Names the key.
-    """
+    """Refuse empty lists (except optional ones) and counts below one, by the name of the key."""
     for part in fields(parameters):  # type: ignore[arg-type]
         value, here = getattr(parameters, part.name), f"{where}: {part.name}"
         if value == () and part.default is MISSING:

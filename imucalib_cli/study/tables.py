@@ -125,6 +125,11 @@ def lay_out(
     )
 
 
+def exceeds(more: float, less: float) -> bool | None:
+    """Whether one is more than the other; None if either is missing."""
+    return None if math.isnan(more) or math.isnan(less) else more > less
+
+
 def claims_table(title: str, claims: Iterable[Claim]) -> Table:
     """A table of claims, met or not."""
     verdicts = {True: "met", False: "not met", None: "not judged"}
@@ -159,7 +164,7 @@ def answered(row: Row) -> bool:
     return row["failure"] is None
 
 
-def mean_and_std(header: str, key: str, scale: float = 1.0) -> Column:
+def mean_and_std(header: str, key: str, scale: float) -> Column:
     """Mean ± standard deviation over the rows of a line; for one row, its number alone."""
 
     def cell(rows: Sequence[Row]) -> str:

@@ -100,8 +100,9 @@ def batch_command(
     quiet: options.Quiet = False,
 ) -> None:
     """Calibrate many logs, each alone, with the same options; continues after an interruption."""
-    from imucalib_cli.batch.batch import SUMMARY, Batch
+    from imucalib_cli.batch.batch import Batch
     from imucalib_cli.batch.content_key import context_of, urdf_hash
+    from imucalib_cli.batch.folder import SUMMARY
     from imucalib_cli.batch.local import MEMORY, default_workers
     from imucalib_cli.batch.logs import find_logs
     from imucalib_cli.batch.tables import counted, json_line
@@ -203,7 +204,7 @@ def _check_places(
     read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
 ) -> None:
     """Check before any work that nothing is lost by writing."""
-    from imucalib_cli.batch.batch import SUMMARY
+    from imucalib_cli.batch.folder import SUMMARY
     from imucalib_cli.results.atomic import check_folder_writable
     from imucalib_cli.results.places import check_places
 

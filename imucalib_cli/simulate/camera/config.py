@@ -13,9 +13,7 @@ from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, che
     ArmMotion,
     FixedFrame,
 )
-from imucalib_cli.simulate.options import (  # noqa: TC001 - likewise
-    Vector,
-)
+from imucalib_cli.simulate.options import Vector  # noqa: TC001 - likewise
 
 if TYPE_CHECKING:
     from pathlib import Path

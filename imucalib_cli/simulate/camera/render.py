@@ -6,6 +6,7 @@ Tags are of the family 36h11 with Kalibr's border, order and corner squares.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -107,10 +108,9 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
             cells = tag_cells(cols * row + col, border_bits)
             left = margin + col * pitch
             top = height - margin - row * pitch - edge
-            white[top - gap : top + edge + gap, left - gap : left + edge + gap] &= _corners(
-                edge, gap
-            )
             white[top : top + edge, left : left + edge] = np.kron(cells, np.ones((_CELL, _CELL)))
+            for y, x in product((top - gap, top + edge), (left - gap, left + edge)):
+                white[y : y + gap, x : x + gap] = False  # makes the corner symmetric
     scale = edge / target.tag_size
     T_pixel_target = np.array(
         [[scale, 0.0, margin - 0.5], [0.0, -scale, height - margin - 0.5], [0.0, 0.0, 1.0]]
@@ -121,15 +121,6 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
         T_pixel_target=T_pixel_target,
         outline=np.array([[low, low], [high[0], low], high, [low, high[1]]]),
     )
-
-
-def _corners(edge: int, gap: int) -> Bools:
-    """White around a tag, except for squares at its corners, which make the corners symmetric."""
-    around = np.ones((edge + 2 * gap, edge + 2 * gap), dtype=bool)
-    for rows in (slice(gap), slice(-gap, None)):
-        for cols in (slice(gap), slice(-gap, None)):
-            around[rows, cols] = False
-    return around
 
 
 class Images:

@@ -27,13 +27,12 @@ def camera_mount(system: SystemConfig, link: str) -> tuple[str, Floats, Floats]:
         InputError: The frame is not on a moving link.
     """
     above = {frame.link: frame for frame in system.frames}
-    R, p = np.eye(3), np.zeros(3)
-    frame, passed = link, 0
-    while frame in above and passed <= len(above):
-        step = above[frame]
+    R, p, frame = np.eye(3), np.zeros(3), link
+    while frame in above:
+        step = above.pop(frame)  # once, should frames form a loop
         R_parent_frame = matrix_from_rpy(step.rpy)
         R, p = R_parent_frame @ R, R_parent_frame @ p + step.xyz
-        frame, passed = step.parent, passed + 1
+        frame = step.parent
     moving = {system.parent, *(joint.child for joint in system.joints)}
     if frame not in moving:
         raise InputError(f"{system.name}: {link} hangs on {frame}, which is no link that moves")

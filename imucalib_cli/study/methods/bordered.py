@@ -21,13 +21,9 @@ class BorderedNormal:
     """J'J and J'r, accumulated block by block."""
 
     def __init__(self, controls: int, width: int, order: int, borders: int) -> None:
-        """Begin with no data.
+        """Begin with no data: numbers of control points and of dense unknowns (borders).
 
-        Args:
-            controls: Number of control points.
-            width: Components of a control point.
-            order: Control points that act together.
-            borders: Number of dense unknowns.
+        A control point has ``width`` components; ``order`` of them act together.
         """
         self.controls, self.width, self.order, self.borders = controls, width, order, borders
         # The band is in the lower form of scipy.linalg.cholesky_banded.

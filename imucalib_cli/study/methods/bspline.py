@@ -18,7 +18,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
+from imucalib_cli.robot.rotations import (
+    matrix_from_rotvec,
+    nearest_rotation,
+    rotvec_from_matrix,
+    skew,
+)
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
@@ -36,7 +41,6 @@ from imucalib_cli.study.methods.spline import (
     evaluate,
     fitted_controls,
     level_axes,
-    middle_orientation,
     rate_jacobian,
     residual_std,
     right_jacobian,
@@ -409,7 +413,7 @@ def prepare(
     R, p = trajectory.poses(t)
     knots = Knots.over(float(t[0]), float(t[-1]), options.knots_per_second)
     R_imu = R @ first.R_frame_imu
-    R_middle = middle_orientation(R_imu)
+    R_middle = nearest_rotation(R_imu.sum(axis=0))  # rotation vectors from it are short
     phi = unwrapped_rotvecs(R_middle.T @ R_imu)
     if whiten is None:
         stds = [max(residual_std(knots, t, values), _STD_FLOOR) for values in (p, phi)]

@@ -30,6 +30,7 @@ from imucalib_cli.robot.rotations import (
     skew,
 )
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.study.contest import Answer, Pose
 from imucalib_cli.study.methods.camera import target_pose
@@ -82,11 +83,7 @@ def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions
             R = first.R @ last.R.T  # of the camera's later frame in its earlier one
             imu_moved = _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned)
             moved.append((R, first.t - R @ last.t, imu_moved.R, imu_moved.p))
-    shapes = (-1, 3, 3), (-1, 3), (-1, 3, 3), (-1, 3)
-    columns = zip(*moved, strict=True) if moved else ((),) * 4
-    motions = Motions(
-        *(np.array(each).reshape(shape) for each, shape in zip(columns, shapes, strict=True))
-    )
+    motions = Motions(*(np.array([each[part] for each in moved]) for part in range(4)))
     found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
     return Answer(
         frame="camera",
@@ -196,10 +193,9 @@ def standstills(t: Floats, gyro: Floats, accel: Floats, options: StillOptions) -
     steady &= np.linalg.norm(mean_rate - bias, axis=1) < options.gyro
     # A sample is still if a steady window covers it.
     still = np.convolve(steady, np.ones(samples), mode="full") > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     found = []
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
-        a, b = t[first], t[last - 1]
+    for first, end in stretches_of(still):
+        a, b = t[first], t[end - 1]
         inside = (t >= a + options.margin) & (t <= b - options.margin)
         if b - a < options.shortest or not inside.any():
             continue
@@ -231,7 +227,7 @@ class Displacement:
 def integrate(
     t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
 ) -> Displacement:
-    """Integrate bias-free samples from rest: t (N,), s; gyro (N, 3), rad/s; accel (N, 3), m/s².
+    """Integrate bias-free samples from rest.
 
     Rates are means of neighbouring samples, accelerations vary linearly between them.
 

@@ -11,12 +11,7 @@ from scipy.interpolate import BSpline, PPoly
 from scipy.linalg import solveh_banded
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.rotations import (
-    matrix_from_rotvec,
-    nearest_rotation,
-    rotvec_from_matrix,
-    skew,
-)
+from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix, skew
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -156,11 +151,6 @@ def level_axes(gravity: Floats) -> Floats:
     first = np.cross(gravity, helper)
     axes = np.stack([first, np.cross(gravity, first)], axis=1)
     return np.asarray(axes / np.maximum(np.linalg.norm(axes, axis=0), np.finfo(float).tiny))
-
-
-def middle_orientation(R: Floats) -> Floats:
-    """The rotation nearest to all of (N, 3, 3): rotation vectors from it are short."""
-    return nearest_rotation(R.sum(axis=0))
 
 
 def unwrapped_rotvecs(R: Floats) -> Floats:

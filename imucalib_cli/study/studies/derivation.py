@@ -242,9 +242,7 @@ def compared_by_paper(
 ) -> Comparison:
     """The published filter: derivatives of the pose, and measurements smoothed likewise."""
     imu, path = streams_of(recording)
-    options = PaperOptions(
-        window=WindowChoice(samples=window), degree=_DEGREE, exclusion_threshold=exclusion
-    )
+    options = PaperOptions(window=WindowChoice(samples=window), exclusion_threshold=exclusion)
     instants, _, _ = filtered_instants(imu, path, options, guess.R, guess.t)
     x = np.concatenate([guess.t, rotvec_from_matrix(guess.R)])
     norm = float(np.linalg.norm(recording.gravity_world))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import chain, cycle, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,6 +46,7 @@ from imucalib_cli.study.tables import (
     column,
     count,
     digits,
+    exceeds,
     in_best_setting,
     lay_out,
     mean,
@@ -173,13 +174,13 @@ def moves_of(system: SystemConfig, duration: float) -> list[Stretch]:
     else:
         raise InputError(f"{system.name} walks: only an arm or a free body moves and rests in turn")
     t = mover.start_rest
-    stretches, place = [], 0
-    while t < duration - _ROUNDING:
-        if place == len(moves):  # as the simulation repeats its plan
-            place = min(again, len(moves) - 1)
-        kind, seconds = moves[place]
+    stretches = []
+    # As the simulation repeats its plan.
+    for kind, seconds in chain(moves, cycle(moves[again:] or moves)):
+        if t >= duration - _ROUNDING:
+            break
         stretches.append(Stretch(start=t, stop=min(t + seconds, duration), kind=kind))
-        t, place = t + seconds, place + 1
+        t += seconds
     # Standstill at the start belongs to the first move, the last sample to the last move.
     stretches[0] = replace(stretches[0], start=0.0)
     stretches[-1] = replace(stretches[-1], stop=np.inf)
@@ -331,8 +332,8 @@ class NoiseStudy(FoldedStudy):
             if arm:
                 yield from self._claims_of_the_arm(method, arm)
             if arm and bar:
-                still, grown = self._growth(bar, self.accel)
-                arm_still, arm_grown = self._growth(arm, self.accel)
+                still, grown = _growth(bar, self.accel)
+                arm_still, arm_grown = _growth(arm, self.accel)
                 little = self.claims.little
                 yield Claim(
                     words=f"{method}: BarBot: translation errors grow little with σ_a (less than "
@@ -341,11 +342,6 @@ class NoiseStudy(FoldedStudy):
                     f"{digits(arm_grown)} mm",
                     met=grown - still < little * (arm_grown - arm_still),
                 )
-
-    @staticmethod
-    def _growth(rows: Sequence[Row], accel: Sequence[float]) -> tuple[float, float]:
-        """Mean translation errors, mm, at the first and the last noise of the accelerometer."""
-        return _error(rows, accel[0]), _error(rows, accel[-1])
 
     def _claims_of_the_arm(self, method: str, arm: list[Row]) -> Iterator[Claim]:
         criteria, of_arm = self.claims, f"{method}: RiHIBot"
@@ -375,7 +371,7 @@ class NoiseStudy(FoldedStudy):
             met=change - 2.0 * error <= criteria.same * still,
         )
         least, most = self.accel[0], self.accel[-1]
-        start, grown = self._growth(arm, self.accel)
+        start, grown = _growth(arm, self.accel)
         together = _error(arm, most, self.gyro[-1])
         yield Claim(
             words=f"{of_arm}: translation errors grow with σ_a (more than {criteria.same:.0%})",
@@ -424,7 +420,7 @@ class NoiseStudy(FoldedStudy):
         rows = in_best_setting(asides, steadily_small, "method")
 
         def from_to(case: str, offset: float) -> tuple[float, float]:
-            return self._growth(chosen(rows, method=JUDGED, case=case, offset=offset), accel)
+            return _growth(chosen(rows, method=JUDGED, case=case, offset=offset), accel)
 
         in_time = from_to(ARM, 0.0)
         growth = in_time[1] - in_time[0]
@@ -439,7 +435,7 @@ class NoiseStudy(FoldedStudy):
                     words=f"{JUDGED}: {case.name}, stamps {offset * 1e3:g} ms late: errors grow "
                     f"more than on RiHIBot in time ({span})",
                     found=f"{digits(still)} to {digits(grown)} mm; RiHIBot in time {of_arm}",
-                    met=_more(grown - still, (1.0 + same) * growth),
+                    met=exceeds(grown - still, (1.0 + same) * growth),
                 )
         for case in self.timing:
             late = max(case.offsets)
@@ -453,20 +449,25 @@ class NoiseStudy(FoldedStudy):
                 words=f"matched: {case.name}: estimating the offset takes away what late stamps do",
                 found=f"{digits(after)} mm at {late * 1e3:g} ms, {digits(before)} mm in time; "
                 f"{JUDGED}: {digits(from_to(case.name, late)[0])} mm",
-                met=_more(before, 0.0) and after <= (1.0 + same) * before,
+                met=exceeds(before, 0.0) and after <= (1.0 + same) * before,
             )
         for body in self.bodies:
             still, grown = from_to(body.name, 0.0)
             yield Claim(
                 words=f"{JUDGED}: {body.name}: translation errors grow little with σ_a ({span})",
                 found=f"{digits(still)} to {digits(grown)} mm; RiHIBot {of_arm}",
-                met=_more(little * growth, grown - still),
+                met=exceeds(little * growth, grown - still),
             )
 
 
 def _error(rows: Sequence[Row], accel: float, gyro: float = 0.0) -> float:
     """Mean translation error, mm."""
     return MILLIMETRES * mean(chosen(rows, accel=accel, gyro=gyro), "translation")
+
+
+def _growth(rows: Sequence[Row], accel: Sequence[float]) -> tuple[float, float]:
+    """Mean translation errors, mm, at the first and the last noise of the accelerometer."""
+    return _error(rows, accel[0]), _error(rows, accel[-1])
 
 
 def _change(arm: list[Row], gyro: float) -> tuple[float, float]:
@@ -483,11 +484,6 @@ def _change(arm: list[Row], gyro: float) -> tuple[float, float]:
             pairs.append(MILLIMETRES * (after - before))
     error = float(np.std(pairs, ddof=1) / math.sqrt(len(pairs))) if len(pairs) > 1 else 0.0
     return float(np.mean(pairs)) if pairs else math.nan, error
-
-
-def _more(more: float, less: float) -> bool | None:
-    """Whether one is more than the other; None if either is missing."""
-    return None if math.isnan(more) or math.isnan(less) else more > less
 
 
 @dataclass(frozen=True, kw_only=True)

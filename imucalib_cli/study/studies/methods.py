@@ -44,7 +44,7 @@ from imucalib_cli.study.methods.liang import (
     StillOptions,
     calibrate_liang,
 )
-from imucalib_cli.study.recordings import clean_recording, robot_of, streams_of
+from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
     DEGREES,
@@ -52,10 +52,12 @@ from imucalib_cli.study.tables import (
     ERRORS,
     Claim,
     Column,
+    answered,
     chosen,
     claims_table,
     count,
     digits,
+    exceeds,
     in_best_setting,
     lay_out,
     mean,
@@ -107,6 +109,8 @@ class Given:
     gyro_first: GyroFirstOptions
     liang: LiangOptions
     liang_tuned: LiangOptions
+    setting: PaperOptions | None = None
+    """Of the published method; None takes its defaults."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +120,7 @@ class Entrant:
     data: str
     """Its data besides the IMU."""
     unknowns: str
-    call: Callable[[Given, PaperOptions | None], Answer]
-    """Takes a setting too, which only the published method has."""
+    call: Callable[[Given], Answer]
 
 
 def _spline(given: Given, **changes: object) -> Answer:
@@ -129,8 +132,8 @@ def _matched(given: Given, options: MatchedOptions) -> Answer:
     return _answer(calibrate_matched(given.imu, given.path, options))
 
 
-def _published(given: Given, setting: PaperOptions | None) -> Answer:
-    start = setting or PaperOptions(), given.nominal, given.gravity_norm
+def _published(given: Given) -> Answer:
+    start = given.setting or PaperOptions(), given.nominal, given.gravity_norm
     return _answer(calibrate_published(given.imu, given.path, *start))
 
 
@@ -148,28 +151,26 @@ def _answer(estimate: Estimate) -> Answer:
 _ALL = "pose, biases, tilt, offset"
 ENTRANTS: dict[str, Entrant] = {
     "paper": Entrant("poses", "pose", _published),
-    "ours, pose only": Entrant(
-        "poses", "pose", lambda g, _: _matched(g, pose_only(g.gravity_norm))
-    ),
+    "ours, pose only": Entrant("poses", "pose", lambda g: _matched(g, pose_only(g.gravity_norm))),
     "B-spline batch, pose only": Entrant(
-        "poses", "pose", lambda g, _: _spline(g, gravity="fixed", time_offset=0.0, biases=False)
+        "poses", "pose", lambda g: _spline(g, gravity="fixed", time_offset=0.0, biases=False)
     ),
-    "ours": Entrant("poses", _ALL, lambda g, _: _matched(g, exact_system(g.gravity_norm))),
-    "B-spline batch": Entrant("poses", _ALL, lambda g, _: _spline(g)),
+    "ours": Entrant("poses", _ALL, lambda g: _matched(g, exact_system(g.gravity_norm))),
+    "B-spline batch": Entrant("poses", _ALL, _spline),
     "B-spline batch, few knots": Entrant(
-        "poses", _ALL, lambda g, _: _spline(g, knots_per_second=g.few_knots_per_second)
+        "poses", _ALL, lambda g: _spline(g, knots_per_second=g.few_knots_per_second)
     ),
     "gyro-first hand-eye": Entrant(
-        "poses", _ALL, lambda g, _: calibrate_gyro_first(g.imu, g.path, g.gyro_first)
+        "poses", _ALL, lambda g: calibrate_gyro_first(g.imu, g.path, g.gyro_first)
     ),
-    "B-spline batch, corners": Entrant(
-        "corners", _ALL, lambda g, _: calibrate_bspline_camera(g.imu, g.camera, g.spline)
+    _CORNERS: Entrant(
+        "corners", _ALL, lambda g: calibrate_bspline_camera(g.imu, g.camera, g.spline)
     ),
-    "hand-eye + RANSAC (Liang)": Entrant(
-        "corners", "pose, gyro bias", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang)
+    _LIANG: Entrant(
+        "corners", "pose, gyro bias", lambda g: calibrate_liang(g.imu, g.camera, g.liang)
     ),
     "hand-eye + RANSAC, tuned": Entrant(
-        "corners", "pose, biases", lambda g, _: calibrate_liang(g.imu, g.camera, g.liang_tuned)
+        "corners", "pose, biases", lambda g: calibrate_liang(g.imu, g.camera, g.liang_tuned)
     ),
 }
 """The methods by their names in tables."""
@@ -177,7 +178,7 @@ ENTRANTS: dict[str, Entrant] = {
 
 def enter(name: str, setting: PaperOptions | None, given: Given) -> Answer:
     """Run a method, the published one in a setting; a function that other processes can import."""
-    return ENTRANTS[name].call(given, setting)
+    return ENTRANTS[name].call(replace(given, setting=setting))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -319,13 +320,13 @@ class MethodsStudy(Study, Conditioned):
                     yield Claim(
                         words=f"{words}: below {rival} in {key} ({condition})",
                         found=f"{digits(ours)} {unit} against {digits(errors[key])} {unit}",
-                        met=None if math.isnan(ours - errors[key]) else ours < errors[key],
+                        met=exceeds(errors[key], ours),
                     )
         angle, limit = error(_LIANG, "rotation", DEGREES), self.claims.liang_rotation_deg
         yield Claim(
             words=f"paper: Liang et al. over {limit:g} deg ({condition})",
             found=f"{digits(angle)} deg",
-            met=None if math.isnan(angle) else angle > limit,
+            met=exceeds(angle, limit),
         )
 
 
@@ -352,7 +353,7 @@ _COLUMNS: tuple[Column, ...] = (
     statistic("wall s", mean, "seconds"),
     statistic("CPU s", mean, "cpu_seconds"),
     statistic("memory MB", mean, "memory", _MEGABYTES),
-    count("answers", lambda row: row["translation"] is not None),
+    count("answers", answered),
 )
 
 
@@ -372,7 +373,7 @@ def given(recording: Recording, study: MethodsStudy, seed: int) -> Given:
     """
     if recording.camera is None:
         raise ValueError("the recording has no camera")
-    imu, path = streams_of(recording, robot_of(recording.system))
+    imu, path = streams_of(recording)
     stated = recording.noise
     if stated.accel_noise == 0.0:
         grade = load_grade(study.stated_where_none)

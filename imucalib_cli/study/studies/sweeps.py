@@ -216,11 +216,7 @@ def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
 
 
 def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
-    """A line for each sweep and method: the best value, and the errors at both ends.
-
-    Args:
-        sweeps: Rows of each by its title, as for the tables above it.
-    """
+    """A line for each sweep, by its title, and method: the best value, and errors at both ends."""
     lines: list[tuple[str, ...]] = []
     for title, rows in sweeps.items():
         for mine in groups(rows, "method"):
@@ -246,7 +242,8 @@ def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
 def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     """Translation above, rotation below; a column of panels for each condition."""
     conditions = groups(rows, "condition")
-    figure, panels = new_figure(len(ERRORS), len(conditions), share_x=True)
+    size = 7.2 * (1 + 0.6 * (len(conditions) - 1)), 4.2 * (1 + 0.7 * (len(ERRORS) - 1))
+    figure, panels = new_figure(len(ERRORS), len(conditions), size=size, share_x=True)
     for line, (key, scale, unit) in enumerate(ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
