@@ -78,6 +78,7 @@ def _contents(folder: Path) -> dict[Path, bytes]:
     "arguments",
     [
         "run log.mcap --urdf real.urdf -o real.urdf",
+        "run log.mcap --urdf real.urdf --debug-mcap log.mcap",
         "run recording --urdf real.urdf -o recording/metadata.yaml",
         "run recording/metadata.yaml --urdf real.urdf -o recording/recording.mcap",
         "run log.mcap --urdf real.urdf --imu-model imu.yaml -o imu.yaml",
@@ -107,6 +108,7 @@ def test_inputs_are_never_overwritten(arguments: str, refused: Callable[[str], s
     "arguments",
     [
         "run log.mcap --urdf arm.urdf -o recording/metadata.yaml",
+        "run log.mcap --urdf arm.urdf --debug-mcap recording/recording.mcap",
         "inspect recording -o log.mcap",
         "inspect recording -o imu.csv",
         "verify result.yaml --urdf arm.urdf -o real.urdf",
@@ -119,7 +121,8 @@ def test_foreign_logs_and_urdfs_are_not_overwritten(
     arguments: str, refused: Callable[[str], str]
 ) -> None:
     err = refused(arguments)
-    assert "and would be overwritten: name another file" in err
+    kind = "URDF" if arguments.endswith(".urdf") else "log"
+    assert f"is a {kind} and would be overwritten: name another file" in err
     # only these commands have a --force
     assert ("or give --force" in err) == arguments.startswith(("run", "simulate"))
 
