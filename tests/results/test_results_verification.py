@@ -79,12 +79,6 @@ def test_verdict_needs_two_sigma_from_tolerance(
     assert (found.verdict, getattr(found, part).verdict) == (verdict, verdict)
 
 
-def test_tolerance_is_given_as_asked() -> None:
-    asked = Tolerance(translation=5e-3, rotation=math.radians(1.5))
-    within = answer(found_at(), asked).within
-    assert (within.translation_mm, within.rotation_deg) == (5.0, 1.5)
-
-
 def test_urdf_on_stdin_is_named_in_words() -> None:
     urdf = SourceFile(path="-", sha256=None)
     said = verify(found_at(), TOLD, TIGHT, urdf).reason
@@ -159,10 +153,7 @@ def test_move_of_many_sigma_is_detected_and_described() -> None:
     for allowed, verdict in ((5e-3, "not moved"), (2e-3, "moved"), (3e-3, "unknown")):
         within = Tolerance(translation=allowed, rotation=1.0)
         assert moved(first, second, within).verdict == verdict
-
-
-def test_not_moved_verdict_states_detection_limit() -> None:
-    found = moved(found_at(), found_at([1e-6, 0.0, 0.0]))
+    found = moved(first, found_at([1e-6, 0.0, 0.0]))
     assert found.verdict == "not moved"
     assert "it moved by no more than 0.029 mm and 0.00016 deg" in found.reason
 
@@ -210,9 +201,7 @@ def test_unknown_translation_prevents_yes_but_not_no() -> None:
         ([0.0, 0.0, 4.0], [0.01, 0.0, 0.0], "no"),
     ):
         assert answer(found_at(shift, turn, **blind)).verdict == verdict
-
-
-def test_unknown_direction_never_gives_yes_for_any_tolerance() -> None:
+    # whatever the tolerance
     loose = replace(UP, std=0.06)
     found = found_at(covariance=_widened(loose), unobservable=(loose,))
     assert answer(found, Tolerance(translation=1.0, rotation=1.0)).verdict == "unknown"

@@ -111,7 +111,8 @@ def test_missing_origin_is_inserted_with_matching_indentation() -> None:
     ],
 )
 def test_encodings_and_byte_order_marks_are_kept(codec: str, bom: bytes, declared: str) -> None:
-    head = f'<?xml version="1.0" encoding="{declared}"?>\n<robot name="Häß">\n<!-- üé -->'
+    pair = "\N{ROBOT FACE}" if codec.startswith("utf") else ""  # two units of UTF-16
+    head = f'<?xml version="1.0" encoding="{declared}"?>\n<robot name="Häß">\n<!-- üé{pair} -->'
     text = (
         head + '<link name="a"/><link name="ö"/><joint type="fixed" name="ö"><parent link="a"/>'
         '<child link="ö"/><origin note="ä" xyz="0 0 1"/></joint><!-- ÿ --></robot>'
@@ -122,16 +123,6 @@ def test_encodings_and_byte_order_marks_are_kept(codec: str, bom: bytes, declare
     changed = replace_origin(urdf, "ö", XYZ, RPY)
     assert changed == expected
     assert_origin_is(changed, "ö")
-
-
-def test_utf_16_surrogate_pairs_do_not_shift_the_edit() -> None:
-    text = (
-        '<robot name="r"><!-- \N{ROBOT FACE} --><link name="a"/><link name="b"/><joint name="j" '
-        'type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
-    )
-    changed = replace_origin(b"\xff\xfe" + text.encode("utf-16-le"), "j", XYZ, RPY)
-    expected = text.replace("<parent", f"<origin {NEW.decode()}/><parent")
-    assert changed == b"\xff\xfe" + expected.encode("utf-16-le")
 
 
 spaces = st.text(" \t\r\n", min_size=1, max_size=4)
@@ -234,9 +225,7 @@ def test_apply_reexpresses_the_pose_in_the_parent_of_the_urdfs_joint(robot: Robo
     found = model.get_transform("imu", "arm")
     np.testing.assert_allclose(found[:3, 3], p_arm_imu, atol=1e-12)
     np.testing.assert_allclose(found[:3, :3], R_arm_imu.as_matrix(), atol=1e-12)
-
-
-def test_apply_keeps_the_pose_where_the_parents_agree(robot: Robot) -> None:
+    # unchanged where the parents agree
     R = Rotation.from_euler("xyz", (0.1, 0.2, 0.3)).as_matrix()
     origin = joint_for(robot, "plate", "imu", R, np.array([0.5, 0.6, 0.7]))
     assert origin.xyz == (0.5, 0.6, 0.7)
