@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.messages import wire
 from imucalib_cli.logs.messages.columns import joint_columns
@@ -293,20 +292,6 @@ def test_foxglove_transforms_and_poses_are_read(encoding: str, tmp_path: Path) -
 
 
 IMU: dict[str, Any] = {"name": "/imu", "type": "sensor_msgs/Imu", "encoding": "cdr", "count": 9}
-
-
-def test_missing_protobuf_package_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    message = {"name": ["pan"], "position": [1.0]}
-    said = [("/joints", "foxglove.JointState", message, ns) for ns in TIMES]
-    log = open_log([shapes.write_plain(tmp_path / "log.mcap", said, "protobuf")])
-    monkeypatch.setitem(sys.modules, "google.protobuf", None)
-    monkeypatch.setattr("imucalib_cli.logs.select.is_installed", lambda: False)
-    unread = Topic(name="/joints", type="no", encoding="protobuf", count=9)
-    with pytest.raises(InputError, match=r"need pip install 'imucalib\[protobuf\]'"):
-        select_topics([Topic(**IMU), unread])
-    assert [each.name for each in log.topics] == ["/joints"]
 
 
 @pytest.mark.parametrize(
