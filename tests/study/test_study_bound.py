@@ -94,13 +94,6 @@ def brute(arm: Recording) -> Brute:
     return Brute(arm)
 
 
-def test_brute_force_readings_match_simulation(arm: Recording, brute: Brute) -> None:
-    found = brute.readings(np.zeros(15)).reshape(-1, 6) * np.repeat([ACCEL, GYRO], 3)
-    inside = slice(10, -10)
-    np.testing.assert_allclose(found[inside, :3], arm.imu.accel[2:-2][inside], atol=5e-3)
-    np.testing.assert_allclose(found[inside, 3:], arm.imu.gyro[2:-2][inside], atol=1e-5)
-
-
 def assert_same_bound(bound: Bound, covariance: Floats) -> None:
     sigma = np.sqrt(np.diag(covariance)[:6])
     np.testing.assert_allclose(np.sqrt(np.diag(bound.pose)), sigma, rtol=0.01)

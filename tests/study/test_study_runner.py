@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import InputError
 from imucalib_cli.study.runner import run_study
 from imucalib_cli.study.study import Study
 from tests.processes import runs, wait_for
@@ -82,16 +82,6 @@ def test_finished_cells_are_not_run_again(tmp_path: Path) -> None:
     assert squares(again) == [0, 111, 4, 9, 16, 25]
     assert len(file.read_text().splitlines()) == 1 + 6
     assert squares(run_study(Squaring(), file, jobs=1, fresh=True)) == squares(first)
-
-
-def test_rows_of_another_experiment_are_not_used(tmp_path: Path) -> None:
-    file = tmp_path / "a.jsonl"
-    run_study(Squaring(), file, jobs=1)
-    with pytest.raises(ChoiceError, match="other parameters"):
-        run_study(Squaring(count=7), file, jobs=1)
-    file.write_text("what is this\n")
-    with pytest.raises(ChoiceError, match="not the rows of a study"):
-        run_study(Squaring(), file, jobs=1)
 
 
 def test_killed_worker_fails_only_its_own_run(tmp_path: Path) -> None:
