@@ -59,10 +59,6 @@ def test_polynomials_do_not_cross_a_break() -> None:
     expected = 1e3 * stretch + (stretch + 1) * inside**2
     found = lagrange(t, values, inside, breaks=breaks)
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-8)
-
-
-def test_first_sample_after_a_break_is_reproduced() -> None:
-    t, values, breaks = _three_stretches()
     np.testing.assert_array_equal(lagrange(t, values, t[breaks], breaks=breaks), values[breaks])
 
 
