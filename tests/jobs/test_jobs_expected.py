@@ -200,12 +200,3 @@ def test_published_method_is_checked_against_data_sheet(tmp_path: Path) -> None:
     assert found.diagnostics.imu_model is not None
     assert found.diagnostics.imu_model.accel.in_windows is None
     assert found.diagnostics.imu_model.accel.bias_prior is None
-
-
-@pytest.mark.parametrize(
-    ("name", "words"), [("bmi08", "choose adis16448"), ("/imu/data", "--imu-topic takes a topic")]
-)
-def test_unknown_model_name_lists_available_models(
-    name: str, words: str, imucalib: Imucalib
-) -> None:
-    assert words in imucalib("run", "none.mcap", "--imu-model", name, code=2).err
