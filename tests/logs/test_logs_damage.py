@@ -1,17 +1,16 @@
 """Damaged, foreign and huge logs: valid parts are used, or one clear line gives the reason."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import resource
 import struct
 import zlib
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +25,7 @@ from imucalib_cli.logs.messages import decode
 from tests.logs.logs_samples import (
     CHUNKED,
     Said,
+    Write,
     mixed_messages,
     one_file,
     read_all,
@@ -33,11 +33,6 @@ from tests.logs.logs_samples import (
     write_log,
     write_mcap,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tests.logs.logs_samples import Write
 
 
 @pytest.fixture
@@ -65,7 +60,7 @@ def assert_part(data: LogData, said: list[Said], at_least: int) -> None:
     assert at_least <= len(imu) <= len(said)
 
 
-def assert_read(content: bytes, damaged: Path, said: list[Said], least: int, loss: str) -> None:
+def assert_read(content: bytearray, damaged: Path, said: list[Said], least: int, loss: str) -> None:
     """Of damaged content so many messages are read, and a loss with these words is reported."""
     damaged.write_bytes(content)
     data = read_all(damaged)
