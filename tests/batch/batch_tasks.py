@@ -1,25 +1,19 @@
 """Work on logs that is quick, or goes wrong, for the engines; a batch in one process."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, key_of, sizes_of, stamps_of, urdf_hash
-from imucalib_cli.batch.logs import find_logs
+from imucalib_cli.batch.logs import BatchLog, find_logs
 from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.jobs.input.request import CalibrationRequest
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
-
-    from imucalib_cli.batch.logs import BatchLog
 
 
 def here(task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:

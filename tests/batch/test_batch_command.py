@@ -1,7 +1,5 @@
 """``imucalib batch`` as it is typed: damaged logs among sound ones, filters, CI."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -11,8 +9,9 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -27,11 +26,8 @@ from tests.cli.stand_in import Estimator
 from tests.conftest import LogWriter
 from tests.web_server import serving
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Logs = Callable[..., list[str]]
-    """Makes logs, and gives their names with the robot's options."""
+Logs = Callable[..., list[str]]
+"""Makes logs, and gives their names with the robot's options."""
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"

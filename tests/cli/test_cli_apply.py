@@ -1,26 +1,20 @@
 """`imucalib apply`: results of one IMU and of several, and its messages."""
 
-from __future__ import annotations
-
 import re
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.results.result import ParameterEntry, SourceFile
+from imucalib_cli.results.result import ParameterEntry, Result, SourceFile
 from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
+from tests.conftest import Imucalib, Printed
 from tests.results.results_samples import DOUBTS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib, Printed
 
 URDF = """<robot name="r"><link name="hand"/><link name="left"/><link name="right"/>
 <joint name="left_joint" type="fixed"><parent link="hand"/><child link="left"/>

@@ -1,9 +1,8 @@
 """`imucalib compare`: frames and errors against scipy's, and what is wrong with a file."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +11,10 @@ from scipy.spatial import transform
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.results.codec import to_yaml
+from imucalib_cli.results.result import Result
 from tests.cli.stand_in import ANSWERS
+from tests.conftest import Imucalib, Printed
 from tests.results.results_samples import UP, make_result
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib, Printed
 
 if not hasattr(transform, "RigidTransform"):
     pytest.skip("RigidTransform, the truth here, needs scipy 1.16", allow_module_level=True)

@@ -1,23 +1,19 @@
 """`imucalib diff` from two files to an exit code: pairs, frames, several IMUs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.results.codec import to_json, to_yaml
+from imucalib_cli.results.result import Result
 from tests.cli.stand_in import ANSWERS, answers
+from tests.conftest import Imucalib
 from tests.results.results_samples import UP, make_result
-
-if TYPE_CHECKING:
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib
 
 ROOT = Path(__file__).parents[2]
 SMALL = np.diag([1e-8] * 3 + [1e-10] * 3)

@@ -1,14 +1,13 @@
 """Files beside the result: opened again by others' readers and compared with the estimate."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -19,21 +18,17 @@ from rosbags.highlevel import AnyReader
 from imucalib_cli.cli.extras import EXTRAS, write_extras
 from imucalib_cli.cli.options import ExtraFiles, flag_of
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.estimate.details import WindowSeries
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.part import Part
 from imucalib_cli.report.debug_mcap import frames_of, topics_of
 from imucalib_cli.results.codec import read_results, to_yaml
+from imucalib_cli.results.result import Result
 from imucalib_cli.robot.rotations import matrix_from_quaternion
+from tests.conftest import Imucalib
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from imucalib_cli.estimate.details import WindowSeries
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 ARM = (SAMPLES / "rihibot.mcap", "--urdf", SAMPLES / "rihibot.urdf")

@@ -1,7 +1,5 @@
 """What holds for every command: exit codes, laziness, pipes, and the other small commands."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

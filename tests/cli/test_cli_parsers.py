@@ -1,11 +1,9 @@
 """Quantities as users write them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +14,7 @@ from hypothesis import strategies as st
 from imucalib_cli.cli import parsers
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.robot.rotations import matrix_from_rpy
-
-if TYPE_CHECKING:
-    from tests.conftest import Imucalib
+from tests.conftest import Imucalib
 
 WRONG = {
     "--max-offset": "|soon|1h|1 2|nan|inf|1e999|--|0x10|0|601",

@@ -1,11 +1,9 @@
 """No command costs its user a file: not one that it reads, not a log, not another result."""
 
-from __future__ import annotations
-
 import os
 import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import yaml
@@ -14,14 +12,10 @@ from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.places import check_places
+from tests.cli.stand_in import Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
 from tests.results.results_samples import make_estimate, make_result
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from tests.cli.stand_in import Estimator
 
 SHORT = ("--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50")
 

@@ -1,32 +1,26 @@
 """``imucalib study`` from the command line: lists, runs, resumes, refuses."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
 import json
 import re
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
 
 from imucalib_cli.configuration import builtin_names
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
-from imucalib_cli.study.study import STUDIES, load_study
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from imucalib_cli.simulate.options import PhysicsOptions
-    from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Row
-    from tests.conftest import Imucalib
+from imucalib_cli.study.study import STUDIES, Cell, Row, load_study
+from tests.conftest import Imucalib
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 

@@ -1,7 +1,5 @@
 """What a terminal shows, and that no name from a file commands it; pipes and files stay plain."""
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os

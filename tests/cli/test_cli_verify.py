@@ -1,14 +1,11 @@
 """`imucalib verify` from arguments to exit code: logs, results, frames, several IMUs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,9 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from tests.cli.stand_in import ANSWERS, ESTIMATE, Estimator, answers
-
-if TYPE_CHECKING:
-    from tests.conftest import Imucalib, LogWriter
+from tests.conftest import Imucalib, LogWriter
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "sample_data"

@@ -1,10 +1,8 @@
 """One fault at a time: it is named, nothing else is blamed, and a wrong pose is never ok."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,18 +11,15 @@ from imucalib_cli.diagnose.diagnose import GENERIC, needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import single_faults
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.findings import Finding
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.recording import Recording
 from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
 from tools.errors import error_of
-from tools.faults import Fault, misdescribed, with_faulty_sensor
-
-if TYPE_CHECKING:
-    from imucalib_cli.findings import Finding
-    from imucalib_cli.simulate.recording import Recording
-    from tools.faults import Judged
+from tools.faults import Fault, Judged, misdescribed, with_faulty_sensor
 
 ARM, BODY = "rihibot", "barbot"
 

@@ -1,7 +1,5 @@
 """A nominal pose that is the wrong way round is reported, and no other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

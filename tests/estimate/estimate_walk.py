@@ -3,11 +3,9 @@
 Its motion is analytic, and the IMUs' readings are differences of it.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +21,6 @@ from imucalib_cli.robot.path import (
 )
 from imucalib_cli.signals.samples import ImuSamples
 from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, Mount
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 Floats = NDArray[np.float64]
 Place = tuple[Floats, Floats]

@@ -6,11 +6,10 @@ The arm moves in quintics, whose jerk jumps at starts and stops: the error is qu
 dt², so the tolerance is a micrometre at 500 Hz and grows with the interval squared.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,9 +32,6 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MICROMETRE = 1e-6
 ANGLE = np.radians(1e-4)

@@ -3,11 +3,10 @@
 Each fault is exact: the motion is evaluated at the instants at which the flawed sensor measured.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,17 +27,13 @@ from tests.estimate.estimate_arm import (
     Log,
     Mount,
     Moves,
+    Solved,
     make_log,
     prior,
     solve,
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.estimate.estimate_arm import Solved
 
 Floats = NDArray[np.float64]
 approx = pytest.approx

@@ -4,12 +4,10 @@ Robots have analytic motions. The columns are compared with differences of the e
 which other tests compare with pinocchio's truth.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
-from imucalib_cli.estimate.model.layout import lay_out
+from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import (
     LEAN,
@@ -27,6 +25,7 @@ from imucalib_cli.estimate.model.unknowns import (
     JointCurve,
     Origin,
     Reading,
+    Samples,
     Unknown,
 )
 from imucalib_cli.estimate.options import MatchedOptions
@@ -44,10 +43,6 @@ from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, windowing_of
 from tests.estimate.estimate_walk import readings_of
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.model.layout import Layout, Placed
-    from imucalib_cli.estimate.model.unknowns import Samples
 
 Floats = NDArray[np.float64]
 

@@ -1,30 +1,24 @@
 """An IMU that measures the base's motion: chosen, reported, refused; truth by pinocchio."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 from imucalib_cli.errors import ImucalibError, InputError
-from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain
+from imucalib_cli.results.result import Result
 from tests.jobs.robots import assert_matches_truth
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
 from tests.logs.logs_samples import Said, T
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.jobs.calibrate import Outcome
-    from imucalib_cli.results.result import Result
 
 
 def request(folder: Path, *topics: str, **wishes: Any) -> CalibrationRequest:

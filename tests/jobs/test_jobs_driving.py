@@ -1,9 +1,8 @@
 """A robot that drives on a plane: which components are unobservable, and the options for them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +15,9 @@ from imucalib_cli.jobs.verify import verify_recording
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.results.result import Result
+from tests.conftest import Imucalib
 from tests.jobs.driving import TRUE_T, drive, with_a_camera_frame
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib
 
 FREE = np.inf
 HELD = PosePrior(std=(FREE, FREE, 0.0, FREE, FREE, FREE))

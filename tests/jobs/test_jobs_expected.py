@@ -1,11 +1,10 @@
 """What naming the IMU does to a calibration: priors, warnings, and nothing to the pose."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,19 +14,15 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
 from imucalib_cli.results.codec import result_from, to_document
+from imucalib_cli.results.result import Result
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.simulate.load import load_imu
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.write_log import write_log
+from tests.conftest import Imucalib
 from tests.simulate.simulate_samples import recorded
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-    from imucalib_cli.simulate.recording import Recording
-    from tests.conftest import Imucalib
 
 RATE = 200.0
 

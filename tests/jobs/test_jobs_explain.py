@@ -1,7 +1,5 @@
 """From files to the cause of a poor fit: the user's command is answered with the right one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

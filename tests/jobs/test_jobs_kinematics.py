@@ -1,9 +1,8 @@
 """Errors of the robot itself, by the arm's simulated log and a URDF spoilt by known sizes."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,12 +14,8 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
+from tests.conftest import Imucalib, Printed
 from tests.troubleshooting.scene import ARM, clean
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import Imucalib, Printed
 
 _LONGER, _TURNED, _TILTED = 4e-3, 0.01, 8e-4
 """m and rad: how far the URDF is off."""

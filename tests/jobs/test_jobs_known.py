@@ -1,31 +1,25 @@
 """Robot descriptions within logs, on logs of the simulated arm: truth is the simulation's."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.findings import Severity
-from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import Inspection, inspect
 from imucalib_cli.logs.part import Part
+from imucalib_cli.results.result import Result
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.slow import slow_after
 from tests.troubleshooting.scene import ARM, noisy
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.jobs.calibrate import Outcome
-    from imucalib_cli.results.result import Result
 
 TRUE_T = (-0.0225, 0.1, 0.0)
 """m, of configs/rihibot.yaml."""

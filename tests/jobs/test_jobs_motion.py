@@ -1,28 +1,22 @@
 """Which frame carries the IMU and which topics move it, for logs of every kind of robot."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.errors import ImucalibError, UntrustedError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.input.motion import find_motion
+from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.part import Part
+from tests.conftest import LogWriter
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from imucalib_cli.jobs.input.motion import Motion
-    from tests.conftest import LogWriter
-
-    Log = Callable[[LogWriter], LogWriter]
+Log = Callable[[LogWriter], LogWriter]
 
 
 def motion_of(log: Path, **wishes: Any) -> Motion:

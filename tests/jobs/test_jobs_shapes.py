@@ -1,27 +1,22 @@
 """One recording as other robots publish it: the pose is the same as by the plain messages."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 import imucalib_cli as ic
 from imucalib_cli import layout
+from imucalib_cli.api import Calibration
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from tests.estimate.estimate_arm import EXACT
 from tests.slow import slow_after
 from tools import republish as shapes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from imucalib_cli.api import Calibration
 
 
 def calibrated(log: Path, **wishes: Any) -> Calibration:

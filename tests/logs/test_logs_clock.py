@@ -1,7 +1,5 @@
 """The choice between header stamps and receive times."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,11 +1,10 @@
 """rosbag2's databases, and their pages read directly, compared with SQLite itself."""
 
-from __future__ import annotations
-
 import re
 import sqlite3
 from contextlib import closing
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,9 +14,6 @@ from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.db3.pages import salvage
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import Said, one_file, read_all, said_on, write_log
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Row = tuple[int, int, bytes]
 LEAST, MOST = -(1 << 63), (1 << 63) - 1

@@ -1,26 +1,22 @@
 """Paths that are no plain files, files that change while being read, folders of odds and ends."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import (
+    Said,
     T,
+    Write,
     header,
     mixed_messages,
     one_file,
     said_on,
     write_log,
 )
-
-if TYPE_CHECKING:
-    from tests.logs.logs_samples import Said, Write
 
 STORAGES = ("mcap-zstd", "mcap-none", "bag-lz4", "bag-none", "db3")
 

@@ -1,7 +1,5 @@
 """Logs behind URLs: the same as on disk, in ranges, whatever the server does."""
 
-from __future__ import annotations
-
 import errno
 import gc
 import os
@@ -10,10 +8,11 @@ import re
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,9 +28,6 @@ from imucalib_cli.shown import without_secrets
 from tests.logs.logs_remote import wanted_bytes, with_images
 from tests.logs.logs_samples import BAGS, MCAPS, Said, Write, mixed_messages, write_log
 from tests.web_server import WebServer, serving
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 TOPICS = ("/imu/data", "/joint_states")

@@ -1,7 +1,5 @@
 """Topics chosen by type or by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

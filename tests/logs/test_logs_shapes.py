@@ -1,15 +1,14 @@
 """Message types by the shape of their fields, against rosbags, protobuf and what was written."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.logs.log import open_log
+from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import wire
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
@@ -18,11 +17,6 @@ from imucalib_cli.logs.select import select_topics
 from tests.logs.logs_samples import write_payloads
 from tools import republish as shapes
 from tools.republish import STORE, header, make
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.logs.log import LogData
 
 START_NS = shapes.START_NS
 TIMES = [START_NS + k * 2_000_000 for k in range(60)]

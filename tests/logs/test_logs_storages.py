@@ -1,10 +1,10 @@
 """Every storage and compression against rosbags, message by message, bit for bit."""
 
-from __future__ import annotations
-
 import importlib
 import shutil
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from tests.logs.logs_samples import (
     START_NS,
     Said,
     T,
+    Write,
     imu,
     joints,
     mixed_messages,
@@ -26,12 +27,6 @@ from tests.logs.logs_samples import (
     say,
     write_log,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from tests.logs.logs_samples import Write
 
 Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
 

@@ -1,9 +1,8 @@
 """The published method against a plain re-statement of it with scipy, sample by sample."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.paper.filters import DEFAULT_EXCLUSION, filtered_instants
 from imucalib_cli.paper.method import calibrate_paper
@@ -26,11 +26,6 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from imucalib_cli.estimate.estimate import Estimate
 
 Floats = NDArray[np.float64]
 

@@ -1,12 +1,13 @@
 """Differences of uncertain poses, against scipy and against differences of perturbed poses."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, ortho_group
 
@@ -14,15 +15,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.pose import UncertainPose
-from imucalib_cli.robot.urdf import load_robot
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from imucalib_cli.robot.urdf import Robot
+from imucalib_cli.robot.urdf import Robot, load_robot
 
 Floats = Any
 

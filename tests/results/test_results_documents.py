@@ -1,7 +1,5 @@
 """The documents against the published schema, against themselves, and against bad input."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,17 +1,12 @@
 """Results of earlier versions, of the sample log: from before the keys in the file name."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
 from imucalib_cli.results.codec import read_results, to_document
-
-if TYPE_CHECKING:
-    from tests.conftest import Imucalib
+from tests.conftest import Imucalib
 
 STORED = sorted((Path(__file__).parent / "stored").glob("*.yaml"))
 SAMPLES = Path(__file__).parents[2] / "sample_data"

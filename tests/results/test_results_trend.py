@@ -1,7 +1,5 @@
 """Whether, when and how far a mount moved, from random draws with known answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import timedelta
 from itertools import product

@@ -1,30 +1,24 @@
 """The rules of ``verify`` and ``diff``: error rates in noise, reasons for unknown verdicts."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from msgspec import UNSET, structs
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
+from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.findings import TEXT, untrusted
+from imucalib_cli.results.comparison.answers import DiffAnswer, VerifyAnswer
 from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.comparison.verdicts import diff, verify
-from imucalib_cli.results.result import SourceFile
+from imucalib_cli.results.result import Result, SourceFile
 from imucalib_cli.robot.mount import NominalPose
 from tests.results.results_samples import ROLL, UP, make_estimate, make_result
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from imucalib_cli.estimate.estimate import UnobservableDirection
-    from imucalib_cli.results.comparison.answers import DiffAnswer, VerifyAnswer
-    from imucalib_cli.results.result import Result
 
 R_TOLD = Rotation.from_euler("xyz", [0.5, -1.0, 2.0])
 T_TOLD = np.array([0.1, -0.2, 0.3])

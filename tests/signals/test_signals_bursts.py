@@ -1,7 +1,5 @@
 """Arrivals made from known ticks, by models of drivers, buses and networks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Faults put into readings of which all else is known, and values of no IMU."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The even grid: what it copies, what it interpolates, what it leaves out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """Local polynomials against numpy's, scipy's, and data that must not be touched."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Shifts the test made, found again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,8 +1,6 @@
 """What moves and what does not, by the values of joints and poses alone."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +10,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.cli.main import main
 from imucalib_cli.robot.path import Track
 from imucalib_cli.signals.moves import track_moves
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import LogWriter
+from tests.conftest import LogWriter
 
 Floats = NDArray[np.float64]
 T = np.arange(0.0, 20.0, 0.01)

@@ -1,16 +1,15 @@
 """Raw streams with faults put into them, through repair and the estimator; truth by pinocchio."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import reasons
@@ -28,9 +27,6 @@ from tests.estimate.estimate_arm import (
     rotation_error,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
 
 Floats = NDArray[np.float64]
 _DEG = 180.0 / np.pi

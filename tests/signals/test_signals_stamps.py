@@ -1,7 +1,5 @@
 """Clocks whose truth is known because the test made them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

@@ -1,7 +1,5 @@
 """A link's pose over time, from quaternions of either sign and tracks with holes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 

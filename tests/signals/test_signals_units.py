@@ -1,7 +1,5 @@
 """Units found at rest and by the ratio of two angular rates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

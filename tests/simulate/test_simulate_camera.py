@@ -1,9 +1,7 @@
 """The camera: its pose by pinocchio, its lens by OpenCV, the grid by Kalibr's own words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,11 +15,9 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import CameraRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from tests.simulate.simulate_samples import camera
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import CameraRecord, Recording
 
 RIHIBOT, CAMERA = load_camera("rihibot", load_system("rihibot"))
 LENS = CAMERA.intrinsics

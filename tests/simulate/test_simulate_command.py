@@ -1,19 +1,15 @@
 """``imucalib simulate``: what a user types becomes the right options, units and signs included."""
 
-from __future__ import annotations
-
 import math
 from datetime import datetime, timezone
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from mcap.reader import make_reader
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import Imucalib, Printed
+from tests.conftest import Imucalib, Printed
 
 SHORT = ["--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50"]
 

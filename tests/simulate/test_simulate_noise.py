@@ -1,7 +1,5 @@
 """Noise: its statistics, its signs, and that a seed gives the same numbers every time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

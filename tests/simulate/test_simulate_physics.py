@@ -1,10 +1,8 @@
 """Recordings against rigid-body mechanics by pinocchio, scipy, or on paper; its motion."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,10 +19,8 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.motion import ArmReference, PushPlan
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import Recording
 from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints, pose, recorded
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
 
 
 def the_arm() -> Arm:

@@ -1,10 +1,10 @@
 """The robot that walks: against pinocchio, differences of positions, scipy and rosbags."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -15,22 +15,17 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.motion import joint_plan
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import LowPass, record
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.simulate import truth_of
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.conftest import Imucalib
 from tests.simulate.simulate_samples import Floats, configured, imus_by_pinocchio, joints, recorded
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from imucalib_cli.simulate.config import SystemConfig
-    from imucalib_cli.simulate.recording import Recording
-    from tests.conftest import Imucalib
 
 TOPICS = ["/imu/data", "/imu/head", *(f"/imu/{leg}_foot" for leg in ("FR", "FL", "RR", "RL"))]
 

@@ -1,9 +1,6 @@
 """The Cramér-Rao bound against brute force: readings re-simulated by pinocchio, differenced."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
@@ -16,14 +13,12 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.study.bound import NUISANCES, Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.simulate.simulate_samples import recorded
 from tools.errors import error_of, nees
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
 
 Floats = NDArray[np.float64]
 

@@ -1,10 +1,8 @@
 """Figures 5 to 7 against the engine's own acceleration; any figure is the same bytes each time."""
 
-from __future__ import annotations
-
 import math
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -14,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.contest import wrong_guess
 from imucalib_cli.study.figures import draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
@@ -22,11 +21,6 @@ from imucalib_cli.study.studies.derivation import (
     compared_by_paper,
     near_changes,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.simulate.recording import Recording
 
 Floats = NDArray[np.float64]
 

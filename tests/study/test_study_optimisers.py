@@ -1,9 +1,9 @@
 """Optimisers against each other on clean data, and the least absolute values against medians."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -31,10 +31,6 @@ from imucalib_cli.study.optimisers import (
 )
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from tests.study.study_samples import study
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 Floats = NDArray[np.float64]
 RECORDED: dict[str, Any] = {"duration": 12.0, "imu_rate": 100.0, "robot_rate": 100.0}
