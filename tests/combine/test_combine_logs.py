@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.combine import scatter
 from imucalib_cli.combine.logs import Combined, combine_logs, solve_again
 from imucalib_cli.estimate.model.state import State
@@ -25,8 +25,6 @@ from tests.estimate.estimate_arm import (
     solve,
 )
 from tests.slow import slow_after
-
-Floats = NDArray[np.float64]
 
 
 @cache

@@ -4,16 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import Log, Moves, make_log, random_mount
 from tests.slow import slow_after
 from tools.faults import EstimatorInputs
-
-Floats = NDArray[np.float64]
 
 SAME = np.eye(3)
 MIRRORED = np.diag([-1.0, 1.0, 1.0])

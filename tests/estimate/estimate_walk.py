@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.robot.path import (
     FixedStep,
     JointStep,
@@ -22,7 +22,6 @@ from imucalib_cli.robot.path import (
 from imucalib_cli.signals.samples import ImuSamples
 from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, Mount
 
-Floats = NDArray[np.float64]
 Place = tuple[Floats, Floats]
 
 H = 1e-4

@@ -5,11 +5,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.estimate import Consistency
 from tests.estimate.estimate_arm import (
     BOTH_GRADES,
@@ -25,8 +25,6 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-
-Floats = NDArray[np.float64]
 
 MOVES = Moves(seed=3, seconds=32.0)
 

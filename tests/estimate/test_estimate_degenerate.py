@@ -8,13 +8,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from tests.estimate.estimate_arm import GRAVITY, Log, Moves, Solved, make_log, parent_motion, solve
 from tests.slow import slow_after
-
-Floats = NDArray[np.float64]
 
 WRIST = (0.0,) * 5 + (1.5,)
 PAN = (1.0,) + (0.0,) * 5

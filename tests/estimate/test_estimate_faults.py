@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
 
@@ -35,7 +34,6 @@ from tests.estimate.estimate_arm import (
 )
 from tests.slow import slow_after
 
-Floats = NDArray[np.float64]
 approx = pytest.approx
 
 SHORT, LONG = Moves(seconds=24.0), Moves(seed=3, seconds=32.0)

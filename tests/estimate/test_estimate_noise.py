@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
@@ -23,8 +23,6 @@ from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.estimate.estimate_arm import Log, Mount, Solved, solve, solve_exact
 from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
-
-Floats = NDArray[np.float64]
 
 RATE = 200.0
 SEEDS = 40

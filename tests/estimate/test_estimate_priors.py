@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.options import PosePrior
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import (
@@ -27,8 +27,6 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-
-Floats = NDArray[np.float64]
 
 
 @cache

@@ -8,12 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.scatter import USUAL, Together, combine
 from imucalib_cli.estimate.solution.scales import Posterior, Prior, Problem, integrate, most_likely
-
-Floats = NDArray[np.float64]
 
 BOUNDS = np.log([[1e-3, 10.0], [1e-3, 10.0]])
 LEARNT = {"one": (5, 0.5), "two": (3, 0.05)}

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.model import columns as lean
 from imucalib_cli.estimate.model.windows import WindowRows
 from imucalib_cli.estimate.options import MatchedOptions
@@ -18,8 +18,6 @@ from tests.estimate.estimate_arm import (
     rotation_error,
     windowing_of,
 )
-
-Floats = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
@@ -43,8 +43,6 @@ from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, windowing_of
 from tests.estimate.estimate_walk import readings_of
 from tests.slow import slow_after
-
-Floats = NDArray[np.float64]
 
 RATE, SECONDS = 200.0, 16.0
 MIXED_OFFSET = 0.003

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.timing.bursts import BurstTiming, rate_stretches, time_bursts
-
-Floats = NDArray[np.float64]
 
 
 def _values(t: Floats) -> Floats:

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.imu.checks import refuse_impossible
 from imucalib_cli.signals.imu.faults import Fault, dead_axes, flat_tops, sensor_faults
@@ -16,8 +16,6 @@ from imucalib_cli.signals.timing.stamps import gap_breaks
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import Turning, compare_turning
 from tests.estimate.estimate_arm import INDUSTRIAL, MEMS, Log, make_log
-
-Floats = NDArray[np.float64]
 
 MPU = (np.radians(250 / 32768), 2 * 9.80665 / 32768)
 WIDE = (np.radians(2000 / 32768), 16 * 9.80665 / 32768)

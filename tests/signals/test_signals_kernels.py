@@ -21,8 +21,6 @@ from imucalib_cli.signals.kernels import (
     savitzky_golay,
 )
 
-Floats = NDArray[np.float64]
-
 
 @st.composite
 def filters(draw: st.DrawFn) -> tuple[int, int, int]:

@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from imucalib_cli.arrays import Bools, Floats
 from imucalib_cli.signals.timing.lag import Lag, best_lag
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 def _series(seed: int, n: int, shift: int) -> tuple[Floats, Floats]:

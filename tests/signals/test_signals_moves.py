@@ -4,15 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.cli.main import main
 from imucalib_cli.robot.path import Track
 from imucalib_cli.signals.moves import track_moves
 from tests.conftest import LogWriter
 
-Floats = NDArray[np.float64]
 T = np.arange(0.0, 20.0, 0.01)
 RNG = np.random.default_rng(0)
 GLITCH = np.where(np.arange(len(T)) == 700, 1.0, 0.0)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Bools, Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.matched import calibrate_matched
@@ -28,7 +28,6 @@ from tests.estimate.estimate_arm import (
 )
 from tests.slow import slow_after
 
-Floats = NDArray[np.float64]
 _DEG = 180.0 / np.pi
 _G = 9.80665
 _READ = ("t", "gyro", "accel")
@@ -244,7 +243,7 @@ def test_moving_gripper_joint_keeps_still_arm_samples() -> None:
     assert _repaired(log.with_joints(values=values, names=(*track.names, "g"))).findings == ()
 
 
-def _arrive(t: Floats, seed: int, *, batch: int, drops: float) -> tuple[NDArray[np.bool_], Floats]:
+def _arrive(t: Floats, seed: int, *, batch: int, drops: float) -> tuple[Bools, Floats]:
     rng = np.random.default_rng(seed)
     kept = rng.random(len(t)) >= drops
     group = np.arange(len(t)) // batch

@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.spikes import find_glitches, find_spikes
-
-Floats = NDArray[np.float64]
 
 
 def _smooth(n: int = 12000, rate: float = 200.0) -> Floats:

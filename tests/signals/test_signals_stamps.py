@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.timing.stamps import (
     Ticks,
     constant_rate_ticks,
@@ -11,8 +11,6 @@ from imucalib_cli.signals.timing.stamps import (
     gap_limit,
     tidy_rows,
 )
-
-Floats = NDArray[np.float64]
 
 
 def test_rows_are_sorted_unique_and_finite() -> None:

@@ -5,14 +5,12 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import JointStep, KinematicPath, PoseStep, Track
 from imucalib_cli.signals.trajectory import Trajectory, clean_track, continuous, with_earlier_stamps
-
-Floats = NDArray[np.float64]
 
 
 def _pose_values(t: Floats) -> Floats:

@@ -7,16 +7,15 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import CameraRecord, JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
-Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
 
 

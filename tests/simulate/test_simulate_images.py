@@ -10,6 +10,7 @@ import pupil_apriltags
 import pytest
 from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.camera.config import CameraConfig, load_camera
 from imucalib_cli.simulate.camera.render import Images, board_picture
@@ -17,8 +18,6 @@ from imucalib_cli.simulate.camera.view import see, target_points
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.recording import CameraRecord
-
-Floats = NDArray[np.float64]
 
 CAMERA = load_camera("rihibot", load_system("rihibot"))[1]
 CODES = {

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import corrupt
@@ -19,8 +19,6 @@ from imucalib_cli.study.bound import NUISANCES, Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.simulate.simulate_samples import recorded
 from tools.errors import error_of, nees
-
-Floats = NDArray[np.float64]
 
 ACCEL, GYRO = 0.03, 0.002
 """Standard deviations of a sample, m/s² and rad/s."""

@@ -7,9 +7,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import Recording
@@ -21,8 +21,6 @@ from imucalib_cli.study.studies.derivation import (
     compared_by_paper,
     near_changes,
 )
-
-Floats = NDArray[np.float64]
 
 PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=250, duration=24)
 

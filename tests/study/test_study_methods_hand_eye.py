@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
@@ -34,9 +33,6 @@ from imucalib_cli.study.recordings import streams_of
 from imucalib_cli.study.studies.methods import MethodsStudy
 from tests.simulate.simulate_samples import camera as observed
 from tests.study.study_samples import before_the_pattern, error, study
-
-Floats = NDArray[np.float64]
-
 
 PARAMETERS: MethodsStudy = study("methods", quick=False)
 NOISE = NoiseOptions(

@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.paper.filters import filtered_instants
@@ -32,7 +32,6 @@ from imucalib_cli.study.optimisers import (
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from tests.study.study_samples import study
 
-Floats = NDArray[np.float64]
 RECORDED: dict[str, Any] = {"duration": 12.0, "imu_rate": 100.0, "robot_rate": 100.0}
 PHYSICS, SMALL = PhysicsOptions(**RECORDED), {**RECORDED, "seeds": 1}
 GRAVITY = 9.80665

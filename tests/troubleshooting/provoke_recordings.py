@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
@@ -34,8 +34,6 @@ from tests.troubleshooting.scene import (
     with_robot,
 )
 from tools.faults import Fault, misdescribed, with_faulty_sensor
-
-Floats = NDArray[np.float64]
 
 _DEG = 180.0 / np.pi
 _G = 9.80665
