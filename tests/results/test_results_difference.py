@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.pose import UncertainPose
-from imucalib_cli.robot.urdf import Robot, load_robot
+from imucalib_cli.robot.urdf import parse_robot
 
 Floats = Any
 
@@ -205,21 +204,17 @@ URDF = """<robot name="r">
 </robot>"""
 
 
-@pytest.fixture
-def robot(tmp_path: Path) -> Robot:
-    path = tmp_path / "robot.urdf"
-    path.write_text(URDF)
-    return load_robot(path)
+ROBOT = parse_robot(URDF.encode(), "robot.urdf")
 
 
-def test_change_of_frame_transforms_pose_and_covariance(robot: Robot) -> None:
+def test_change_of_frame_transforms_pose_and_covariance() -> None:
     rng = np.random.default_rng(5)
     R, t, C = Rotation.random(rng=rng), rng.normal(size=3), spd(rng, 1e-3)
     # URDF's rpy is about fixed axes, scipy's lower case likewise
     R_hp, p_hp = Rotation.from_euler("xyz", [0.4, -0.5, 0.6]), np.array([0.1, -0.2, 0.3])
     R_if, p_if = Rotation.from_euler("xyz", [1, 2, 3]), np.array([0.01, 0.02, -0.03])
     pose = make_pose(R, t, C, parent="plate", about=[1.0, 0, 0], along=[0, 0, 1.0])
-    found = pose.of_child("imu_frame", robot).seen_from("hand", robot)
+    found = pose.of_child("imu_frame", ROBOT).seen_from("hand", ROBOT)
 
     def outcome(d: Floats, _: Floats) -> Floats:
         A = Rotation.from_rotvec(d[3:]) * R
@@ -247,7 +242,7 @@ def test_change_of_frame_transforms_pose_and_covariance(robot: Robot) -> None:
         ("imu_lnk", "plate", "did you mean 'imu_link'"),
     ],
 )
-def test_unrelated_frames_are_refused(child: str, parent: str, words: str, robot: Robot) -> None:
+def test_unrelated_frames_are_refused(child: str, parent: str, words: str) -> None:
     pose = make_pose(Rotation.identity(), [0, 0, 0], np.eye(6), parent="plate")
     with pytest.raises(ChoiceError, match=words):
-        pose.of_child(child, robot).seen_from(parent, robot)
+        pose.of_child(child, ROBOT).seen_from(parent, ROBOT)
