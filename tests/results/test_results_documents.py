@@ -504,23 +504,17 @@ def test_every_listed_field_is_in_the_summary() -> None:
     assert severities["warning"] == "warning"
 
 
+MOUNT, DISTRUST = "imu_link in wrist_3_link", "untrusted, do not use this result: "
+
+
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({}, "ok: imu_link in wrist_3_link is known to 0.35 mm and 0.019 deg (1 sigma, "),
-        ({"covariance": None}, "ok: imu_link in wrist_3_link is found; --method matched states no"),
-        (
-            {"covariance": np.zeros((6, 6))},
-            "ok: imu_link in wrist_3_link is held as given by --fix",
-        ),
-        (
-            {"unobservable": (UP,), "findings": DOUBTS},
-            "untrusted, do not use this result: it wobbles",
-        ),
-        (
-            {"unobservable": (UP,)},
-            "untrusted, do not use this result: not determined: translation along (0.00 0.00 1.00",
-        ),
+        ({}, f"ok: {MOUNT} is known to 0.35 mm and 0.019 deg (1 sigma, "),
+        ({"covariance": None}, f"ok: {MOUNT} is found; --method matched states no"),
+        ({"covariance": np.zeros((6, 6))}, f"ok: {MOUNT} is held as given by --fix"),
+        ({"unobservable": (UP,), "findings": DOUBTS}, f"{DISTRUST}it wobbles"),
+        ({"unobservable": (UP,)}, f"{DISTRUST}not determined: translation along (0.00 0.00 1.00"),
     ],
 )
 def test_the_verdict_is_one_sentence(changes: dict[str, Any], sentence: str) -> None:
