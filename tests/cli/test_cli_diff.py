@@ -97,6 +97,10 @@ def test_imus_are_paired_by_frame_and_topic(write: Any, imucalib: Imucalib) -> N
     diff, other = imucalib.with_("diff", write("a.yaml", *results("a", "/c"))), results("b", "/new")
     documents, _ = answers(diff(write("b.json", *reversed(other))))
     assert [d["second"]["imu"] for d in documents] == ["/a", "/b", "/new", "/d"]
+    documents, err = answers(diff(write("b.yaml", *other[:3]), code=2))
+    assert len(documents) == 3
+    assert "a.yaml has a result of d (/d), " in err
+    assert "b.yaml has none that matches it" in err
 
 
 URDF = """<robot name="r"><link name="hand"/><link name="plate"/><link name="imu_link"/>
