@@ -12,6 +12,7 @@ from scipy.linalg import solve as solve_dense
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.imus import (
     OnRobot,
     System,
@@ -27,7 +28,7 @@ from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.robot.path import JointStep, KinematicPath
 from imucalib_cli.signals.dead_reckoning import dead_reckon
 from tests.estimate.estimate_arm import GRAVITY, Log, Solved, beside, prior, solve
-from tests.estimate.estimate_walk import BASE, Floats, Walk, logged, readings_of
+from tests.estimate.estimate_walk import BASE, Walk, logged, readings_of
 from tests.slow import slow_after
 
 Imu = tuple[str, Solved, KinematicPath]

@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import Arm, FreeBody, Move
 from imucalib_cli.simulate.load import load_system
@@ -20,7 +21,7 @@ from imucalib_cli.simulate.motion import ArmReference, PushPlan
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import Recording
-from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints, pose, recorded
+from tests.simulate.simulate_samples import imus_by_pinocchio, joints, pose, recorded
 
 
 def the_arm() -> Arm:

@@ -14,6 +14,7 @@ from rosbags.highlevel import AnyReader
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import load_grade, load_system
@@ -25,7 +26,7 @@ from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.simulate import truth_of
 from imucalib_cli.simulate.urdf import urdf_text
 from tests.conftest import Imucalib
-from tests.simulate.simulate_samples import Floats, configured, imus_by_pinocchio, joints, recorded
+from tests.simulate.simulate_samples import configured, imus_by_pinocchio, joints, recorded
 
 TOPICS = ["/imu/data", "/imu/head", *(f"/imu/{leg}_foot" for leg in ("FR", "FL", "RR", "RL"))]
 
