@@ -1,15 +1,11 @@
 """Programs in processes of their own."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from typing import Any
 
 
 def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:

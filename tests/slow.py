@@ -1,13 +1,9 @@
 """Which rows of a parametrised test every run takes, and which only `pytest -m slow`."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from typing import Any
 
 import pytest
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 def slow_after(fast: int, rows: Iterable[Any]) -> list[Any]:

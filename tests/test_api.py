@@ -1,14 +1,12 @@
 """imucalib from Python: as the command line, and arrays as logs; its page and notebook run."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -18,11 +16,9 @@ import imucalib_cli as ic
 from imucalib_cli.jobs.input.reading import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.robot.rotations import quaternion_from_matrix
+from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from tests.conftest import Imucalib, LogWriter
 
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_data"

@@ -1,7 +1,5 @@
 """The documents are correct: commands run, outputs match, link targets exist."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """docs/ci.md: the commands of its jobs run in a shell; the container file builds in a venv."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -9,16 +7,14 @@ import shlex
 import shutil
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from tests.results.results_samples import drawn, named, written
 from tests.test_docs import ROOT, run
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
 GITHUB, GITLAB = (

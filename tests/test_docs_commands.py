@@ -5,19 +5,14 @@ A comment on the line before a block states what differs: ``<!-- not run: why --
 each ``imucalib simulate`` of the block is given besides, to take less time.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from tests.test_docs import PAGES, ROOT, run
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 QUICK = {"docs/README.md", "docs/motion.md"}
 """Pages that are tested among the fast tests."""

@@ -1,7 +1,5 @@
 """The pictures of the pages are what the scripts beside them make."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,18 +1,13 @@
 """The site of docs/: every link has a target, and nothing is loaded from the network."""
 
-from __future__ import annotations
-
 import os
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from tests.processes import python
 from tests.test_docs import ROOT
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 pytest.importorskip("mkdocs", reason="needs mkdocs: pip install '.[docs]'")
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("site")]

@@ -1,7 +1,5 @@
 """Findings are values; every code has words, and all words are used."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import pickle

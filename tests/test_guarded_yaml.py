@@ -1,22 +1,16 @@
 """YAML that a stranger wrote hangs nothing, fills no memory and crashes no interpreter."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 import yaml
 
 from imucalib_cli.guarded_yaml import YamlError, load_one, load_yaml
 from imucalib_cli.results.codec import PlainDumper, read_results, to_yaml
+from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
 from tests.results.results_samples import make_result
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import Imucalib, LogWriter
 
 MERGES = "m0: &m0 {a: 1}\n" + "".join(
     f"m{n}: &m{n}\n  <<: [{', '.join([f'*m{n - 1}'] * 10)}]\n" for n in range(1, 9)

@@ -1,7 +1,5 @@
 """The recipes of CONTRIBUTING, each run as printed there, and imucalib with it."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """docs/reproduction.md quotes the output of the commands it names, and omits no claim."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Names as people read and sort them."""
 
-from __future__ import annotations
-
 from imucalib_cli.shown import natural_key
 
 

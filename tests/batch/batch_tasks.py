@@ -1,25 +1,19 @@
 """Work on logs that is quick, or goes wrong, for the engines; a batch in one process."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, key_of, sizes_of, stamps_of, urdf_hash
-from imucalib_cli.batch.logs import find_logs
+from imucalib_cli.batch.logs import BatchLog, find_logs
 from imucalib_cli.batch.task import Done, Task
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.jobs.input.request import CalibrationRequest
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
-
-    from imucalib_cli.batch.logs import BatchLog
 
 
 def here(task: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
@@ -58,7 +52,6 @@ class Copying(Task):
 
     traces: Path
     """Folder in which each process leaves its number, and what it worked on."""
-    pause: float = 0.0
 
     def __call__(self, log: BatchLog) -> Done:
         text = Path(str(log.paths[0])).read_text()
@@ -72,7 +65,6 @@ class Copying(Task):
                 time.sleep(0.1)
         if text == "eat":
             return super().__call__(log)
-        time.sleep(self.pause)
         stamps = stamps_of(sizes_of(log))
         names = [f"{log.name}.{imu}.yaml" for imu in ("a" if "one" in text else "ab")]
         key = key_of(self.context, stamps)
@@ -86,16 +78,3 @@ class Copying(Task):
 def copying(traces: Path, **changes: Any) -> Copying:
     traces.mkdir(exist_ok=True)
     return Copying(**given(CalibrationRequest(logs=()), traces=traces, **changes))
-
-
-def main(folder: str, logs: str, traces: str, pause: str) -> None:
-    """A batch for a process that is to be killed."""
-    task = copying(Path(traces), pause=float(pause))
-    for _ in batch(Path(folder), logs, task=task).run():
-        pass
-
-
-if __name__ == "__main__":
-    import sys
-
-    main(*sys.argv[1:])

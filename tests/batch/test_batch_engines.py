@@ -1,33 +1,28 @@
 """Processes and clusters that do the work: lost workers, memory, and what outlives what."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
 from imucalib_cli.batch.local import LocalProcesses
 from imucalib_cli.batch.on_dask import DaskWorkers
+from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import batch, copying, here, task_for
 from tests.processes import runs, wait_for
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from imucalib_cli.batch.record import Record
 
 ROOT = Path(__file__).parents[2]
 SAMPLES = ROOT / "sample_data"

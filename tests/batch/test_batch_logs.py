@@ -1,10 +1,8 @@
 """What arguments of a batch lead to."""
 
-from __future__ import annotations
-
 import os
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -12,9 +10,6 @@ from imucalib_cli.batch.logs import find_logs
 from imucalib_cli.cli.files import names_in
 from imucalib_cli.logs.mcap.write import McapWriter
 from imucalib_cli.logs.open import open_files
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 METADATA = "rosbag2_bagfile_information:\n  relative_file_paths: [a_0.mcap]\n"
 

@@ -1,7 +1,5 @@
 """Tables of records: read back by other readers, whatever names hold."""
 
-from __future__ import annotations
-
 import csv
 import inspect
 import io

@@ -1,19 +1,12 @@
 """A stand-in for the estimators, and a recording for it."""
 
-from __future__ import annotations
-
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from tests.cli.stand_in import Estimator
-from tests.conftest import LogWriter
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import Imucalib
+from tests.conftest import Imucalib, LogWriter
 
 
 @pytest.fixture

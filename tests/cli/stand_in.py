@@ -1,10 +1,8 @@
 """A stand-in for the estimators, and answers of the commands that compare."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -13,10 +11,8 @@ import yaml
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
 from imucalib_cli.findings import TEXT, warning
+from tests.conftest import Printed
 from tests.results.results_samples import make_estimate
-
-if TYPE_CHECKING:
-    from tests.conftest import Printed
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = jsonschema.Draft202012Validator(

@@ -1,26 +1,20 @@
 """`imucalib apply`: results of one IMU and of several, and its messages."""
 
-from __future__ import annotations
-
 import re
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.results.result import ParameterEntry, SourceFile
+from imucalib_cli.results.result import ParameterEntry, Result, SourceFile
 from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
+from tests.conftest import Imucalib, Printed
 from tests.results.results_samples import DOUBTS
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib, Printed
 
 URDF = """<robot name="r"><link name="hand"/><link name="left"/><link name="right"/>
 <joint name="left_joint" type="fixed"><parent link="hand"/><child link="left"/>
@@ -42,10 +36,10 @@ def urdf(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def apply(urdf: Path, tmp_path: Path, imucalib: Imucalib) -> Any:
-    def apply(results: list[Result], *options: object, code: int = 0) -> Printed:
+    def apply(results: list[Result], *options: object, **more: Any) -> Printed:
         result = tmp_path / "result.yaml"
         result.write_text(to_yaml(results))
-        return imucalib("apply", result, "--urdf", urdf, *options, code=code)
+        return imucalib("apply", result, "--urdf", urdf, *options, **more)
 
     return apply
 
@@ -53,7 +47,7 @@ def apply(urdf: Path, tmp_path: Path, imucalib: Imucalib) -> Any:
 MOVED = '<origin xyz="0.1 0.2 0.3" rpy="0 0 0"/>'
 
 
-def test_every_imu_is_applied_and_reported(apply: Any) -> None:
+def test_every_imu_is_applied_and_reported(apply: Any, urdf: Path) -> None:
     R = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     out, err = apply([imu("left"), imu("right")])
     assert out.count(MOVED) == 2
@@ -63,11 +57,7 @@ def test_every_imu_is_applied_and_reported(apply: Any) -> None:
     ]
     assert apply([imu("left"), imu("right")], "-q") == (out, "")
     assert "moved by 3 mm and 90 deg" in apply([imu("left", R_parent_imu=R)]).err
-
-
-def test_origin_that_stays_is_not_said_to_move(apply: Any, urdf: Path) -> None:
-    """Rounding of the numbers in a URDF is no move."""
-    urdf.write_text(URDF.replace("0.303", "0.30000000000005"))
+    urdf.write_text(URDF.replace("0.303", "0.30000000000005"))  # rounding, which is no move
     assert "its origin moved by 0 mm and 0 deg" in apply([imu("left")]).err
 
 
@@ -175,19 +165,18 @@ def test_a_missing_joint_is_added(apply: Any, urdf: Path) -> None:
     assert urdf.with_name("new.urdf").read_text().startswith(before.removesuffix("</robot>"))
 
 
-def test_in_place_overwrites_the_urdf(apply: Any, urdf: Path) -> None:
+def test_only_in_place_overwrites_the_urdf(apply: Any, urdf: Path) -> None:
     apply([imu("left")], "-o", urdf, code=2)
-    assert urdf.read_text() == URDF
     assert "leave -o out" in apply([imu("left")], "--in-place", "-o", "x.urdf", code=2).err
-    assert apply([imu("left")], "--in-place").out == ""
-    assert urdf.read_text() == URDF.replace("0.303", "0.3")
-
-
-def test_write_protected_urdf_is_not_changed_in_place(apply: Any, urdf: Path) -> None:
     urdf.chmod(0o444)
     said = apply([imu("left")], "--in-place", code=1).err
     assert f"error: {urdf}: cannot be written: it is write-protected" in said
     assert urdf.read_text() == URDF
+    urdf.chmod(0o644)
+    assert apply([imu("left")], "--in-place").out == ""
+    assert urdf.read_text() == URDF.replace("0.303", "0.3")
+    said = apply([imu("left")], "--urdf", "-", stdin=URDF.encode())  # which cannot be overwritten
+    assert said.out == URDF.replace("0.303", "0.3")
 
 
 def test_refused_output_is_not_called_old(apply: Any, urdf: Path) -> None:
@@ -215,10 +204,3 @@ def test_numeric_xacro_origin_is_edited(tmp_path: Path, imucalib: Imucalib) -> N
     said = apply(code=1).err
     assert "the origin of joint 'left_joint' is computed by xacro" in said
     assert "--format xacro" in said
-
-
-def test_a_urdf_from_stdin_is_written_to_stdout(tmp_path: Path, imucalib: Imucalib) -> None:
-    result = tmp_path / "result.yaml"
-    result.write_text(to_yaml([imu("left")]))
-    said = imucalib("apply", result, "--urdf", "-", stdin=URDF.encode())
-    assert said.out == URDF.replace("0.303", "0.3")

@@ -1,7 +1,5 @@
 """What the shell is offered on Tab, asked for as bash asks."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What holds for every command: exit codes, laziness, pipes, and the other small commands."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -271,18 +269,19 @@ def test_full_disk_is_one_line_error_without_partial_file(arguments: str, tmp_pa
 
 @pytest.mark.usefixtures("failing")
 @pytest.mark.parametrize(
-    ("output", "code", "words"),
+    ("option", "output", "code", "words"),
     [
-        ("nowhere/x.yaml", 1, "cannot be written: there is no folder {}/nowhere; make it, or name"),
-        ("arm.urdf/x.yaml", 1, "cannot be written: Not a directory"),
-        ("arm.urdf/x/", 1, "cannot be written: Not a directory"),
-        ("arm.urdf", 2, "is an input and would be overwritten"),
+        ("-o", "nowhere/x.yaml", 1, "there is no folder {}/nowhere; make it, or name"),
+        ("-o", "arm.urdf/x.yaml", 1, "cannot be written: Not a directory"),
+        ("-o", "arm.urdf/x/", 1, "cannot be written: Not a directory"),
+        ("-o", "arm.urdf", 2, "is an input and would be overwritten"),
+        ("--plot", "nowhere/a.svg", 1, "there is no folder {}/nowhere; make it, or name"),
     ],
 )
 def test_unwritable_output_is_reported_before_computing(
-    output: str, code: int, words: str, run_arm: Imucalib, arm_urdf: Path
+    *, option: str, output: str, code: int, words: str, run_arm: Imucalib, arm_urdf: Path
 ) -> None:
-    err = run_arm("-o", f"{arm_urdf.parent}/{output}", code=code).err
+    err = run_arm(option, f"{arm_urdf.parent}/{output}", code=code).err
     assert words.format(arm_urdf.parent) in err
     assert err.count("\n") == 1
 

@@ -1,11 +1,9 @@
 """No command costs its user a file: not one that it reads, not a log, not another result."""
 
-from __future__ import annotations
-
 import os
 import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import yaml
@@ -14,14 +12,10 @@ from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.places import check_places
+from tests.cli.stand_in import Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python
 from tests.results.results_samples import make_estimate, make_result
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from tests.cli.stand_in import Estimator
 
 SHORT = ("--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50")
 
@@ -78,6 +72,7 @@ def _contents(folder: Path) -> dict[Path, bytes]:
     "arguments",
     [
         "run log.mcap --urdf real.urdf -o real.urdf",
+        "run log.mcap --urdf real.urdf --debug-mcap log.mcap",
         "run recording --urdf real.urdf -o recording/metadata.yaml",
         "run recording/metadata.yaml --urdf real.urdf -o recording/recording.mcap",
         "run log.mcap --urdf real.urdf --imu-model imu.yaml -o imu.yaml",
@@ -107,6 +102,7 @@ def test_inputs_are_never_overwritten(arguments: str, refused: Callable[[str], s
     "arguments",
     [
         "run log.mcap --urdf arm.urdf -o recording/metadata.yaml",
+        "run log.mcap --urdf arm.urdf --debug-mcap recording/recording.mcap",
         "inspect recording -o log.mcap",
         "inspect recording -o imu.csv",
         "verify result.yaml --urdf arm.urdf -o real.urdf",
@@ -119,7 +115,8 @@ def test_foreign_logs_and_urdfs_are_not_overwritten(
     arguments: str, refused: Callable[[str], str]
 ) -> None:
     err = refused(arguments)
-    assert "and would be overwritten: name another file" in err
+    kind = "URDF" if arguments.endswith(".urdf") else "log"
+    assert f"is a {kind} and would be overwritten: name another file" in err
     # only these commands have a --force
     assert ("or give --force" in err) == arguments.startswith(("run", "simulate"))
 

@@ -1,11 +1,10 @@
 """The command line and Python on logs behind URLs: the same answers, and no secret in any."""
 
-from __future__ import annotations
-
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
@@ -14,12 +13,8 @@ import imucalib_cli as ic
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.codec import read_results
+from tests.conftest import Imucalib
 from tests.web_server import WebServer, serving
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tests.conftest import Imucalib
 
 SAMPLES = Path(__file__).parents[2] / "sample_data"
 URDF = SAMPLES / "rihibot.urdf"

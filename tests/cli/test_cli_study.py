@@ -1,32 +1,26 @@
 """``imucalib study`` from the command line: lists, runs, resumes, refuses."""
 
-from __future__ import annotations
-
 import csv
 import io
 import itertools
 import json
 import re
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 import yaml
 
 from imucalib_cli.configuration import builtin_names
+from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
-from imucalib_cli.study.study import STUDIES, load_study
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from imucalib_cli.simulate.options import PhysicsOptions
-    from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Row
-    from tests.conftest import Imucalib
+from imucalib_cli.study.study import STUDIES, Cell, Row, load_study
+from tests.conftest import Imucalib
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
 
@@ -65,7 +59,7 @@ def test_every_study_is_listed_and_has_parameters(imucalib: Imucalib) -> None:
 
 
 @pytest.mark.slow
-def test_study_writes_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -> None:
+def test_study_writes_tables_figures_and_rows(small: Path, tmp_path: Path, study: Imucalib) -> None:
     shown = study()
     assert shown.out.startswith("### Derived less measured acceleration")
     assert shown.out.endswith("|\n")
@@ -83,6 +77,13 @@ def test_study_writes_tables_figures_and_rows(tmp_path: Path, study: Imucalib) -
     lines = list(csv.reader(io.StringIO(said.out)))
     assert len(lines) == sum(1 + len(table["rows"]) for table in tables)
     assert (tmp_path / "out" / "derivation.jsonl").read_bytes() == before
+    # Those of a quick run have their own names.
+    quick = yaml.safe_load(small.read_text("utf-8")) | {"quick": {"windows": [5]}}
+    (tmp_path / "quick.yaml").write_text(yaml.safe_dump(quick), encoding="utf-8")
+    study("--config", tmp_path / "quick.yaml", "--quick", "-q")
+    new = {path.name for path in (tmp_path / "out").iterdir()} - set(files)
+    figures = {f"figure-{number}-quick.svg" for number in (5, 6, 7)}
+    assert new == {"derivation-quick.jsonl"} | figures
 
 
 @pytest.mark.parametrize(
@@ -132,20 +133,6 @@ def test_stored_rows_need_no_simulator_and_figures_are_optional(
     again = study("--no-figures")
     assert again.out == first.out
     assert "warning" not in again.err
-
-
-@pytest.mark.slow
-def test_quick_run_figures_have_their_own_names(
-    small: Path, tmp_path: Path, study: Imucalib
-) -> None:
-    (tmp_path / "out").mkdir()
-    quick = yaml.safe_load(small.read_text("utf-8")) | {"quick": {"windows": [5]}}
-    (tmp_path / "quick.yaml").write_text(yaml.safe_dump(quick), encoding="utf-8")
-    study("--config", tmp_path / "quick.yaml", "--quick", "-q")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "derivation-quick.jsonl",
-        *(f"figure-{number}-quick.svg" for number in (5, 6, 7)),
-    ]
 
 
 def test_rows_with_missing_fields_are_refused(tmp_path: Path, study: Imucalib) -> None:

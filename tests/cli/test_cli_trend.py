@@ -1,12 +1,10 @@
 """`imucalib trend` from files to an exit code: folders, several IMUs, formats, a picture."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -19,12 +17,10 @@ from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.cli.stand_in import ANSWERS
+from tests.conftest import Imucalib
 from tests.results.results_samples import drawn, named, result, written
 from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from tests.conftest import Imucalib
 
 MOVE = np.array([2e-3, 0.0, 0.0, 0.0, 1e-3, 0.0])
 

@@ -1,18 +1,17 @@
 """Answers from statistics alone: one log with other priors, and several logs together."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.combine import scatter
-from imucalib_cli.combine.logs import combine_logs, solve_again
+from imucalib_cli.combine.logs import Combined, combine_logs, solve_again
+from imucalib_cli.estimate.model.state import State
 from tests.estimate.estimate_arm import (
     LINKS,
     MOUNT,
@@ -26,12 +25,6 @@ from tests.estimate.estimate_arm import (
     solve,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.combine.logs import Combined
-    from imucalib_cli.estimate.model.state import State
-
-Floats = NDArray[np.float64]
 
 
 @cache

@@ -1,24 +1,17 @@
 """Axes that are not a rotation of the parent link's, and sensors with different axes."""
 
-from __future__ import annotations
-
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
+from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import Log, Moves, make_log, random_mount
 from tests.slow import slow_after
 from tools.faults import EstimatorInputs
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Estimate
-
-Floats = NDArray[np.float64]
 
 SAME = np.eye(3)
 MIRRORED = np.diag([-1.0, 1.0, 1.0])

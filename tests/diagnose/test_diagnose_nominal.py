@@ -1,16 +1,12 @@
 """A nominal pose that is the wrong way round is reported, and no other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from tests.results.results_samples import make_estimate
-
-Floats = NDArray[np.float64]
 
 R = Rotation.from_euler("xyz", [170.0, 10.0, 80.0], degrees=True).as_matrix()
 T = np.array([-0.02, 0.1, 0.03])

@@ -3,16 +3,14 @@
 Its motion is analytic, and the IMUs' readings are differences of it.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.robot.path import (
     FixedStep,
     JointStep,
@@ -24,10 +22,6 @@ from imucalib_cli.robot.path import (
 from imucalib_cli.signals.samples import ImuSamples
 from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, Mount
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-Floats = NDArray[np.float64]
 Place = tuple[Floats, Floats]
 
 H = 1e-4

@@ -1,18 +1,16 @@
 """How well the parts of a log agree: the numbers against repeated and separate estimates."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from imucalib_cli.arrays import Floats
+from imucalib_cli.estimate.estimate import Consistency
 from tests.estimate.estimate_arm import (
     BOTH_GRADES,
     MOUNT,
@@ -20,18 +18,13 @@ from tests.estimate.estimate_arm import (
     Log,
     Mount,
     Moves,
+    Solved,
     make_log,
     rotation_error,
     solve,
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Consistency
-    from tests.estimate.estimate_arm import Solved
-
-Floats = NDArray[np.float64]
 
 MOVES = Moves(seed=3, seconds=32.0)
 

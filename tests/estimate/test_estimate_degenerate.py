@@ -3,23 +3,16 @@
 Which directions are hidden is geometry: the axis of all rotation, from pinocchio.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
+from imucalib_cli.estimate.estimate import UnobservableDirection
 from tests.estimate.estimate_arm import GRAVITY, Log, Moves, Solved, make_log, parent_motion, solve
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import UnobservableDirection
-
-Floats = NDArray[np.float64]
 
 WRIST = (0.0,) * 5 + (1.5,)
 PAN = (1.0,) + (0.0,) * 5

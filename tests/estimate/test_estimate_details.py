@@ -1,14 +1,12 @@
 """The data of a report, against pinocchio's readings, the noise put in, and the motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+from imucalib_cli.estimate.details import Details
 from imucalib_cli.estimate.options import WindowChoice
 from tests.estimate.estimate_arm import (
     GRAVITY,
@@ -23,9 +21,6 @@ from tests.estimate.estimate_arm import (
     readings,
     solve_exact,
 )
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.details import Details
 
 MOVES = Moves(seconds=40.0)
 OFFSET = 0.02

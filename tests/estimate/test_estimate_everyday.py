@@ -3,11 +3,9 @@
 Truth is that of benchmarks/robots.py: analytic motions and pinocchio's accelerations.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,13 +13,10 @@ from scipy.signal import savgol_filter
 
 import imucalib_cli as ic
 from benchmarks import robots
-from benchmarks.robots import ROBOTS, Row, make_case
+from benchmarks.robots import ROBOTS, Case, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
 from tests.estimate.estimate_arm import Flaws, Log, Mount, Moves, make_log, solve, solve_exact
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from benchmarks.robots import Case
 
 
 @cache

@@ -6,14 +6,12 @@ The arm moves in quintics, whose jerk jumps at starts and stops: the error is qu
 dt², so the tolerance is a micrometre at 500 Hz and grows with the interval squared.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -23,24 +21,17 @@ from imucalib_cli.robot.path import FixedStep
 from tests.estimate.estimate_arm import (
     GRAVITY,
     MEMS,
-    MOUNT,
     Log,
     Moves,
     Solved,
     arm_path,
     make_log,
-    model,
-    parent_motion,
     random_mount,
-    readings,
     rotation_error,
     solve,
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 MICROMETRE = 1e-6
 ANGLE = np.radians(1e-4)
@@ -244,24 +235,6 @@ def test_too_short_or_non_overlapping_log_is_refused() -> None:
         solve_exact(plain().kept(plain().imu.t < 0.2 - 1e-9))
     with pytest.raises(InputError, match="overlap between gaps"):
         solve_exact(plain().with_imu(plain().imu.t + 500.0))
-
-
-def test_simulated_readings_match_pinocchio() -> None:
-    moves, t = Moves(), np.array([3.3, 7.7])
-    gyro, accel = readings(parent_motion(moves, t), MOUNT, np.array(DOWN))
-    arm, _, frame = model()
-    parent = arm.frames[frame]
-    place = parent.placement * pin.SE3(MOUNT.R, MOUNT.t)
-    imu = arm.addFrame(pin.Frame("imu", parent.parentJoint, 0, place, pin.FrameType.OP_FRAME))
-    data = arm.createData()
-    for k, (q, v, a) in enumerate(zip(*moves.joints(t), strict=True)):
-        pin.forwardKinematics(arm, data, q, v, a)
-        pin.updateFramePlacements(arm, data)
-        up = data.oMf[imu].rotation.T @ np.array([0, 0, GRAVITY])
-        linear = pin.getFrameClassicalAcceleration(arm, data, imu, pin.LOCAL).linear
-        np.testing.assert_allclose(accel[k], linear + up, atol=1e-11)
-        angular = pin.getFrameVelocity(arm, data, imu, pin.LOCAL).angular
-        np.testing.assert_allclose(gyro[k], angular, atol=1e-11)
 
 
 TURN = Rotation.from_rotvec([0.7, -1.1, 0.4]).as_matrix()

@@ -3,15 +3,13 @@
 Each fault is exact: the motion is evaluated at the instants at which the flawed sensor measured.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
 
@@ -28,6 +26,7 @@ from tests.estimate.estimate_arm import (
     Log,
     Mount,
     Moves,
+    Solved,
     make_log,
     prior,
     solve,
@@ -35,12 +34,6 @@ from tests.estimate.estimate_arm import (
 )
 from tests.slow import slow_after
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from tests.estimate.estimate_arm import Solved
-
-Floats = NDArray[np.float64]
 approx = pytest.approx
 
 SHORT, LONG = Moves(seconds=24.0), Moves(seed=3, seconds=32.0)

@@ -1,7 +1,5 @@
 """IMUs by their data sheets: each file is sound, sourced, and means what the sheet's units mean."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import fields
 from pathlib import Path

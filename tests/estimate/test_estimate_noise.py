@@ -4,32 +4,25 @@ Truth is the physics engine's; one recording, corrupted anew for every seed. All
 deterministic; the bands are chi-squared quantiles, 1 in 2000 on either side.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.bound import Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.estimate.estimate_arm import Log, Mount, Solved, solve, solve_exact
 from tests.simulate.simulate_samples import recorded
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from imucalib_cli.simulate.options import NoiseOptions
-    from imucalib_cli.simulate.recording import Recording
-
-Floats = NDArray[np.float64]
 
 RATE = 200.0
 SEEDS = 40

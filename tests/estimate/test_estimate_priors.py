@@ -1,15 +1,14 @@
 """Prior knowledge of the pose: held, weighed in, and contradicted where the data do so."""
 
-from __future__ import annotations
-
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
+from imucalib_cli.estimate.options import PosePrior
 from imucalib_cli.findings import Severity
 from tests.estimate.estimate_arm import (
     GRAVITY,
@@ -28,11 +27,6 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.options import PosePrior
-
-Floats = NDArray[np.float64]
 
 
 @cache

@@ -3,24 +3,15 @@
 Both are compared with a dense grid over these standard deviations.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.scatter import USUAL, Together, combine
-from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from imucalib_cli.estimate.solution.scales import Posterior
-
-Floats = NDArray[np.float64]
+from imucalib_cli.estimate.solution.scales import Posterior, Prior, Problem, integrate, most_likely
 
 BOUNDS = np.log([[1e-3, 10.0], [1e-3, 10.0]])
 LEARNT = {"one": (5, 0.5), "two": (3, 0.05)}

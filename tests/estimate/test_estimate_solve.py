@@ -1,16 +1,13 @@
 """The solve itself: its starts, and its optimum against scipy's."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.model import columns as lean
+from imucalib_cli.estimate.model.windows import WindowRows
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.solve import Known, cube_rotations, refine, solve_globally
 from tests.estimate.estimate_arm import (
@@ -21,11 +18,6 @@ from tests.estimate.estimate_arm import (
     rotation_error,
     windowing_of,
 )
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.model.windows import WindowRows
-
-Floats = NDArray[np.float64]
 
 
 @pytest.fixture(scope="module")

@@ -4,21 +4,19 @@ Robots have analytic motions. The columns are compared with differences of the e
 which other tests compare with pinocchio's truth.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
-from imucalib_cli.estimate.model.layout import lay_out
+from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import (
     LEAN,
@@ -44,11 +42,6 @@ from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, windowing_of
 from tests.estimate.estimate_walk import readings_of
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.estimate.model.layout import Layout, Placed
-
-Floats = NDArray[np.float64]
 
 RATE, SECONDS = 200.0, 16.0
 MIXED_OFFSET = 0.003

@@ -1,10 +1,9 @@
 """Robots without a fixed base, against their analytic motion: one IMU, and several together."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from scipy.linalg import solve as solve_dense
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.imus import (
     OnRobot,
     System,
@@ -20,25 +20,18 @@ from imucalib_cli.combine.imus import (
     solve_agreeing,
     solve_together,
 )
+from imucalib_cli.estimate.model.layout import Placed
 from imucalib_cli.estimate.model.unknowns import Origin
 from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 from imucalib_cli.jobs.several_imus import solve_imus_together
-from imucalib_cli.robot.path import JointStep
+from imucalib_cli.robot.path import JointStep, KinematicPath
 from imucalib_cli.signals.dead_reckoning import dead_reckon
-from tests.estimate.estimate_arm import GRAVITY, Solved, beside, prior, solve
+from tests.estimate.estimate_arm import GRAVITY, Log, Solved, beside, prior, solve
 from tests.estimate.estimate_walk import BASE, Walk, logged, readings_of
 from tests.slow import slow_after
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from imucalib_cli.estimate.model.layout import Placed
-    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
-    from imucalib_cli.robot.path import KinematicPath
-    from tests.estimate.estimate_arm import Log
-    from tests.estimate.estimate_walk import Floats
-
-    Imu = tuple[str, Solved, KinematicPath]
+Imu = tuple[str, Solved, KinematicPath]
 
 LEG = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
 """Thigh and shin turn about parallel axes."""

@@ -1,7 +1,5 @@
 """Which window is used: the user's, or as long as the noise of the joints asks for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,13 +1,11 @@
 """A short run of tools/fuzz, what long runs of it found, and whether it sees what it looks for."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,9 +15,6 @@ from tools.fuzz import check as checking
 from tools.fuzz import seeds
 from tools.fuzz.cases import Case, make, sound_case
 from tools.fuzz.mutate_messages import values_of, with_values
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 ROOT = Path(__file__).parents[2]
 slow = pytest.mark.slow

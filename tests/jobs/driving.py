@@ -1,19 +1,13 @@
 """A base that drives on a plane, with an IMU: motion by closed formulas, so that truth is exact."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from tests.conftest import START_NS
 from tests.logs.logs_samples import reading, say, tf, write_log
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 TRUE_T = np.array([0.3, -0.1, 0.08])
 """m, of the IMU in base_link."""

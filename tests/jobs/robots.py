@@ -1,23 +1,17 @@
 """Robots of several shapes and logs of them: kinematics by pinocchio, readings by differences."""
 
-from __future__ import annotations
-
+from collections.abc import Collection
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.results.result import Result
 from tests.conftest import START_NS
 from tests.logs.logs_samples import Said, posed, positions, reading, say, tf, write_log
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-
 
 Floats = Any
 JointRow = tuple[str, str, str, str, str, str]

@@ -1,17 +1,17 @@
 """Several logs of one mount, solved together: their result, and which of them are missing."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 from msgspec import structs
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from imucalib_cli.errors import UntrustedError
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.combine import calibrate_together, combine
 from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -22,13 +22,6 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from imucalib_cli.estimate.options import MatchedOptions
 
 ARM = "rihibot"
 TRUE_T, TRUE_RPY = np.array([-0.0225, 0.1, 0.0]), (np.pi, 0.0, np.pi / 2.0)

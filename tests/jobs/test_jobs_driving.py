@@ -1,9 +1,8 @@
 """A robot that drives on a plane: which components are unobservable, and the options for them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +15,9 @@ from imucalib_cli.jobs.verify import verify_recording
 from imucalib_cli.results.codec import read_results
 from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.results.result import Result
+from tests.conftest import Imucalib
 from tests.jobs.driving import TRUE_T, drive, with_a_camera_frame
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.results.result import Result
-    from tests.conftest import Imucalib
 
 FREE = np.inf
 HELD = PosePrior(std=(FREE, FREE, 0.0, FREE, FREE, FREE))
@@ -52,12 +47,7 @@ def test_unobservable_height_is_reported_with_advice(log_and_urdf: tuple[Path, P
     (lost,) = result.diagnostics.unobservable
     np.testing.assert_allclose(lost.direction_parent, [0.0, 0.0, 1.0], atol=0.01)
     assert "--fix tz holds it at the URDF's value, --prior-std tz=5mm" in lost.motion
-
-
-def test_undetermined_component_has_nominal_value_in_tf_format(
-    log_and_urdf: tuple[Path, Path],
-) -> None:
-    result = run(log_and_urdf)
+    # the undetermined component has its nominal value where a number is needed
     words = FORMATS["tf"].render([result]).split()
     assert float(words[words.index("--z") + 1]) == pytest.approx(0.08, abs=1e-5)
     assert result.transform.translation[2] is None
@@ -119,13 +109,3 @@ def test_planar_fixes_height_for_any_upright_axis(
     assert result.pose.translation[1] == pytest.approx(-0.08, abs=1e-12)
     np.testing.assert_allclose(R.apply(result.pose.t), TRUE_T, atol=1e-3)
     assert "not checked: ty" in imucalib("verify", *command, "--within", "20mm,1deg").out
-
-
-def test_planar_without_upright_axis_is_refused(
-    log_and_urdf: tuple[Path, Path], tmp_path: Path, imucalib: Imucalib
-) -> None:
-    urdf = with_a_camera_frame(tmp_path, "0 0.6 0")
-    log = str(log_and_urdf[0])
-    said = imucalib("run", log, "--urdf", urdf, "--planar", code=2)
-    assert "no axis of camera is upright" in said.err
-    imucalib("run", log, "--urdf", urdf, "--planar", "--parent", "base_link")

@@ -1,17 +1,11 @@
 """The faults that inspect reports, and the commands it proposes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import Imucalib, LogWriter
+from tests.conftest import Imucalib, LogWriter
 
 
 def test_poses_without_a_frame_ask_for_a_name(log_writer: LogWriter) -> None:

@@ -1,7 +1,5 @@
 """Messages about topics that exist but contain nothing usable."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path

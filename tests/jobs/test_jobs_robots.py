@@ -1,26 +1,19 @@
 """Robots of several shapes: the link that carries the IMU is found, and where the IMU is."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
-from tests.jobs.robots import SHAPES, assert_matches_truth, messages, random_mount, record
+from tests.jobs.robots import SHAPES, Shape, assert_matches_truth, messages, random_mount, record
 from tests.logs.logs_samples import write_log
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.jobs.calibrate import Outcome
-    from tests.jobs.robots import Shape
 
 
 @pytest.mark.parametrize("storage", slow_after(1, ["mcap2", "bag-lz4"]))

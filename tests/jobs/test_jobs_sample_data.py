@@ -1,10 +1,8 @@
 """The whole way, from the sample logs of a physics engine to their truth."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -12,9 +10,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-if TYPE_CHECKING:
-    from imucalib_cli.arrays import Floats
-    from tests.conftest import Imucalib
+from imucalib_cli.arrays import Floats
+from tests.conftest import Imucalib
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "sample_data"

@@ -1,9 +1,8 @@
 """The IMUs of one log: solved together by run, and alone again from their statistics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,9 +17,6 @@ from imucalib_cli.layout import Table
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
 from tests.jobs.robots import random_mount
 from tests.jobs.walking import LEG, ON_LEG, ROBOT, TRUNK, log_of, of_imu, walk
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 OTHER = "/imu/other"
 ON_OTHER = random_mount(5)

@@ -1,27 +1,21 @@
 """A robot whose feet strike, by a physics engine: the IMU of a shank, whole and cut off."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from imucalib_cli.api import calibrate
+from imucalib_cli.api import Calibration, calibrate
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.api import Calibration
-    from imucalib_cli.simulate.recording import Recording
 
 pytestmark = pytest.mark.slow
 

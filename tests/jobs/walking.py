@@ -1,19 +1,14 @@
 """A robot on legs with an IMU on its trunk and one on a shank, and no pose of its base."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 
 from tests.jobs.robots import SHAPES, Shape, messages, random_mount
 from tests.logs.logs_samples import Said, write_log
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 TRUNK, LEG = "/imu/trunk", "/imu/leg"
 ON_TRUNK = pin.SE3(np.eye(3), np.array([0.04, -0.02, 0.06]))

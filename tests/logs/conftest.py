@@ -1,17 +1,13 @@
 """Messages and storages for the tests of reading."""
 
-from __future__ import annotations
-
 import contextlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.logs.logs_samples import STORAGES, Said, Write, said_on, write_log
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
 
 
 @pytest.fixture

@@ -1,16 +1,12 @@
 """Large MCAP files for tests and benchmarks of remote reading, and what of them is wanted."""
 
-from __future__ import annotations
-
-from typing import IO, TYPE_CHECKING, Any, cast
+from collections.abc import Collection
+from pathlib import Path
+from typing import IO, Any, cast
 
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
 
 CHUNK = 1 << 18
 """Bytes of a chunk of small messages."""

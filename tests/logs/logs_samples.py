@@ -1,7 +1,5 @@
 """Logs for tests, written by rosbags and mcap, none of our own code; and reading them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache

@@ -1,17 +1,16 @@
 """Damaged, foreign and huge logs: valid parts are used, or one clear line gives the reason."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import resource
 import struct
 import zlib
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +25,7 @@ from imucalib_cli.logs.messages import decode
 from tests.logs.logs_samples import (
     CHUNKED,
     Said,
+    Write,
     mixed_messages,
     one_file,
     read_all,
@@ -33,11 +33,6 @@ from tests.logs.logs_samples import (
     write_log,
     write_mcap,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from tests.logs.logs_samples import Write
 
 
 @pytest.fixture
@@ -63,6 +58,14 @@ def assert_part(data: LogData, said: list[Said], at_least: int) -> None:
     for ns, gyro in zip(imu.log_ns.tolist(), imu.gyro, strict=True):
         assert (known[ns].x, known[ns].y, known[ns].z) == tuple(gyro)
     assert at_least <= len(imu) <= len(said)
+
+
+def assert_read(content: bytearray, damaged: Path, said: list[Said], least: int, loss: str) -> None:
+    """Of damaged content so many messages are read, and a loss with these words is reported."""
+    damaged.write_bytes(content)
+    data = read_all(damaged)
+    assert_part(data, said, at_least=least)
+    assert any(loss in each for each in data.losses)
 
 
 def without_index(content: bytes) -> bytearray:
@@ -220,10 +223,7 @@ def test_wiped_summary_loses_no_message(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "zstd", index=True)
     start = int.from_bytes(content[-28:-20], "little")
     content[start:-37] = bytes(len(content) - 37 - start)  # up to the footer
-    damaged.write_bytes(content)
-    data = read_all(damaged)
-    assert_part(data, said, at_least=len(said))
-    assert data.losses
+    assert_read(content, damaged, said, len(said), "")
 
 
 @pytest.mark.parametrize(
@@ -262,25 +262,20 @@ def test_log_without_index_is_read_past_damage(
             content[at : at + 2] = b"xx"
         case _:
             content[start:start] = b"\x05junk of another file" * 7
-    damaged.write_bytes(content)
-    data = read_all(damaged)
     # A wrong length costs nothing of what a chunk holds, nor does junk before an MCAP's.
     whole = how == "length" or (how == "inserted" and not is_bag)
     whole |= how == "kind" and storage.endswith("none")
     least = len(said) * (len(chunks) - 2) // len(chunks) - 1
-    assert_part(data, said, at_least=len(said) if whole else least)
     known = {"flipped": "", "unknown": "is not known"}.get(how, "damaged")
     known = "checksum" if (how, storage) == ("flipped", "mcap-none") else known
-    assert any(known in loss for loss in data.losses)
+    assert_read(content, damaged, said, len(said) if whole else least, known)
 
 
 def test_messages_of_a_chunk_without_header_are_found(tmp_path: Path, damaged: Path) -> None:
     said, content = mcap(tmp_path, "none")
     start, _ = chunks_of(content)[3]
     content[start : start + 60] = bytes(60)
-    damaged.write_bytes(content)
-    data = read_all(damaged)
-    assert_part(data, said, at_least=len(said) - 2)
+    assert_read(content, damaged, said, len(said) - 2, "")
 
 
 def test_unchunked_mcap_is_read_past_damage(tmp_path: Path, damaged: Path) -> None:
@@ -305,10 +300,7 @@ def test_damaged_chunk_without_checksum_is_reported(tmp_path: Path, damaged: Pat
     while at < (start + end) // 2:
         at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
     content[at : at + 9] = bytes(9)
-    damaged.write_bytes(content)
-    data = read_all(damaged)
-    assert_part(data, said, at_least=len(said) - 30)
-    assert any("is damaged inside" in loss for loss in data.losses)
+    assert_read(content, damaged, said, len(said) - 30, "is damaged inside")
 
 
 def test_premature_end_of_data_record_is_ignored(tmp_path: Path, damaged: Path) -> None:
@@ -316,10 +308,7 @@ def test_premature_end_of_data_record_is_ignored(tmp_path: Path, damaged: Path) 
     said, content = mcap(tmp_path, "zstd")
     start, _ = chunks_of(content)[3]
     content[start : start + 13] = struct.pack("<BQI", 15, 4, 0)
-    damaged.write_bytes(content)
-    data = read_all(damaged)
-    assert_part(data, said, at_least=len(said) // 2)
-    assert data.losses
+    assert_read(content, damaged, said, len(said) // 2, "")
 
 
 def test_bag_with_damaged_message_index_is_scanned(written: Write, damaged: Path) -> None:
@@ -334,10 +323,7 @@ def test_index_listing_missing_messages_is_reported(tmp_path: Path, damaged: Pat
     said, content = mcap(tmp_path, "zstd", index=True)
     start, end = chunks_of(content)[3]
     content[start + 60 : end - 60] = bytes(end - start - 120)
-    damaged.write_bytes(content)
-    data = read_all(damaged)
-    assert_part(data, said, at_least=200)
-    assert any("messages that the index counts are there" in loss for loss in data.losses)
+    assert_read(content, damaged, said, 200, "messages that the index counts are there")
 
 
 def test_many_losses_are_summarised(tmp_path: Path, damaged: Path) -> None:

@@ -1,11 +1,9 @@
 """Topics chosen by type or by name."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import check_joint_topics, select_topics
 from imucalib_cli.logs.streams import JointStream
@@ -42,11 +40,6 @@ def test_all_imus_joints_and_tf_are_selected() -> None:
 def test_single_pose_topic_is_selected_without_joints() -> None:
     assert select_topics([IMU, ODOM]).poses == ("/odom",)
     assert select_topics([IMU, ODOM, TF]).tf == ("/tf",)
-
-
-def test_several_pose_topics_need_a_choice() -> None:
-    with pytest.raises(ChoiceError, match=r"--pose-topic: /odom \(nav_msgs/Odometry\), /mocap"):
-        select_topics([IMU, ODOM, MOCAP])
     assert select_topics([IMU, ODOM, MOCAP], pose_topics=["/mocap"]).poses == ("/mocap",)
 
 
@@ -72,13 +65,6 @@ def test_named_topics_limit_only_their_kind() -> None:
 def test_wrong_name_lists_the_candidates(name: str, says: str) -> None:
     with pytest.raises(ChoiceError, match=says):
         select_topics([IMU, JOINTS, IMAGE, EMPTY, OTHER], imu_topics=[name])
-
-
-def test_log_without_required_topics_is_refused() -> None:
-    with pytest.raises(InputError, match=r"no IMU .* /joint_states"):
-        select_topics([JOINTS, IMAGE])
-    with pytest.raises(InputError, match="no source of the robot's motion"):
-        select_topics([IMU, IMAGE])
 
 
 def joints(name: str, *names: str) -> tuple[JointStream, ...]:

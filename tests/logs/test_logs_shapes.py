@@ -1,16 +1,15 @@
 """Message types by the shape of their fields, against rosbags, protobuf and what was written."""
 
-from __future__ import annotations
-
 import json
-import sys
-from typing import TYPE_CHECKING, Any
+import re
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.log import open_log
+from imucalib_cli.errors import ChoiceError
+from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import wire
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
@@ -19,11 +18,6 @@ from imucalib_cli.logs.select import select_topics
 from tests.logs.logs_samples import write_payloads
 from tools import republish as shapes
 from tools.republish import STORE, header, make
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.logs.log import LogData
 
 START_NS = shapes.START_NS
 TIMES = [START_NS + k * 2_000_000 for k in range(60)]
@@ -121,36 +115,25 @@ def test_second_imu_of_unitree_is_read(package: str, tmp_path: Path) -> None:
     assert not imu.header_ns.any()
 
 
-@pytest.mark.parametrize(
-    ("names", "count", "some"),
-    [
-        (JOINTS_GO["Go2"], 12, {0: "FR_hip_joint", 1: "FR_thigh_joint", 2: "FR_calf_joint"}),
-        (JOINTS_GO["Go2W"], 16, {15: "RL_foot_joint"}),
-        (
-            JOINTS_GO["H1"],
-            20,
-            {0: "right_hip_roll_joint", 8: "right_hip_yaw_joint", 9: "", 19: "left_elbow_joint"},
-        ),
-        (
-            JOINTS_HG["G1"],
-            29,
-            {5: "left_ankle_roll_joint", 12: "waist_yaw_joint", 28: "right_wrist_yaw_joint"},
-        ),
-        (
-            JOINTS_HG["H1_2"],
-            27,
-            {0: "left_hip_yaw_joint", 12: "torso_joint", 26: "right_wrist_yaw_joint"},
-        ),
-        (JOINTS_HG["H2"], 31, {4: "left_ankle_roll_joint", 30: "head_yaw_joint"}),
-    ],
-    ids=["Go2", "Go2W", "H1", "G1", "H1_2", "H2"],
-)
-def test_motors_are_in_unitree_order(
-    names: tuple[str, ...], count: int, some: dict[int, str]
-) -> None:
+MOTORS = """
+    Go2 12: 0 FR_hip_joint, 1 FR_thigh_joint, 2 FR_calf_joint
+    Go2W 16: 15 RL_foot_joint
+    H1 20: 0 right_hip_roll_joint, 8 right_hip_yaw_joint, 9 none, 19 left_elbow_joint
+    G1 29: 5 left_ankle_roll_joint, 12 waist_yaw_joint, 28 right_wrist_yaw_joint
+    H1_2 27: 0 left_hip_yaw_joint, 12 torso_joint, 26 right_wrist_yaw_joint
+    H2 31: 4 left_ankle_roll_joint, 30 head_yaw_joint
+"""
+"""Robots, their numbers of motors, and some joints by their numbers."""
+
+
+@pytest.mark.parametrize("row", MOTORS.strip().splitlines())
+def test_motors_are_in_unitree_order(row: str) -> None:
     """As the examples of unitree_sdk2_python number them."""
-    assert len(names) == count
-    assert {number: names[number] for number in some} == some
+    robot, count, *some = re.split("[:, ]+", row.strip())
+    names = (JOINTS_GO | JOINTS_HG)[robot]
+    assert len(names) == int(count)
+    for number, name in zip(some[::2], some[1::2], strict=True):
+        assert names[int(number)] == name.replace("none", "")
 
 
 def arms(names: list[str], *, dtype: str = "f4") -> tuple[list[shapes.Message], Any]:
@@ -293,20 +276,6 @@ def test_foxglove_transforms_and_poses_are_read(encoding: str, tmp_path: Path) -
 
 
 IMU: dict[str, Any] = {"name": "/imu", "type": "sensor_msgs/Imu", "encoding": "cdr", "count": 9}
-
-
-def test_missing_protobuf_package_is_reported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    message = {"name": ["pan"], "position": [1.0]}
-    said = [("/joints", "foxglove.JointState", message, ns) for ns in TIMES]
-    log = open_log([shapes.write_plain(tmp_path / "log.mcap", said, "protobuf")])
-    monkeypatch.setitem(sys.modules, "google.protobuf", None)
-    monkeypatch.setattr("imucalib_cli.logs.select.is_installed", lambda: False)
-    unread = Topic(name="/joints", type="no", encoding="protobuf", count=9)
-    with pytest.raises(InputError, match=r"need pip install 'imucalib\[protobuf\]'"):
-        select_topics([Topic(**IMU), unread])
-    assert [each.name for each in log.topics] == ["/joints"]
 
 
 @pytest.mark.parametrize(

@@ -121,10 +121,7 @@ def test_times_of_ambiguous_unit_are_refused(tmp_path: Path) -> None:
         open_log([path])
     path.write_text(path.read_text().replace("t,", "t_ms,", 1))
     assert np.diff(read(path).imus["/imu"].header_ns).tolist() == [5_000_000] * (COUNT - 1)
-
-
-def test_refused_compressed_table_is_named(tmp_path: Path) -> None:
-    """Not that of the temporary file it was unpacked into, nor advice about another format."""
+    # A compressed table is named, not the temporary file that it is unpacked into.
     path = tmp_path / "a.csv.zst"
     path.write_bytes(zstandard.compress(b"t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9\n20,0,0,0,0,0,9\n"))
     with pytest.raises(InputError) as caught:
@@ -150,9 +147,6 @@ def test_other_columns_are_joints(tmp_path: Path) -> None:
     (joints,) = read(path).joints["/joints"]
     assert joints.names == ("shoulder", "w_x")
     np.testing.assert_array_equal(joints.position, VALUES[:, :2])
-
-
-def test_a_table_may_have_hundreds_of_joints(tmp_path: Path) -> None:
     names = tuple(f"segment_{number}_joint" for number in range(300))
     path = write(tmp_path / "x.csv", f"t_ns,{','.join(names)}\n{'1,' * 300}1\n{'2,' * 300}1\n")
     (joints,) = read(path).joints["/x"]

@@ -1,18 +1,18 @@
 """The published method against a plain re-statement of it with scipy, sample by sample."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Bools, Floats
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.paper.filters import DEFAULT_EXCLUSION, filtered_instants
 from imucalib_cli.paper.method import calibrate_paper
@@ -26,13 +26,6 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from imucalib_cli.estimate.estimate import Estimate
-
-Floats = NDArray[np.float64]
 
 MOVES = Moves(seconds=9.0, seed=5)
 NEAR: dict[str, Any] = {
@@ -87,7 +80,7 @@ def minimised(differences: Callable[[Floats], Floats], *, components: bool) -> F
     return np.asarray(least_squares(residuals, start, x_scale="jac", **tolerances).x)
 
 
-def kept(log: Log, **options: Any) -> NDArray[np.bool_]:
+def kept(log: Log, **options: Any) -> Bools:
     """Instants that are not excluded at the true pose."""
     mount = log.mount
     return filtered_instants(log.imu, log.path, PaperOptions(**options), mount.R, mount.t)[0].kept

@@ -1,7 +1,5 @@
 """Pages of sample recordings, made once for all tests of the report."""
 
-from __future__ import annotations
-
 import json
 import re
 from functools import cache

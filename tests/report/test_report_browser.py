@@ -4,23 +4,19 @@ Both are not on every machine; where they are missing these tests are skipped, u
 IMUCALIB_BROWSER is set, as CI does.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from imucalib_cli.results.formats import FORMATS
 from tests.report.report_pages import data_of, outcome, page_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 SCREENS = Path(__file__).parent / "screens"

@@ -1,28 +1,24 @@
 """The page as text: whole, small, safe, and true to what it was made from."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
 
+from imucalib_cli.jobs.calibrate import Calibrated
 from imucalib_cli.report.chart import plain, ranges, thinned
 from imucalib_cli.report.figures import Material, figures
 from imucalib_cli.report.page import page
 from imucalib_cli.report.words import WORDS
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.results.result import Result
 from tests.report.report_pages import data_of, outcome, page_of
 from tests.slow import slow_after
-
-if TYPE_CHECKING:
-    from imucalib_cli.jobs.calibrate import Calibrated
-    from imucalib_cli.results.result import Result
 
 VOID = {"meta", "br", "hr", "img", "input", "link"}
 

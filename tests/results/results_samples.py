@@ -1,15 +1,16 @@
 """Results without a log: one with any change, and those of one mount over many days."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.estimate import (
     Consistency,
     Correction,
@@ -23,15 +24,8 @@ from imucalib_cli.estimate.estimate import (
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.from_estimate import result_of, scalars
-from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
+from imucalib_cli.results.result import Provenance, RecordingEntry, Result, SourceFile, Topics
 from imucalib_cli.robot.mount import NominalPose
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.result import Result
 
 RECORDED = datetime(2026, 5, 4, 9, 15, 2, 250_000, tzinfo=timezone.utc)
 R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])

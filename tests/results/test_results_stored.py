@@ -1,17 +1,12 @@
 """Results of earlier versions, of the sample log: from before the keys in the file name."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
 from imucalib_cli.results.codec import read_results, to_document
-
-if TYPE_CHECKING:
-    from tests.conftest import Imucalib
+from tests.conftest import Imucalib
 
 STORED = sorted((Path(__file__).parent / "stored").glob("*.yaml"))
 SAMPLES = Path(__file__).parents[2] / "sample_data"
@@ -52,10 +47,3 @@ def test_old_results_can_be_compared_and_verified(
     if not code:
         err = imucalib("verify", path, "--urdf", SAMPLES / "rihibot.urdf", code=4).err
         assert "the rotation is off by 1.0" in err
-
-
-def test_old_reasons_are_classified_as_requirement_or_text() -> None:
-    (result,) = read_results(STORED[1].read_text(), STORED[1].name)
-    codes = {each.code for each in result.diagnostics.findings if each.severity == "untrusted"}
-    assert STORED[1].stem == "without_codes"
-    assert codes == {"text", "require.text"}

@@ -1,12 +1,9 @@
 """Digits, words and files: what people read and what reaches the disk."""
 
-from __future__ import annotations
-
 import os
 import re
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import given, settings
@@ -14,14 +11,11 @@ from hypothesis import strategies as st
 
 from imucalib_cli.digits import decimals, figures, sigma, with_std
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import note, warning
+from imucalib_cli.findings import Finding, note, warning
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.fields import findings_of
+from imucalib_cli.results.result import Result
 from tests.results.results_samples import make_result
-
-if TYPE_CHECKING:
-    from imucalib_cli.findings import Finding
-    from imucalib_cli.results.result import Result
 
 
 @pytest.mark.parametrize(

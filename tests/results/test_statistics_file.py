@@ -1,12 +1,10 @@
 """Files of statistics: exact, small, and solved again from the command line."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +13,11 @@ from msgspec import structs
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.segments import parts_of_log
-from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.calibrate import Calibrated, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
-
-if TYPE_CHECKING:
-    from imucalib_cli.jobs.calibrate import Calibrated
-    from tests.conftest import Imucalib
+from tests.conftest import Imucalib
 
 SAMPLE = Path(__file__).parents[2] / "sample_data/rihibot.mcap"
 URDF = SAMPLE.with_suffix(".urdf")

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial import transform
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
 from imucalib_cli.robot.frames import Edge, frame_path
@@ -18,7 +18,6 @@ if not hasattr(transform, "RigidTransform"):
     pytest.skip("RigidTransform, the truth here, needs scipy 1.16", allow_module_level=True)
 RigidTransform = transform.RigidTransform
 
-Floats = NDArray[np.float64]
 COUNT = 4
 T = np.arange(COUNT, dtype=float)
 

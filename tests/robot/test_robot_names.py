@@ -1,7 +1,5 @@
 """Prefixes by which names of a log differ from those of a URDF; expected ones are by hand."""
 
-from __future__ import annotations
-
 import pytest
 
 from imucalib_cli.robot.names import names_in_urdf, prefixes

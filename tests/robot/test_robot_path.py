@@ -7,14 +7,13 @@ import pinocchio
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Track
 from imucalib_cli.robot.urdf import Robot, load_robot, parse_robot
 
-Floats = NDArray[np.float64]
 DATA = Path(__file__).parent / "data"
 
 

@@ -71,6 +71,10 @@ def bc(rest: str, kind: str = "revolute") -> str:
         (bc('<origin xyz="0 -10001 0"/>'), "joint 'bc': <origin xyz=\"0 -10001 0\"> is beyond"),
         (bc('<origin xyz="1e300 0 0"/>'), "is beyond 10000 m"),
         (robot('<link name="a"/>' * 2), "link 'a' is there twice"),
+        (
+            robot(LINKS + '<link name="/c"/>' + AB + BC + joint("c", "fixed", "c", "/c")),
+            "'c' and '/c' are one frame: rename one",
+        ),
         (robot(LINKS + AB + AB), "joint 'ab' is there twice"),
         (robot('<link name="a&#10;b"/>'), "name of link 'a b' has control characters"),
         (bc("", "fix&#10;ed"), "unknown type 'fix ed'"),

@@ -1,14 +1,10 @@
 """Arrivals made from known ticks, by models of drivers, buses and networks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.timing.bursts import BurstTiming, rate_stretches, time_bursts
-
-Floats = NDArray[np.float64]
 
 
 def _values(t: Floats) -> Floats:

@@ -1,19 +1,15 @@
 """The even grid: what it copies, what it interpolates, what it leaves out."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.timing.stamps import EXACT_SECONDS
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.signals.turning import compare_turning
-
-Floats = NDArray[np.float64]
 
 
 def _signal(t: Floats) -> tuple[Floats, Floats]:

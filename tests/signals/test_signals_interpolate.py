@@ -1,7 +1,5 @@
 """Local polynomials against numpy's, scipy's, and data that must not be touched."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -59,10 +57,6 @@ def test_polynomials_do_not_cross_a_break() -> None:
     expected = 1e3 * stretch + (stretch + 1) * inside**2
     found = lagrange(t, values, inside, breaks=breaks)
     np.testing.assert_allclose(found[:, 0], expected, atol=1e-8)
-
-
-def test_first_sample_after_a_break_is_reproduced() -> None:
-    t, values, breaks = _three_stretches()
     np.testing.assert_array_equal(lagrange(t, values, t[breaks], breaks=breaks), values[breaks])
 
 

@@ -1,9 +1,7 @@
 """Savitzky-Golay filters and Peano kernels against scipy, quadrature and the identity itself."""
 
-from __future__ import annotations
-
 import itertools
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -22,11 +20,6 @@ from imucalib_cli.signals.kernels import (
     quadrature_weights,
     savitzky_golay,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-Floats = NDArray[np.float64]
 
 
 @st.composite

@@ -1,18 +1,13 @@
 """Shifts the test made, found again."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from imucalib_cli.arrays import Bools, Floats
 from imucalib_cli.signals.timing.lag import Lag, best_lag
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 def _series(seed: int, n: int, shift: int) -> tuple[Floats, Floats]:
@@ -66,11 +61,16 @@ def test_shift_beyond_search_has_no_clear_peak_or_is_at_edge() -> None:
     assert (lag.samples, lag.at_edge) == (60, True)
 
 
-def test_constant_series_has_no_lag() -> None:
+def test_series_that_are_constant_or_never_overlap_by_half_have_no_lag() -> None:
     reference, _ = _series(5, 500, 0)
     assert best_lag(reference, np.full(500, 2.0), np.ones((2, 500), dtype=bool), 50) is None
     nothing = np.zeros((2, 500), dtype=bool)
     assert best_lag(reference, reference, nothing, 50) is None
+    reference, series = _series(1, 1500, 10)
+    usable = np.zeros((2, 1500), dtype=bool)
+    usable[0, :800] = usable[1, 700:] = True
+    assert best_lag(reference, series, usable, 200) is None
+    assert best_lag(reference, series, usable, 400) is not None
 
 
 @pytest.mark.parametrize("shift", [-12.3, 0.4, 7.5, 21.8])
@@ -103,14 +103,6 @@ def test_half_of_the_shorter_series_must_overlap(ends: str) -> None:
     inside = (shifted >= 0) & (shifted < 400)
     meeting = usable[1, shifted[inside]] & usable[0, np.arange(400)[inside]]
     assert meeting.sum() >= 30
-
-
-def test_series_that_never_overlap_by_half_have_no_lag() -> None:
-    reference, series = _series(1, 1500, 10)
-    usable = np.zeros((2, 1500), dtype=bool)
-    usable[0, :800] = usable[1, 700:] = True
-    assert best_lag(reference, series, usable, 200) is None
-    assert best_lag(reference, series, usable, 400) is not None
 
 
 def test_other_shifts_of_periodic_motion_are_rivals() -> None:

@@ -1,22 +1,16 @@
 """Spikes and glitches the test put in, and signals in which there are none."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.spikes import find_glitches, find_spikes
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-Floats = NDArray[np.float64]
 
 
 def _smooth(n: int = 12000, rate: float = 200.0) -> Floats:

@@ -1,11 +1,9 @@
 """Clocks whose truth is known because the test made them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.timing.stamps import (
     Ticks,
     constant_rate_ticks,
@@ -13,8 +11,6 @@ from imucalib_cli.signals.timing.stamps import (
     gap_limit,
     tidy_rows,
 )
-
-Floats = NDArray[np.float64]
 
 
 def test_rows_are_sorted_unique_and_finite() -> None:

@@ -1,7 +1,5 @@
 """How good the stamps of a stream are, and how much of a log it covers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,20 +1,16 @@
 """A link's pose over time, from quaternions of either sign and tracks with holes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.path import JointStep, KinematicPath, PoseStep, Track
 from imucalib_cli.signals.trajectory import Trajectory, clean_track, continuous, with_earlier_stamps
-
-Floats = NDArray[np.float64]
 
 
 def _pose_values(t: Floats) -> Floats:

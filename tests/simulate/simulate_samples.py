@@ -1,26 +1,21 @@
 """What tests ask of a recording, and its IMUs by pinocchio's own mechanics."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import CameraRecord, JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
 
 

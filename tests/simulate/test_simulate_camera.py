@@ -1,15 +1,12 @@
 """The camera: its pose by pinocchio, its lens by OpenCV, the grid by Kalibr's own words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.camera.config import load_camera
@@ -18,11 +15,9 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import CameraRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from tests.simulate.simulate_samples import camera
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import CameraRecord, Recording
 
 RIHIBOT, CAMERA = load_camera("rihibot", load_system("rihibot"))
 LENS = CAMERA.intrinsics
@@ -151,17 +146,6 @@ def test_camera_does_not_change_the_other_streams(recording: Recording) -> None:
     noise = NoiseOptions(accel_white=0.01, encoder_noise=1e-5)
     with_camera, without = (corrupt(r, noise, 1) for r in (recording, plain))
     np.testing.assert_array_equal(without.imu.accel, with_camera.imu.accel)
-
-
-def test_mount_matches_the_paper() -> None:
-    link, R, p = camera_mount(RIHIBOT, "camera_optical_frame")
-    assert link == "wrist_3_link"
-    np.testing.assert_allclose(p, [0.0225, 0.1, 0.0])
-    expected = Rotation.from_euler("x", 90, degrees=True) * Rotation.from_euler(
-        "xyz", [-90, 0, -90], degrees=True
-    )
-    np.testing.assert_allclose(R, expected.as_matrix(), atol=1e-12)
-    np.testing.assert_allclose(R[:, 2], [1.0, 0.0, 0.0], atol=1e-12)  # x of camera_link
 
 
 def test_wrong_camera_error_names_the_fault() -> None:

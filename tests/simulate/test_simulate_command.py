@@ -1,21 +1,15 @@
 """``imucalib simulate``: what a user types becomes the right options, units and signs included."""
 
-from __future__ import annotations
-
 import math
 from datetime import datetime, timezone
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 from mcap.reader import make_reader
 
-from tests.simulate.simulate_samples import configured
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from tests.conftest import Imucalib, Printed
+from tests.conftest import Imucalib, Printed
 
 SHORT = ["--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50"]
 
@@ -110,11 +104,6 @@ def test_joint_orders_have_names(command: Command, order: str, first: str | None
     assert (names[0] if names else None) == first
 
 
-def test_user_system_file_is_accepted(tmp_path: Path, command: Command) -> None:
-    own = configured(tmp_path, "barbot", lambda raw: raw.update(name="mine"))
-    assert command.truth("--config", own)["settings"]["system"]["name"] == "mine"
-
-
 @pytest.mark.parametrize(
     ("words", "code", "said"),
     [
@@ -145,15 +134,3 @@ def test_usage_error_is_one_line_with_exit_code(
     assert err.count("\n") == 1
     assert said in err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_missing_folder_is_not_created(tmp_path: Path, imucalib: Imucalib) -> None:
-    missing = tmp_path / "missing"
-    for places in (["-o", missing / "x.mcap"], ["-o", tmp_path / "x.bag", "--urdf", missing / "u"]):
-        out, err = imucalib("simulate", "barbot", *SHORT, *places, code=1)
-        assert out == ""
-        assert err == (
-            f"error: {places[-1]}: cannot be written: there is no folder {missing}; make it, or "
-            "name another file\n"
-        )
-        assert list(tmp_path.iterdir()) == []

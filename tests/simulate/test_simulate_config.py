@@ -1,15 +1,15 @@
 """Configurations: what is read, what is refused, and that the URDF is the maker's UR10e."""
 
-from __future__ import annotations
-
 import json
 import re
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
@@ -18,11 +18,6 @@ from imucalib_cli.simulate.load import load_system, system_names
 from imucalib_cli.simulate.simulate import stated
 from imucalib_cli.simulate.urdf import urdf_text
 from tests.simulate.simulate_samples import ROOT, configured
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 GONE = object()
 

@@ -1,10 +1,8 @@
 """Rendered boards, read by OpenCV's detector, by apriltag's own, and as Kalibr's reads its bits."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,18 +10,14 @@ import pupil_apriltags
 import pytest
 from numpy.typing import NDArray
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera.config import CameraConfig, load_camera
 from imucalib_cli.simulate.camera.render import Images, board_picture
 from imucalib_cli.simulate.camera.view import see, target_points
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.camera.config import CameraConfig
-    from imucalib_cli.simulate.recording import CameraRecord
-
-Floats = NDArray[np.float64]
+from imucalib_cli.simulate.recording import CameraRecord
 
 CAMERA = load_camera("rihibot", load_system("rihibot"))[1]
 CODES = {

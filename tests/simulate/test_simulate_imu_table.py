@@ -1,7 +1,5 @@
 """The table of IMUs in the documentation matches the files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from imucalib_cli.signals.imu.data_sheet import ImuModel, imu_names, load_imu_model

@@ -1,11 +1,10 @@
 """The bag with images and the files beside it, by the rules of Kalibr's own readers."""
 
-from __future__ import annotations
-
 import sys
 import weakref
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,14 +21,10 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.write_log import write_log
+from tests.conftest import Imucalib
 from tests.simulate.simulate_samples import configured
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.simulate.recording import Recording
-    from tests.conftest import Imucalib
 
 SYSTEM, CAMERA = load_camera("rihibot", load_system("rihibot"))
 LENS: dict[str, Any] = {"width": 320, "height": 180, "fx": 225.0, "fy": 225.0}

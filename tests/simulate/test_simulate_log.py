@@ -1,29 +1,24 @@
 """Logs: what rosbags' own reader gets out of them is what the recording holds, bit for bit."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.simulate import simulate
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import joints, pose, recorded
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from imucalib_cli.simulate.recording import Recording
 
 NOISE = NoiseOptions(
     accel_noise=0.003,

@@ -1,7 +1,5 @@
 """Noise: its statistics, its signs, and that a seed gives the same numbers every time."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
@@ -20,7 +17,6 @@ from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import ImuRecord, Recording, rows_kept
 from tests.simulate.simulate_samples import joints, pose, recorded
 
-Floats = NDArray[np.float64]
 RATE = 200.0
 _ARRAYS = ("t", "stamp", "received", "gyro", "accel")
 EVERYTHING = NoiseOptions(

@@ -1,10 +1,8 @@
 """Recordings against rigid-body mechanics by pinocchio, scipy, or on paper; its motion."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,16 +13,15 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import Arm, FreeBody, Move
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.motion import ArmReference, PushPlan
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from tests.simulate.simulate_samples import Floats, imus_by_pinocchio, joints, pose, recorded
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
+from imucalib_cli.simulate.recording import Recording
+from tests.simulate.simulate_samples import imus_by_pinocchio, joints, pose, recorded
 
 
 def the_arm() -> Arm:

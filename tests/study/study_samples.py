@@ -1,9 +1,7 @@
 """Small studies, a view of the pattern, and the errors of answers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from imucalib_cli.results.pose import PoseError, pose_error
 from imucalib_cli.simulate.camera.config import load_camera
@@ -11,11 +9,9 @@ from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import Recording
+from imucalib_cli.study.contest import Answer
 from imucalib_cli.study.study import load_study
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.contest import Answer
 
 
 def study(name: str, *, quick: bool = True, **changes: Any) -> Any:

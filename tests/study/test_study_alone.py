@@ -1,21 +1,16 @@
 """The measured cost of a call, against calls of known cost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.study.alone import run_alone
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 def allocate(count: int, given: str) -> str:

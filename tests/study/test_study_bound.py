@@ -1,31 +1,24 @@
 """The Cramér-Rao bound against brute force: readings re-simulated by pinocchio, differenced."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.study.bound import NUISANCES, Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.simulate.simulate_samples import recorded
 from tools.errors import error_of, nees
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
-
-Floats = NDArray[np.float64]
 
 ACCEL, GYRO = 0.03, 0.002
 """Standard deviations of a sample, m/s² and rad/s."""
@@ -92,13 +85,6 @@ class Brute:
 @pytest.fixture(scope="module")
 def brute(arm: Recording) -> Brute:
     return Brute(arm)
-
-
-def test_brute_force_readings_match_simulation(arm: Recording, brute: Brute) -> None:
-    found = brute.readings(np.zeros(15)).reshape(-1, 6) * np.repeat([ACCEL, GYRO], 3)
-    inside = slice(10, -10)
-    np.testing.assert_allclose(found[inside, :3], arm.imu.accel[2:-2][inside], atol=5e-3)
-    np.testing.assert_allclose(found[inside, 3:], arm.imu.gyro[2:-2][inside], atol=1e-5)
 
 
 def assert_same_bound(bound: Bound, covariance: Floats) -> None:

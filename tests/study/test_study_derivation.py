@@ -1,35 +1,26 @@
 """Figures 5 to 7 against the engine's own acceleration; any figure is the same bytes each time."""
 
-from __future__ import annotations
-
 import math
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.options import PhysicsOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.contest import wrong_guess
 from imucalib_cli.study.figures import draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import (
     compared_by_matched,
     compared_by_paper,
-    draw_comparison,
     near_changes,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.simulate.recording import Recording
-
-Floats = NDArray[np.float64]
 
 PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=250, duration=24)
 
@@ -88,20 +79,6 @@ def test_acceleration_jumps_at_starts_and_stops() -> None:
     for edge in (1.0, 3.0):
         assert near[np.abs(t - edge) < 0.09].all()
     assert not near[np.minimum(np.abs(t - 1.0), np.abs(t - 3.0)) > 0.12].any()
-
-
-@pytest.mark.slow
-def test_figure_is_a_reproducible_svg(tmp_path: Path) -> None:
-    truth = wrong_guess(bar(), 0.0, 0.0, 0)
-    found = {
-        "paper": compared_by_paper(bar(), truth, 11, 0.2),
-        "matched": compared_by_matched(bar(), truth, 11),
-    }
-    for name in ("a.svg", "b.svg"):
-        draw_comparison(tmp_path / name, "bar", found, (5.0, 10.0))
-    first = (tmp_path / "a.svg").read_bytes()
-    assert first == (tmp_path / "b.svg").read_bytes()
-    assert ET.fromstring(first).tag.endswith("svg")
 
 
 def drawn(path: Path) -> bytes:

@@ -1,12 +1,9 @@
 """Tables 2 and 3: folds of moves, what is run, and claims judged by the rows alone."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import replace
 from itertools import pairwise, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -19,14 +16,11 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.studies.folded import moves_of, stratified_folds, without
+from imucalib_cli.study.studies.folded import NoiseStudy, moves_of, stratified_folds, without
+from imucalib_cli.study.study import Row
+from imucalib_cli.study.tables import Table
 from tests.study.study_samples import study
 from tools.errors import nees
-
-if TYPE_CHECKING:
-    from imucalib_cli.study.studies.folded import NoiseStudy
-    from imucalib_cli.study.study import Row
-    from imucalib_cli.study.tables import Table
 
 HARD = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
 

@@ -1,19 +1,18 @@
 """Hand-eye parts: OpenCV's own solver, the engine's poses and analytic motion as truth."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.results.pose import PoseError
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.contest import Pose
 from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.liang import (
@@ -31,18 +30,9 @@ from imucalib_cli.study.methods.liang import (
     tsai,
 )
 from imucalib_cli.study.recordings import streams_of
+from imucalib_cli.study.studies.methods import MethodsStudy
 from tests.simulate.simulate_samples import camera as observed
 from tests.study.study_samples import before_the_pattern, error, study
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from imucalib_cli.results.pose import PoseError
-    from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.studies.methods import MethodsStudy
-
-Floats = NDArray[np.float64]
-
 
 PARAMETERS: MethodsStudy = study("methods", quick=False)
 NOISE = NoiseOptions(

@@ -1,9 +1,6 @@
 """Gyro-first and B-spline estimators, and their parts: against scipy, the engine, and the bound."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -18,6 +15,7 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.physics import record
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.methods.bordered import BorderedNormal
 from imucalib_cli.study.methods.bspline import (
@@ -44,10 +42,6 @@ from imucalib_cli.study.recordings import streams_of
 from tests.simulate.simulate_samples import camera as observed
 from tests.simulate.simulate_samples import recorded
 from tests.study.study_samples import before_the_pattern, error
-
-if TYPE_CHECKING:
-    from imucalib_cli.results.pose import PoseError
-    from imucalib_cli.simulate.recording import Recording
 
 
 def test_values_and_derivatives_match_scipy() -> None:

@@ -1,9 +1,6 @@
 """The comparison of methods: rows against errors computed here, tables against their rows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -11,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.alone import Cost
 from imucalib_cli.study.contest import Answer, Condition
 from imucalib_cli.study.recordings import clean_recording
@@ -23,12 +21,9 @@ from imucalib_cli.study.studies.methods import (
     given,
     row_of,
 )
+from imucalib_cli.study.study import Row
 from imucalib_cli.study.tables import in_best_setting, mean_error
 from tests.study.study_samples import study as quick
-
-if TYPE_CHECKING:
-    from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Row
 
 NOISY = "ADIS16495 with biases"
 

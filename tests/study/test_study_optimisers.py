@@ -1,16 +1,16 @@
 """Optimisers against each other on clean data, and the least absolute values against medians."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.paper.filters import filtered_instants
@@ -32,11 +32,6 @@ from imucalib_cli.study.optimisers import (
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from tests.study.study_samples import study
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-Floats = NDArray[np.float64]
 RECORDED: dict[str, Any] = {"duration": 12.0, "imu_rate": 100.0, "robot_rate": 100.0}
 PHYSICS, SMALL = PhysicsOptions(**RECORDED), {**RECORDED, "seeds": 1}
 GRAVITY = 9.80665

@@ -1,29 +1,22 @@
 """Studies run in parallel, are kept as they come, and go on where they stopped."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import InputError
 from imucalib_cli.study.runner import run_study
-from imucalib_cli.study.study import Study
+from imucalib_cli.study.study import Cell, Row, Study
+from imucalib_cli.study.tables import Table
 from tests.processes import runs, wait_for
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from imucalib_cli.study.study import Cell, Row
-    from imucalib_cli.study.tables import Table
 
 
 @dataclass(frozen=True)
@@ -84,16 +77,6 @@ def test_finished_cells_are_not_run_again(tmp_path: Path) -> None:
     assert squares(run_study(Squaring(), file, jobs=1, fresh=True)) == squares(first)
 
 
-def test_rows_of_another_experiment_are_not_used(tmp_path: Path) -> None:
-    file = tmp_path / "a.jsonl"
-    run_study(Squaring(), file, jobs=1)
-    with pytest.raises(ChoiceError, match="other parameters"):
-        run_study(Squaring(count=7), file, jobs=1)
-    file.write_text("what is this\n")
-    with pytest.raises(ChoiceError, match="not the rows of a study"):
-        run_study(Squaring(), file, jobs=1)
-
-
 def test_killed_worker_fails_only_its_own_run(tmp_path: Path) -> None:
     file = tmp_path / "a.jsonl"
     with pytest.raises(InputError, match="worker was killed"):
@@ -102,38 +85,48 @@ def test_killed_worker_fails_only_its_own_run(tmp_path: Path) -> None:
     assert len(done) >= 30
 
 
-def started(tmp_path: Path, **options: Any) -> tuple[subprocess.Popen[bytes], list[int]]:
-    """A process that runs a slow study, interrupted as the command line is, and its workers."""
-    script = tmp_path / "slow.py"
-    script.write_text(
-        "import os, pathlib, signal\n"
-        "from imucalib_cli.study.runner import run_study\n"
-        "from tests.study.test_study_runner import Squaring\n"
-        "def main():\n"
-        # A test run in the background ignores it.
-        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        f"    folder = {str(tmp_path)!r}\n"
-        "    study = Squaring(count=9, slow=60.0, told=folder)\n"
-        "    try:\n"
-        "        run_study(study, pathlib.Path(folder, 'a.jsonl'), jobs=2)\n"
-        "    except KeyboardInterrupt:\n"
-        "        return\n"
-        "if __name__ == '__main__':\n"
-        "    main()\n"
-        "    os._exit(130)\n"
+SCRIPT = """
+import os, pathlib, signal
+from imucalib_cli.study.runner import run_study
+from tests.study.test_study_runner import Squaring
+def main():
+    # A test run in the background ignores it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    study = Squaring(count=9, slow=60.0, told={folder!r})
+    try:
+        run_study(study, pathlib.Path({folder!r}, "a.jsonl"), jobs=2)
+    except KeyboardInterrupt:
+        return
+if __name__ == "__main__":
+    main()
+    os._exit(130)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_workers_exit_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
+    """An interrupt as the command line has it: all of the terminal's processes get the signal."""
+    script, root = tmp_path / "slow.py", Path(__file__).parents[2]
+    script.write_text(SCRIPT.format(folder=str(tmp_path)))
+    parent = subprocess.Popen(
+        [sys.executable, str(script)],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root)},
+        stderr=subprocess.PIPE,
+        start_new_session=True,
     )
-    root = Path(__file__).parents[2]
-    environment = {**os.environ, "PYTHONPATH": str(root)}
-    parent = subprocess.Popen([sys.executable, str(script)], cwd=root, env=environment, **options)
     wait_for(lambda: len(list(tmp_path.glob("[0-9]*"))) >= 2)
-    return parent, [int(path.name) for path in tmp_path.glob("[0-9]*")]
-
-
-def test_workers_exit_if_parent_is_killed(tmp_path: Path) -> None:
-    parent, workers = started(tmp_path)
-    parent.kill()
-    parent.wait()
+    workers = [int(path.name) for path in tmp_path.glob("[0-9]*")]
+    if how == signal.SIGINT:
+        os.killpg(parent.pid, how)
+    else:
+        parent.kill()
+    _, words = parent.communicate(timeout=30)  # of the resource tracker too, which ends last
+    assert parent.returncode == (130 if how == signal.SIGINT else -how)
     wait_for(lambda: not any(map(runs, workers)))
+    if how == signal.SIGINT:
+        assert words == b""
+        assert not (tmp_path / "a.jsonl").exists()
 
 
 def test_output_path_that_is_a_file_is_refused(tmp_path: Path) -> None:
@@ -180,14 +173,3 @@ def test_second_run_on_same_file_is_refused(tmp_path: Path) -> None:
 
     run_study(Squaring(), file, jobs=1, report=second)
     assert len(file.read_text().splitlines()) == 1 + 6
-
-
-def test_interrupt_stops_workers_without_traceback(tmp_path: Path) -> None:
-    """As the command line does it: all of the terminal's processes get the signal."""
-    parent, workers = started(tmp_path, stderr=subprocess.PIPE, start_new_session=True)
-    os.killpg(parent.pid, signal.SIGINT)
-    _, words = parent.communicate(timeout=30)  # of the resource tracker too, which ends last
-    assert parent.returncode == 130
-    assert words == b""
-    wait_for(lambda: not any(map(runs, workers)))
-    assert not (tmp_path / "a.jsonl").exists()

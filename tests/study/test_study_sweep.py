@@ -1,11 +1,10 @@
 """Sweeps of one parameter: what is run, what is compared with it, and that small ones run."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,15 +12,10 @@ import pytest
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.methods import ENTRANTS
-from imucalib_cli.study.studies.sweeps import best_points, summary_table, sweep_table
+from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
+from imucalib_cli.study.study import Row
 from imucalib_cli.study.tables import digits, worst
 from tests.study.study_samples import study
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.study.studies.sweeps import Sweep
-    from imucalib_cli.study.study import Row
 
 VALUES: dict[str, dict[str, Any]] = {
     "window": {"samples": (11,)},

@@ -1,7 +1,5 @@
 """The imperfect robots of benchmarks/sweeps.py: without errors the truth must come back."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Files and options: what cannot be read, found, chosen, compared or written."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import re
@@ -9,8 +7,10 @@ import resource
 import shutil
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import yaml
@@ -18,6 +18,7 @@ import yaml
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.recording import rows_kept
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.conftest import LogWriter
 from tests.jobs.driving import drive, with_a_camera_frame
 from tests.jobs.robots import SHAPES, random_mount, record
 from tests.jobs.robots import messages as robot_messages
@@ -38,12 +39,6 @@ from tests.troubleshooting.scene import (
     provocation,
 )
 from tests.web_server import serving
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from tests.conftest import LogWriter
 
 LINK = '<link name="base_link" />'
 NAMES = tuple(joint.name for joint in load_system(ARM).joints)

@@ -1,9 +1,9 @@
 """Messages as robots publish them: what is read in another way, and what must be reported."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 from rosbags.highlevel import AnyReader
@@ -12,15 +12,9 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.messages.protobuf import message_class
 from imucalib_cli.logs.messages.shapes import reading_of
 from tests.troubleshooting.scene import Provocation, Scene, Seen, noisy
-from tools.republish import make, protobuf_files, vector, write_mcap, write_plain
+from tools.republish import Message, make, protobuf_files, vector, write_mcap, write_plain
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    from tools.republish import Message
-
-    Rewrite = Callable[[Message], Iterator[Message]]
+Rewrite = Callable[[Message], Iterator[Message]]
 _NAMES = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL") for part in ("hip", "thigh", "calf"))
 """Of a robot whose messages only number its joints."""
 

@@ -1,21 +1,20 @@
 """Recordings that are spoilt: stamps, the IMU's values, the robot, its motion."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, lfilter
 
+from imucalib_cli.arrays import Floats
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import rows_kept
+from imucalib_cli.simulate.recording import Recording, rows_kept
 from tests.estimate.estimate_arm import Mount, Moves, parent_motion, readings
 from tests.troubleshooting.scene import (
     ARM,
@@ -35,13 +34,6 @@ from tests.troubleshooting.scene import (
     with_robot,
 )
 from tools.faults import Fault, misdescribed, with_faulty_sensor
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from imucalib_cli.simulate.recording import Recording
-
-Floats = NDArray[np.float64]
 
 _DEG = 180.0 / np.pi
 _G = 9.80665

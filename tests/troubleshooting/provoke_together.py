@@ -1,21 +1,23 @@
 """Several logs of one mount: what does not belong together, and what cannot be solved again."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
+from imucalib_cli.simulate.recording import Recording
 from tests.simulate.simulate_samples import recorded
 from tests.troubleshooting.provoke_recordings import moving_only
-from tests.troubleshooting.scene import ARM, RATE, Scene, Seen, noisy, provocation, with_imu
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from imucalib_cli.simulate.recording import Recording
-    from tests.troubleshooting.scene import Provocation
+from tests.troubleshooting.scene import (
+    ARM,
+    RATE,
+    Provocation,
+    Scene,
+    Seen,
+    noisy,
+    provocation,
+    with_imu,
+)
 
 
 @provocation

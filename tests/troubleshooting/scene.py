@@ -1,13 +1,12 @@
 """A robot, its log and its URDF, each of which can be damaged, and the output of `imucalib`."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec
+from pathlib import Path
+from typing import Any, Concatenate, ParamSpec
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
@@ -15,15 +14,11 @@ from imucalib_cli.results.codec import read_results
 from imucalib_cli.simulate.load import load_grade, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions
+from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.conftest import LogWriter
 from tests.simulate.simulate_samples import recorded
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from imucalib_cli.simulate.recording import Recording
 
 ARM, BODY = "rihibot", "barbot"
 RATE = 100

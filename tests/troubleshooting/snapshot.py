@@ -1,7 +1,5 @@
 """The output of `imucalib` for each provocation: messages.txt, which __main__.py renews."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Every row of docs/troubleshooting.md, provoked: the user sees its sentence and its exit code."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from pathlib import Path
