@@ -52,6 +52,7 @@ class Copying(Task):
 
     traces: Path
     """Folder in which each process leaves its number, and what it worked on."""
+    pause: float = 0.0
 
     def __call__(self, log: BatchLog) -> Done:
         text = Path(str(log.paths[0])).read_text()
@@ -65,6 +66,7 @@ class Copying(Task):
                 time.sleep(0.1)
         if text == "eat":
             return super().__call__(log)
+        time.sleep(self.pause)
         stamps = stamps_of(sizes_of(log))
         names = [f"{log.name}.{imu}.yaml" for imu in ("a" if "one" in text else "ab")]
         key = key_of(self.context, stamps)
@@ -78,3 +80,16 @@ class Copying(Task):
 def copying(traces: Path, **changes: Any) -> Copying:
     traces.mkdir(exist_ok=True)
     return Copying(**given(CalibrationRequest(logs=()), traces=traces, **changes))
+
+
+def main(folder: str, logs: str, traces: str, pause: str) -> None:
+    """A batch for a process that is to be killed."""
+    task = copying(Path(traces), pause=float(pause))
+    for _ in batch(Path(folder), logs, task=task).run():
+        pass
+
+
+if __name__ == "__main__":
+    import sys
+
+    main(*sys.argv[1:])

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import random
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -270,3 +273,36 @@ def _killed_at(moment: int, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> bo
         except Killed:
             return True
     return False
+
+
+@pytest.mark.slow
+def test_kill_at_random_time_loses_nothing(tmp_path: Path) -> None:
+    """A process that is killed repeatedly gives the same final results as one that is not."""
+    scene = Scene(tmp_path)
+    texts = {f"log{number}": str(number) for number in range(60)}
+    for name, text in texts.items():
+        scene.log(name, text)
+    command = [sys.executable, "-m", "tests.batch.batch_tasks", str(scene.results)]
+    command += [str(scene.logs), str(scene.task.traces), "0.01"]
+    chance = random.Random(13)  # noqa: S311 - no secret
+    kills = 0
+    for _ in range(25):
+        begun = len(list(scene.task.traces.iterdir()))
+        process = subprocess.Popen(command, cwd=ROOT)
+        while len(list(scene.task.traces.iterdir())) == begun and process.poll() is None:
+            time.sleep(0.001)
+        time.sleep(chance.uniform(0.0, 0.1))
+        kills += process.poll() is None
+        process.kill()
+        process.wait()
+    assert kills >= 5
+    recorded = {path.stem for path in (scene.results / "records").glob("[!.]*.json")}
+    assert recorded
+    assert set(scene.run()) == texts.keys() - recorded
+    for partial in scene.results.glob("**/.*.part"):
+        os.utime(partial, (OLD, OLD))
+    assert scene.run() == []
+    expected = {f"{name}.{imu}.yaml": text for name, text in texts.items() for imu in "ab"}
+    assert scene.results_of() == expected
+    worked = len(list(scene.task.traces.iterdir()))
+    assert worked <= len(texts) + kills + 1
