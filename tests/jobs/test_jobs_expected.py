@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import butter, lfilter
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.jobs.calibrate import calibrate
@@ -34,7 +35,11 @@ def clean() -> Recording:
 def written(folder: Path, noise: NoiseOptions | str) -> Path:
     """A log with the noise of an IMU."""
     noise = load_imu(noise) if isinstance(noise, str) else noise
-    write_log(corrupt(clean(), noise, seed=5), folder / "log.mcap", LogOptions())
+    return as_log(folder, corrupt(clean(), noise, seed=5))
+
+
+def as_log(folder: Path, recording: Recording) -> Path:
+    write_log(recording, folder / "log.mcap", LogOptions())
     return folder / "log.mcap"
 
 
@@ -88,6 +93,30 @@ def test_five_times_the_noise_is_reported_without_effect(tmp_path: Path) -> None
         assert getattr(told, key) == getattr(untold, key)
     assert told.status == untold.status == "ok"
     assert untold.diagnostics.imu_model is None
+
+
+@pytest.mark.slow
+def test_too_little_noise_is_reported_with_likely_cause(tmp_path: Path) -> None:
+    quiet = replace(load_imu("bmi088"), accel_noise=1e-4, gyro_noise=1e-5)
+    accel, gyro = of_model(result(written(tmp_path, quiet), "bmi270"))
+    assert "should be 0.016 by the data sheet" in accel
+    assert "the driver filters it, the log is simulated, or this is another IMU" in gyro
+
+    noisy = corrupt(clean(), load_imu("bmi088"), seed=5)
+    b, a = butter(2, 25.0, fs=RATE)
+    imu = replace(
+        noisy.imu,
+        accel=lfilter(b, a, noisy.imu.accel, axis=0),
+        gyro=lfilter(b, a, noisy.imu.gyro, axis=0),
+    )
+    filtered = result(as_log(tmp_path, replace(noisy, imu=imu)), "bmi088")
+    assert len(of_model(filtered)) == 2
+    for sentence in of_model(filtered):
+        assert (
+            "below the cut-off the noise is that of the sheet; the filter's delay is part of"
+            in sentence
+        )
+    assert filtered.time_offset.seconds > 0.005  # as that sentence states
 
 
 def test_bias_priors_come_from_data_sheet_unless_given(tmp_path: Path, imucalib: Imucalib) -> None:
