@@ -73,6 +73,12 @@ def test_verdict_needs_two_sigma_from_tolerance(
     assert (found.verdict, getattr(found, part).verdict) == (verdict, verdict)
 
 
+def test_tolerance_is_given_as_asked() -> None:
+    asked = Tolerance(translation=5e-3, rotation=math.radians(1.5))
+    within = answer(found_at(), asked).within
+    assert (within.translation_mm, within.rotation_deg) == (5.0, 1.5)
+
+
 def test_urdf_on_stdin_is_named_in_words() -> None:
     urdf = SourceFile(path="-", sha256=None)
     said = verify(found_at(), TOLD, TIGHT, urdf).reason
