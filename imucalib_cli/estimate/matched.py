@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer
+    from imucalib_cli.estimate.window_choice import SeenNoise
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.prepare import CleanImu
@@ -182,11 +183,11 @@ def _windowing(
     trajectory: Trajectory,
     options: MatchedOptions,
     offset: float,
-    seen_noise: float = 0.0,
+    seen: SeenNoise | None = None,
 ) -> tuple[Windowing, Window]:
     """Windows as asked, or long enough for the noise, of which enough fit at a time offset."""
     degree = options.degree
-    length, window = choose_window(options.window, grid, trajectory, degree, seen_noise)
+    length, window = choose_window(options.window, grid, trajectory, degree, seen)
     windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     while options.window == WindowChoice() and window.seconds > _SHORTEST:
         shorter = 0.7 * window.seconds

@@ -14,6 +14,7 @@ The variance of a second derivative over a window of T seconds of samples each d
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.estimate.model.windows import odd_length, shortest_length
 from imucalib_cli.estimate.solution.robust import COMMON_IMU
 from imucalib_cli.signals.kernels import matched_filter
+from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
@@ -47,29 +49,30 @@ def choose_window(
     grid: ImuGrid,
     trajectory: Trajectory,
     degree: int,
-    seen_noise: float = 0.0,
+    seen: SeenNoise | None = None,
 ) -> tuple[int, Window]:
     """Window length in grid samples, odd, and its description for the user.
 
-    ``seen_noise`` is noise of R_world_parent that a fit shows, as in :func:`kinematic_noise`.
+    ``seen`` is what an earlier fit shows of the noise.
     """
     if choice.samples is not None:
         seconds, reason = (choice.samples - 1) * grid.refine * grid.dt, "as asked"
     elif choice.seconds is not None:
         seconds, reason = choice.seconds, "as asked"
     else:
-        seconds, reason = _automatic(grid, trajectory, seen_noise)
+        seconds, reason = _automatic(grid, trajectory, seen)
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
     length = min(length, 4001)  # stamps in bunches look like a very high rate
     samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
     return length, Window(samples=samples, seconds=seconds, reason=reason)
 
 
-def _automatic(grid: ImuGrid, trajectory: Trajectory, seen_noise: float) -> tuple[float, str]:
+def _automatic(grid: ImuGrid, trajectory: Trajectory, seen: SeenNoise | None) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     turning = lever_power(grid, trajectory)
     for seconds in _LENGTHS:
-        is_lever_right = attenuation(seconds, turning, trajectory, seen_noise) <= MAX_ATTENUATION
+        is_lever_right = attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION
+        is_lever_right &= seen is None or not seen.matters(seconds, turning)
         if is_lever_right and not is_drowned(seconds, grid, trajectory):
             if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
@@ -91,26 +94,47 @@ def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
     return kinematic_variance(seconds, trajectory)[0] > own
 
 
-def attenuation(
-    seconds: float, turning: float, trajectory: Trajectory, seen_noise: float = 0.0
-) -> float:
+def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float:
     """Share of noise in the lever arm's regressor, by which the lever arm is shortened.
 
-    ``turning`` is the regressor's :func:`lever_power`; ``seen_noise`` as in :func:`choose_window`.
+    ``turning`` is the regressor's :func:`lever_power`.
     """
-    rotation = max(kinematic_noise(trajectory)[0], seen_noise)
-    return second_derivative_gain(seconds) * rotation / turning if turning > 0.0 else 0.0
+    noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
+    return noise / turning if turning > 0.0 else 0.0
 
 
-def noise_seen(rate_variance: float, windowing: Windowing) -> float:
-    """Noise of R_world_parent, s, by what it leaves of the gyroscope in windows, (rad/s)².
+@dataclass(frozen=True, kw_only=True)
+class SeenNoise:
+    """Noise of the kinematics' rotation that the gyroscope shows in a fit.
 
-    Samples of the kinematics hide the noise of their stamps, and if they were smoothed or
+    Samples of the kinematics hide the noise of their stamps and, if they were smoothed or
     interpolated, their own.
     """
-    seconds = windowing.plan.length * windowing.grid.dt
-    left = max(rate_variance - float(own_noise(windowing)[1]) ** 2, 0.0)
-    return left / (_rate_gain(seconds) / 6.0)
+
+    rotation: float
+    """s, as in :func:`kinematic_noise`."""
+    lever: float
+    """m, length of the lever arm."""
+    std: float
+    """m, 1 sigma of its components."""
+
+    @classmethod
+    def of(cls, rate_variance: float, windowing: Windowing, lever: float, std: float) -> SeenNoise:
+        """By the variance that a fit leaves of the gyroscope's components in windows, (rad/s)²."""
+        seconds = windowing.plan.length * windowing.grid.dt
+        left = max(rate_variance - float(own_noise(windowing)[1]) ** 2, 0.0)
+        return cls(rotation=left / (_rate_gain(seconds) / 6.0), lever=lever, std=std)
+
+    def matters(self, seconds: float, turning: float) -> bool:
+        """Whether it moves the lever arm by more than its sigma, in windows of a length.
+
+        It shortens the lever arm by its share of the regressor's power, ``turning``. It is also in
+        gravity as the link sees it; with that the regressor's noise is correlated, by the variance
+        of the rates.
+        """
+        share = second_derivative_gain(seconds) * self.rotation
+        by_gravity = 2.0 * STANDARD_GRAVITY * 3.0 * (_rate_gain(seconds) / 6.0) * self.rotation
+        return share * self.lever + by_gravity > self.std * turning
 
 
 def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:

@@ -157,4 +157,6 @@ def _sound(fit: Fit, length: int) -> bool:
         return True
     seconds = (length - 1) * windowing.grid.dt
     turning = lever_power(windowing.grid, windowing.trajectory)
-    return attenuation(seconds, turning, windowing.trajectory, fit.seen_noise) <= MAX_ATTENUATION
+    if fit.seen_noise.matters(seconds, turning):
+        return False
+    return attenuation(seconds, turning, windowing.trajectory) <= MAX_ATTENUATION

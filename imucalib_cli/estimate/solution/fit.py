@@ -49,7 +49,11 @@ from imucalib_cli.estimate.solution.spectrum import (
     statistics,
     turned,
 )
-from imucalib_cli.estimate.window_choice import kinematic_noise, noise_seen, second_derivative_gain
+from imucalib_cli.estimate.window_choice import (
+    SeenNoise,
+    kinematic_noise,
+    second_derivative_gain,
+)
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -154,9 +158,17 @@ class Fit(Answer):
         return equations.problem(self.layout, self.options)
 
     @property
-    def seen_noise(self) -> float:
-        """:func:`noise_seen` of the kinematics."""
-        return noise_seen(float(self.residual_scales[1]) ** 2, self.model.windowing)
+    def seen_noise(self) -> SeenNoise:
+        """What it shows of the kinematics' noise."""
+        variances = np.diag(self.pose_covariance)[:3]
+        moving = variances[variances > 0.0]
+        # Not the robust scale: noise of stamps comes in bursts.
+        return SeenNoise.of(
+            float(np.mean(self.residuals.values[self.weights > 0.0, 3:] ** 2)),
+            self.model.windowing,
+            lever=float(np.linalg.norm(self.state.t)),
+            std=float(np.sqrt(moving.mean())) if len(moving) else np.inf,
+        )
 
     @cached_property
     def parts(self) -> Floats:
