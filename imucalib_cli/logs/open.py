@@ -213,7 +213,7 @@ def _no_log(path: LogPath, head: bytes, readers: Readers) -> InputError:
     for each in readers:
         if issubclass(each, CsvFile) and each.IS_NAMED_BY_USER and b"\0" not in head:
             return InputError(f"{path} {each.why_not(head)}")
-    if path.name.lower().endswith(".csv"):
+    if path.name.lower().endswith(".csv") or CsvFile.holds_numbers(head):
         return InputError(f"{path} has no header with known columns: {NAMES}, or use --csv-columns")
     return InputError(f"{path} is not a log: expected {_known(readers)}")
 

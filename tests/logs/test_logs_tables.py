@@ -276,6 +276,15 @@ def test_table_of_unknown_columns_begins_with_a_row_of_as_many_numbers(
         open_log([write(tmp_path / "notes.txt", text)])
 
 
+@pytest.mark.parametrize("separator", [" ", ",", "\t"])
+def test_numbers_without_header_name_the_option_for_their_columns(
+    tmp_path: Path, separator: str
+) -> None:
+    path = write(tmp_path / "numbers.txt", lines(STAMPS, VALUES, separator))
+    with pytest.raises(InputError, match=r"no header with known columns: .* or use --csv-columns"):
+        open_log([path])
+
+
 @pytest.mark.parametrize(
     "text", ["", "t,\n", "a,b,c\n1,2,3\n", "filename,timestamp\n", "1 2 3 4 5 6 7 8\n", "{}"]
 )

@@ -176,6 +176,12 @@ class CsvFile:
         return set() if layout is None else {each.kind for each in layout[2] if each.named}
 
     @classmethod
+    def holds_numbers(cls, head: bytes) -> bool:
+        """Whether a text begins with a row of numbers, as tables without a header do."""
+        cells = _header(iter(_filled(head)), ())[0] if b"\0" not in head else []
+        return len(cells) > 2 and all(map(_is_number, cells))
+
+    @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
         """Return a reader of tables without a header.
 
