@@ -45,7 +45,7 @@ def test_exit_code_reflects_alarm(moved: Path, still: Path, imucalib: Imucalib) 
     assert [row[4] for row in rows[1:]] == ["1"] * 8 + ["2"] * 4
     assert imucalib("trend", still).out.startswith("not moved: imu_link")
     said = imucalib("trend", next(still.iterdir()), code=3)
-    assert "one recording can be used, two are needed" in said.out
+    assert "one recording can be used, two are needed of the topic /imu" in said.out
     imucalib("trend", moved, "--within", "1cm,1deg")
 
 

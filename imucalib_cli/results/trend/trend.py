@@ -95,7 +95,10 @@ def trend(
     else:
         seen, verdict = _Seen(), "unknown"
         count = "one recording" if used else "no recording"
-        reason = f"cannot tell whether {place} has moved: {count} can be used, two are needed"
+        reason = (
+            f"cannot tell whether {place} has moved: {count} can be used, two are needed of the "
+            f"topic {first.imu_topic}"
+        )
     return answers.TrendAnswer(
         schema=SCHEMA,
         comparison="trend",
