@@ -322,6 +322,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
     "sigma: the model does not explain this; a flexible mount or joint, for example, would; sigma "
     "includes the difference",
+    "window.noisy": "noise of the kinematics, as the gyroscope shows it, may move the place by "
+    "{error:mm.2g} in windows of {seconds:.2g} s, which sigma includes: choose a longer --window, "
+    "or publish each sample of the controller with the controller's stamp",
     "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
     "explain: an error that the model does not know changes within the log, such as a tracker's "
     "from place to place or a joint's as it warms; sigma is larger by this factor",

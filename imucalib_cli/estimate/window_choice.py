@@ -125,8 +125,8 @@ class SeenNoise:
         left = max(rate_variance - float(own_noise(windowing)[1]) ** 2, 0.0)
         return cls(rotation=left / (_rate_gain(seconds) / 6.0), lever=lever, std=std)
 
-    def matters(self, seconds: float, turning: float) -> bool:
-        """Whether it moves the lever arm by more than its sigma, in windows of a length.
+    def error(self, seconds: float, turning: float) -> float:
+        """m, by which it may move the lever arm, in windows of a length.
 
         It shortens the lever arm by its share of the regressor's power, ``turning``. It is also in
         gravity as the link sees it; with that the regressor's noise is correlated, by the variance
@@ -134,7 +134,11 @@ class SeenNoise:
         """
         share = second_derivative_gain(seconds) * self.rotation
         by_gravity = 2.0 * STANDARD_GRAVITY * 3.0 * (_rate_gain(seconds) / 6.0) * self.rotation
-        return share * self.lever + by_gravity > self.std * turning
+        return (share * self.lever + by_gravity) / turning if turning > 0.0 else 0.0
+
+    def matters(self, seconds: float, turning: float) -> bool:
+        """Whether that is more than sigma."""
+        return self.error(seconds, turning) > self.std
 
 
 def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:

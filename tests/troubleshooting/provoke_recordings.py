@@ -97,6 +97,13 @@ def robot_jitter() -> Recording:
     return with_robot(noisy(), stamp=jittered(robot.stamp))
 
 
+def interpolated(t: Floats, position: Floats) -> Floats:
+    """Ten positions a second, stamped on receipt, are interpolated to the rate of the log."""
+    kept = np.arange(0, len(t), 10)
+    received = t[kept] + np.random.default_rng(1).uniform(0.0, 0.04, len(kept))
+    return np.stack([np.interp(t, received, joint[kept]) for joint in position.T], axis=1)
+
+
 def a_fifth_missing() -> Recording:
     imu = noisy().imu
     kept = np.abs(imu.t - imu.t[len(imu.t) // 2]) > 0.1 * imu.t[-1]
@@ -110,14 +117,14 @@ def on_the_base() -> Recording:
     return with_imu(noisy(), gyro=rng.normal(0.0, 1e-3, shape), accel=accel)
 
 
-def positions(change: Callable[[Floats, Floats], Floats]) -> Provocation:
+def positions(change: Callable[[Floats, Floats], Floats], *arguments: str) -> Provocation:
     """The arm's log with other joint positions, made of their instants and values."""
 
     def make() -> Recording:
         (robot,) = noisy().robot
         return with_robot(noisy(), position=change(robot.t, robot.position.copy()))
 
-    return on_arm(make)
+    return on_arm(make, *arguments)
 
 
 STAMPS: dict[str, Provocation] = {
@@ -138,6 +145,7 @@ STAMPS: dict[str, Provocation] = {
     "junk-at-once": on_arm(junk_at_once),
     "imu-jitter": stamped(jittered),
     "robot-jitter": on_arm(robot_jitter),
+    "interpolated": positions(interpolated, "--window", "0.1s"),
     "held-values": positions(lambda t, q: q[np.arange(len(t)) // 5 * 5]),
     "offset-beyond": stamped(lambda t: t + 1.7),
     "offset-given": stamped(lambda t: t + 0.7, "--time-offset", "none"),

@@ -136,10 +136,11 @@ def over_known_noise(fit: Fit) -> Floats:
 def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
-    For dependence on the window, scatter of the log's parts, a change, or skewed axes; and for
-    what a negative value of an entry that has none stands for.
+    For noise of the kinematics, dependence on the window, scatter of the log's parts, a change, or
+    skewed axes; and for what a negative value of an entry that has none stands for.
     """
-    added = np.diag([0.0, 0.0, 0.0, *[_off_square(evidence.fit)] * 3])
+    noise, skew = evidence.fit.noise_error**2, _off_square(evidence.fit)
+    added = np.diag(np.repeat((noise, skew), 3))
     added += (evidence.scatter - 1.0) * evidence.fit.pose_covariance
     if evidence.hangs_most is not None:
         differences = [evidence.hangs_most.difference]
@@ -334,7 +335,11 @@ def _gaps(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _window(evidence: Evidence) -> Iterator[Finding]:
-    """An answer that depends on the window: something that no unknown explains."""
+    """A window too short for the noise, or an answer that depends on it, which nothing explains."""
+    error, seconds = evidence.fit.noise_error, evidence.attempt.window.seconds
+    if error > 0.0:
+        make = untrusted if error > DISTRUST_SIGMAS * evidence.fit.seen_noise.std else warning
+        yield make("window.noisy", seconds=seconds, error=error)
     worst = evidence.hangs_most
     if worst is not None:
         sigma = np.sqrt(np.diag(evidence.fit.pose_covariance))
@@ -344,7 +349,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
             "window.dependent",
             sigmas=worst.sigmas,
             seconds=worst.seconds,
-            used=evidence.attempt.window.seconds,
+            used=seconds,
             **_lengths(worst.difference),
         )
 

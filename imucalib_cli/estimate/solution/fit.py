@@ -52,6 +52,7 @@ from imucalib_cli.estimate.solution.spectrum import (
 from imucalib_cli.estimate.window_choice import (
     SeenNoise,
     kinematic_noise,
+    lever_power,
     second_derivative_gain,
 )
 from imucalib_cli.robot.rotations import rotation_angle
@@ -169,6 +170,15 @@ class Fit(Answer):
             lever=float(np.linalg.norm(self.state.t)),
             std=float(np.sqrt(moving.mean())) if len(moving) else np.inf,
         )
+
+    @cached_property
+    def noise_error(self) -> float:
+        """m, by which noise of the kinematics may move the lever arm; 0 where that is in sigma."""
+        windowing = self.model.windowing
+        seconds = windowing.plan.length * windowing.grid.dt
+        turning = lever_power(windowing.grid, windowing.trajectory)
+        error = self.seen_noise.error(seconds, turning)
+        return error if error > self.seen_noise.std else 0.0
 
     @cached_property
     def parts(self) -> Floats:
