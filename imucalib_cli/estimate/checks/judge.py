@@ -21,6 +21,7 @@ from imucalib_cli.estimate.model.unknowns import (
     PoseStream,
     measured_over_true,
 )
+from imucalib_cli.estimate.solution.fit import UNEXPLAINED_GYRO
 from imucalib_cli.estimate.solution.robust import COMMON_IMU
 from imucalib_cli.estimate.solution.spectrum import inverse_of
 from imucalib_cli.estimate.window_choice import kinematic_variance
@@ -49,8 +50,6 @@ WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
 DISTRUST_SIGMAS: Final = 5.0
 """One sound log in two million: such an error stands clear of its own sigma."""
-UNEXPLAINED_GYRO: Final = 0.3
-"""Share of the measured rotation left in the residuals from which model and log do not match."""
 UNEXPLAINED_ACCEL: Final = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
 STANDSTILL_GYRO: Final = 0.02

@@ -75,6 +75,8 @@ _MORE: Final = 8
 _PASSES: Final = 8
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
+UNEXPLAINED_GYRO: Final = 0.3
+"""Share of the measured rotation left in the residuals from which model and log do not match."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
@@ -164,8 +166,11 @@ class Fit(Answer):
         variances = np.diag(self.pose_covariance)[:3]
         moving = variances[variances > 0.0]
         # Not the robust scale: noise of stamps comes in bursts.
+        left = float(np.mean(self.residuals.values[self.weights > 0.0, 3:] ** 2))
+        if left > (UNEXPLAINED_GYRO * self.residuals.turning) ** 2:
+            left = 0.0  # not noise: the model is wrong
         return SeenNoise.of(
-            float(np.mean(self.residuals.values[self.weights > 0.0, 3:] ** 2)),
+            left,
             self.model.windowing,
             lever=float(np.linalg.norm(self.state.t)),
             std=float(np.sqrt(moving.mean())) if len(moving) else np.inf,
