@@ -133,7 +133,7 @@ class SeenNoise:
         of the rates.
         """
         share = second_derivative_gain(seconds) * self.rotation
-        by_gravity = 2.0 * STANDARD_GRAVITY * 3.0 * (_rate_gain(seconds) / 6.0) * self.rotation
+        by_gravity = STANDARD_GRAVITY * _rate_gain(seconds) * self.rotation
         return (share * self.lever + by_gravity) / turning if turning > 0.0 else 0.0
 
     def matters(self, seconds: float, turning: float) -> bool:

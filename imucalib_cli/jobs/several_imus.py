@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 _KEPT: Final = ("window", "residuals", "consistency", "imu_check", "notes")
 """Fields of an estimate about its data, which other IMUs do not change."""
-_UNEXPLAINED: Final = {"window.dependent", "parts.disagree", "residual.beyond_noise"}
+_UNEXPLAINED: Final = {
+    "window.noisy",
+    "window.dependent",
+    "parts.disagree",
+    "residual.beyond_noise",
+}
 """Codes of unexplained residuals, which may look like an error of the robot."""
 
 
