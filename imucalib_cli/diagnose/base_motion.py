@@ -9,9 +9,8 @@ import numpy as np
 
 from imucalib_cli.diagnose.alternatives import trimmed_rms
 from imucalib_cli.diagnose.edits import joints_of
-from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO
+from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_GYRO
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, shortest_length
-from imucalib_cli.estimate.solution.fit import UNEXPLAINED_GYRO
 from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.findings import Finding, untrusted
 

@@ -88,7 +88,7 @@ def calibrate_matched(
         attempt, fit = longer, whole_fit(longer.lean, options)
     directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
-    over_noise = judge.over_known_noise(fit)
+    over_noise = fit.over_noise
     segments = Segments(fit, loud=bool(over_noise.max() > judge.LOUD))
     evidence = judge.Evidence(
         topic=imu.topic,

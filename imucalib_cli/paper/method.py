@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_ACCEL
+from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_ACCEL, UNEXPLAINED_GYRO
 from imucalib_cli.estimate.estimate import Estimate, Residuals
-from imucalib_cli.estimate.solution.fit import UNEXPLAINED_GYRO
 from imucalib_cli.findings import untrusted, warning
 from imucalib_cli.paper.filters import filtered_instants
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix

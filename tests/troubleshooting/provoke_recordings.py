@@ -100,7 +100,7 @@ def robot_jitter() -> Recording:
 def interpolated(t: Floats, position: Floats) -> Floats:
     """Ten positions a second, stamped on receipt, are interpolated to the rate of the log."""
     kept = np.arange(0, len(t), 10)
-    received = t[kept] + np.random.default_rng(1).uniform(0.0, 0.04, len(kept))
+    received = t[kept] + np.random.default_rng(1).uniform(0.0, 0.01, len(kept))
     return np.stack([np.interp(t, received, joint[kept]) for joint in position.T], axis=1)
 
 
@@ -204,7 +204,7 @@ def turned_later(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
 
 
 def turned_to_and_fro(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
-    angle = 2e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE))
+    angle = 3e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE))
     R = matrix_from_rotvec(np.outer(angle, (1.0, -1.0, 1.0)))
     return np.einsum("nij,nj->ni", R, gyro), np.einsum("nij,nj->ni", R, accel)
 

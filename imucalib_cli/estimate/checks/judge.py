@@ -21,10 +21,8 @@ from imucalib_cli.estimate.model.unknowns import (
     PoseStream,
     measured_over_true,
 )
-from imucalib_cli.estimate.solution.fit import UNEXPLAINED_GYRO
-from imucalib_cli.estimate.solution.robust import COMMON_IMU
+from imucalib_cli.estimate.solution.fit import WRONG
 from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.estimate.window_choice import kinematic_variance
 from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -50,13 +48,15 @@ WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
 DISTRUST_SIGMAS: Final = 5.0
 """One sound log in two million: such an error stands clear of its own sigma."""
+UNEXPLAINED_GYRO: Final = 0.3
+"""Share of the measured rotation left in the residuals from which model and log do not match."""
 UNEXPLAINED_ACCEL: Final = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
 STANDSTILL_GYRO: Final = 0.02
 """rad/s: a log that turns less does not show a mismatch, and a residual that is larger does."""
 LOUD: Final = 5.0
-"""Ratio of residuals to the known noise that is reported; from ten times as much on the equations,
-not their parameters, are wrong. So they are where parts of a log scatter by more than that."""
+"""Ratio of residuals to the known noise that is reported. Where parts of a log scatter by more than
+that, the equations are wrong."""
 _FEW: Final = 0.05
 """Share of the windows, left out or struck, from which it is reported: a strike now and then is an
 outlier, strikes with every step are part of the motion."""
@@ -121,15 +121,6 @@ class Evidence:
         """The other window at which the answer differs most, if it differs by more than noise."""
         worst = max(self.dependence, key=lambda each: each.sigmas, default=None)
         return worst if worst is not None and worst.sigmas > WARN_SIGMAS else None
-
-
-def over_known_noise(fit: Fit) -> Floats:
-    """(2,), residual scale over the known noise: the sensor's own and that of the kinematics."""
-    windowing = fit.model.windowing
-    seconds = windowing.plan.length * windowing.grid.dt
-    kinematic = kinematic_variance(seconds, windowing.trajectory)
-    known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
-    return np.asarray(fit.residual_scales / np.maximum(known, COMMON_IMU))
 
 
 def of_findings(evidence: Evidence) -> Floats:
@@ -244,7 +235,7 @@ def _residuals(evidence: Evidence) -> Iterator[Finding]:
     worst = int(evidence.over_noise.argmax())
     ratio = float(evidence.over_noise[worst])
     if ratio > LOUD:
-        make = untrusted if ratio > 10.0 * LOUD else warning
+        make = untrusted if ratio > WRONG else warning
         yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio)
 
 

@@ -15,7 +15,7 @@ from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State, felt_gravity
 from imucalib_cli.estimate.model.unknowns import LEAN, Reading, Unknown
-from imucalib_cli.estimate.model.windows import thinned
+from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
     NormalEquations,
@@ -52,6 +52,7 @@ from imucalib_cli.estimate.solution.spectrum import (
 from imucalib_cli.estimate.window_choice import (
     SeenNoise,
     kinematic_noise,
+    kinematic_variance,
     lever_power,
     second_derivative_gain,
 )
@@ -75,8 +76,11 @@ _MORE: Final = 8
 _PASSES: Final = 8
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
-UNEXPLAINED_GYRO: Final = 0.3
-"""Share of the measured rotation left in the residuals from which model and log do not match."""
+WRONG: Final = 50.0
+"""Ratio of residuals to the known noise from which the equations, not their parameters, are
+wrong."""
+_STEPS: Final = 0.05
+"""Share of windows around a step of a bias, in a log of half a minute and more."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
@@ -165,16 +169,39 @@ class Fit(Answer):
         """What it shows of the kinematics' noise."""
         variances = np.diag(self.pose_covariance)[:3]
         moving = variances[variances > 0.0]
-        # Not the robust scale: noise of stamps comes in bursts.
-        left = float(np.mean(self.residuals.values[self.weights > 0.0, 3:] ** 2))
-        if left > (UNEXPLAINED_GYRO * self.residuals.turning) ** 2:
-            left = 0.0  # not noise: the model is wrong
         return SeenNoise.of(
-            left,
+            0.0 if self.over_noise[1] > WRONG else self._rate_noise,
             self.model.windowing,
             lever=float(np.linalg.norm(self.state.t)),
             std=float(np.sqrt(moving.mean())) if len(moving) else np.inf,
         )
+
+    @property
+    def over_noise(self) -> Floats:
+        """(2,), residual scale over the known noise: the sensor's own and the kinematics'."""
+        windowing = self.model.windowing
+        seconds = windowing.plan.length * windowing.grid.dt
+        kinematic = kinematic_variance(seconds, windowing.trajectory)
+        known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
+        return np.asarray(self.residual_scales / np.maximum(known, COMMON_IMU))
+
+    @property
+    def _rate_noise(self) -> float:
+        """(rad/s)², variance of the gyroscope's residuals, without what changes slowly.
+
+        It is by windows one length apart, so that a bias that walks is no noise; the largest of
+        these changes are a step of it. It is not the robust scale: noise of stamps comes in bursts.
+        """
+        apart = WINDOWS_PER_LENGTH
+        pairs = (
+            self.centres[apart:] - self.centres[:-apart] == apart * self.model.windowing.plan.hop
+        )
+        used = self.weights > 0.0
+        pairs &= used[apart:] & used[:-apart]
+        rates = self.residuals.values[:, 3:]
+        changes = np.sort(((rates[apart:] - rates[:-apart])[pairs] ** 2).mean(axis=1))
+        kept = changes[: round((1.0 - _STEPS) * len(changes))]
+        return 0.5 * float(kept.mean()) if len(kept) else 0.0
 
     @cached_property
     def noise_error(self) -> float:
