@@ -134,11 +134,17 @@ class SeenNoise:
         """
         share = second_derivative_gain(seconds) * self.rotation
         by_gravity = STANDARD_GRAVITY * _rate_gain(seconds) * self.rotation
+        # The power contains the noise too; where that is nearly all of it, the rest is uncertain.
+        noise = second_derivative_gain(_LENGTHS[0]) * self.rotation
+        turning = max(turning - noise, 0.1 * turning)
         return (share * self.lever + by_gravity) / turning if turning > 0.0 else 0.0
 
     def matters(self, seconds: float, turning: float) -> bool:
-        """Whether that is more than sigma."""
-        return self.error(seconds, turning) > self.std
+        """Whether that is more than a third of sigma, which would add a twentieth to it.
+
+        Noise that is not white, as of stamps, is louder in longer windows than this expects.
+        """
+        return self.error(seconds, turning) > self.std / 3.0
 
 
 def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:
