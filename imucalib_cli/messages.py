@@ -322,7 +322,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
     "sigma: the model does not explain this; a flexible mount or joint, for example, would; sigma "
     "includes the difference",
-    "window.noisy": "noise of the kinematics, as the gyroscope shows it, may move the place by "
+    "window.noisy": "errors of the kinematics that the gyroscope shows may move the place by "
     "{error:mm.2g} in windows of {seconds:.2g} s, which sigma includes: choose a longer --window, "
     "or publish each sample of the controller with the controller's stamp",
     "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
