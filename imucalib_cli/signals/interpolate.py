@@ -47,21 +47,14 @@ def lagrange(
     x = nodes - at
     result = np.zeros((len(at), values.shape[1]))
     near = np.empty_like(result)
-    # Products of the differences before and after each node.
-    before, after = np.ones_like(x), np.ones_like(x)
-    for j in range(1, points):
-        np.multiply(before[j - 1], x[j - 1], out=before[j])
-        np.multiply(after[-j], x[-j], out=after[-j - 1])
-    below = np.ones_like(x)
     for j in range(points):
-        for k in range(j):
-            apart = nodes[k] - nodes[j]
-            below[j] *= apart
-            below[k] *= -apart
-    weights = before * after / below
-    for j in range(points):
+        above, below = np.ones(len(at)), np.ones(len(at))
+        for k in range(points):
+            if k != j:
+                above *= x[k]
+                below *= nodes[k] - nodes[j]
         # In place, and without a check of the indices: several times faster.
         values.take(first + j, axis=0, out=near, mode="clip")
-        near *= weights[j, :, None]
+        near *= (above / below)[:, None]
         result += near
     return result

@@ -352,10 +352,10 @@ def silent(start: float, stop: float) -> Provocation:
     return positions(change)
 
 
-def loose(angle: float) -> Provocation:
-    """A link that sways in its bearing by rad, unseen by the encoder."""
-    fourth = np.arange(6) == 4
-    return positions(lambda t, q: q + angle * np.sin(2 * np.pi * t / 0.7)[:, None] * fourth)
+def loose(angle: float, *arguments: str, period: float = 0.7) -> Provocation:
+    """A link that sways in its bearing by rad, with a period in s, unseen by the encoder."""
+    sway = angle * (np.arange(6) == 4)
+    return positions(lambda t, q: q + np.sin(2 * np.pi * t / period)[:, None] * sway, *arguments)
 
 
 ROBOT: dict[str, Provocation] = {
@@ -511,6 +511,7 @@ UNLISTED: dict[str, Provocation] = {
     "inspect-accel-no-unit": inspected(accel=0.5),
     "inspect-gravity-removed": inspected(accel=0.01),
     "inspect-gyro-degrees": inspected(gyro=_DEG),
+    "sways-in-short-windows": loose(0.001, "--window", "0.2s", period=0.3),
     "gyro-bias-stepped": changed(lambda w, a: (w + from_the_middle(0.01), a)),
     "accel-bias-stepped": changed(lambda w, a: (w, a + from_the_middle(0.2))),
     "stamps-all-same": stamped(lambda t: np.full_like(t, 3.0)),
