@@ -310,7 +310,7 @@ def wrong_joints(fault: Fault) -> Provocation:
     return on_arm(make)
 
 
-def wrong_poses(kind: str) -> Provocation:
+def wrong_poses(kind: str, *arguments: str) -> Provocation:
     """The floating body's log with wrong poses."""
 
     def make() -> Recording:
@@ -318,7 +318,7 @@ def wrong_poses(kind: str) -> Provocation:
         p, q = track.values[:, :3], track.values[:, 3:]
         return with_robot(noisy(BODY), position=p, quaternion_xyzw=q)
 
-    return on_body(make)
+    return on_body(make, *arguments)
 
 
 def shaken(fault: Fault) -> Provocation:
@@ -367,7 +367,7 @@ ROBOT: dict[str, Provocation] = {
     "link-length": wrong_urdf("wrist_1_joint", "-0.57155 0 0.17415", "-0.57727 0 0.17589"),
     "joint-order": wrong_joints(Fault(kind="order")),
     "joints-degrees": wrong_joints(Fault(kind="degrees")),
-    "poses-inverse": wrong_poses("inverse"),
+    "poses-inverse": wrong_poses("inverse", "--window", "0.2s"),
     "poses-quaternion": wrong_poses("quaternion"),
     "poses-conjugate": wrong_poses("conjugate"),
     "poses-millimetres": wrong_poses("millimetres"),

@@ -126,9 +126,9 @@ def on_arm(
     return scene.run(scene.log(make()), *arguments)
 
 
-def on_body(make: Callable[[], Recording] = lambda: noisy(BODY)) -> Provocation:
+def on_body(make: Callable[[], Recording] = lambda: noisy(BODY), *arguments: str) -> Provocation:
     """`imucalib run` on a recording of a body that floats, without a URDF."""
-    options = ("--parent", "bar_link", "--gravity", "none")
+    options = ("--parent", "bar_link", "--gravity", "none", *arguments)
     return lambda scene: scene.cli("run", scene.log(make()), *options)
 
 
