@@ -88,15 +88,13 @@ def calibrate_matched(
         attempt, fit = longer, whole_fit(longer.lean, options)
     directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
-    over_noise = fit.over_noise
-    segments = Segments(fit, loud=bool(over_noise.max() > judge.LOUD))
+    segments = Segments(fit, loud=bool(fit.over_noise.max() > judge.LOUD))
     evidence = judge.Evidence(
         topic=imu.topic,
         fit=fit,
         attempt=attempt,
         dependence=dependence,
         consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
-        over_noise=over_noise,
         sign=sign,
         change=None if directions else segments.change(),
     )
@@ -110,7 +108,7 @@ def calibrate_matched(
         findings=judge.findings(evidence, statistics),
         statistics=statistics,
         notes={
-            "residual_over_known_noise": float(over_noise.max()),
+            "residual_over_known_noise": float(fit.over_noise.max()),
             "offset_correlation": attempt.lag.correlation if attempt.lag else None,
             "imu_stamps": "ticks" if attempt.imu_ticks else "as stamped",
             "robot_stamps": "ticks" if attempt.robot_ticks else "as stamped",

@@ -69,10 +69,10 @@ def choose_window(
 
 def _automatic(grid: ImuGrid, trajectory: Trajectory, seen: SeenNoise | None) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
-    turning = lever_power(grid, trajectory)
+    turning = lever_power(grid, trajectory) if seen is None else seen.turning
     for seconds in _LENGTHS:
         is_lever_right = attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION
-        is_lever_right &= seen is None or not seen.matters(seconds, turning)
+        is_lever_right &= seen is None or not seen.matters(seconds)
         if is_lever_right and not is_drowned(seconds, grid, trajectory):
             if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
@@ -117,34 +117,40 @@ class SeenNoise:
     """m, length of the lever arm."""
     std: float
     """m, 1 sigma of its components."""
+    turning: float
+    """1/s⁴, :func:`lever_power`."""
 
     @classmethod
     def of(cls, rate_variance: float, windowing: Windowing, lever: float, std: float) -> SeenNoise:
         """By the variance that a fit leaves of the gyroscope's components in windows, (rad/s)²."""
-        seconds = windowing.plan.length * windowing.grid.dt
         left = max(rate_variance - float(own_noise(windowing)[1]) ** 2, 0.0)
-        return cls(rotation=left / (_rate_gain(seconds) / 6.0), lever=lever, std=std)
+        return cls(
+            rotation=left / (_rate_gain(windowing.seconds) / 6.0),
+            lever=lever,
+            std=std,
+            turning=lever_power(windowing.grid, windowing.trajectory),
+        )
 
-    def error(self, seconds: float, turning: float) -> float:
+    def error(self, seconds: float) -> float:
         """m, by which it may move the lever arm, in windows of a length.
 
-        It shortens the lever arm by its share of the regressor's power, ``turning``. It is also in
-        gravity as the link sees it; with that the regressor's noise is correlated, by the variance
-        of the rates.
+        It shortens the lever arm by its share of the regressor's power. It is also in gravity as
+        the link sees it; with that the regressor's noise is correlated, by the variance of the
+        rates.
         """
         share = second_derivative_gain(seconds) * self.rotation
         by_gravity = STANDARD_GRAVITY * _rate_gain(seconds) * self.rotation
         # The power contains the noise too; where that is nearly all of it, the rest is uncertain.
         noise = second_derivative_gain(_LENGTHS[0]) * self.rotation
-        turning = max(turning - noise, 0.1 * turning)
+        turning = max(self.turning - noise, 0.1 * self.turning)
         return (share * self.lever + by_gravity) / turning if turning > 0.0 else 0.0
 
-    def matters(self, seconds: float, turning: float) -> bool:
+    def matters(self, seconds: float) -> bool:
         """Whether that is more than a third of sigma, which would add a twentieth to it.
 
         Noise that is not white, as of stamps, is louder in longer windows than this expects.
         """
-        return self.error(seconds, turning) > self.std / 3.0
+        return self.error(seconds) > self.std / 3.0
 
 
 def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, float]:

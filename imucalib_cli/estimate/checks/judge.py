@@ -98,8 +98,6 @@ class Evidence:
     dependence: tuple[Dependence, ...]
     change: Change | None
     consistency: Consistency | None
-    over_noise: Floats
-    """(2,), residual scale over the known noise, accelerometer and gyroscope."""
     sign: Sign
     """Of the accelerometer: as read, reversed because that fits decisively better, or in doubt."""
 
@@ -129,19 +127,18 @@ def of_findings(evidence: Evidence) -> Floats:
     For noise of the kinematics, dependence on the window, scatter of the log's parts, a change, or
     skewed axes; and for what a negative value of an entry that has none stands for.
     """
-    noise, skew = evidence.fit.noise_error**2, _off_square(evidence.fit)
-    added = np.diag(np.repeat((noise, skew), 3))
-    added += (evidence.scatter - 1.0) * evidence.fit.pose_covariance
+    fit, change = evidence.fit, evidence.change
+    added = np.diag(np.repeat((fit.noise_error**2, _off_square(fit)), 3))
+    added += (evidence.scatter - 1.0) * fit.pose_covariance
     if evidence.hangs_most is not None:
         differences = [evidence.hangs_most.difference]
     else:
-        pose, too_large = evidence.fit.layout.pose, _too_large(evidence.fit, evidence.dependence)
-        differences = [
-            _moves(evidence.fit, each) if other is None else other.changes[pose]
-            for each, _, other in too_large
-            if other is not None or _is_below(each.unknown, evidence.fit.value(each))
-        ]
-    change = evidence.change
+        differences = []
+        for each, _, other in _too_large(fit, evidence.dependence):
+            if other is not None:
+                differences.append(other.changes[fit.layout.pose])
+            elif _is_below(fit, each):
+                differences.append(_moves(fit, each))
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
         differences.append(change.moves_pose)
@@ -232,8 +229,9 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _residuals(evidence: Evidence) -> Iterator[Finding]:
-    worst = int(evidence.over_noise.argmax())
-    ratio = float(evidence.over_noise[worst])
+    over_noise = evidence.fit.over_noise
+    worst = int(over_noise.argmax())
+    ratio = float(over_noise[worst])
     if ratio > LOUD:
         make = untrusted if ratio > WRONG else warning
         yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio)
@@ -401,7 +399,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             changes = np.array([other.changes[part] for other in windows])
             C += np.diag((changes**2).max(axis=0))
         std, limit = np.sqrt(np.diag(C)), unknown.healthy
-        below = _is_below(unknown, value)
+        below = _is_below(answer, each)
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
             # Within two sigmas of a stated prior, a bias is as stated.
@@ -453,10 +451,10 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
         )
 
 
-def _is_below(unknown: Unknown, value: Floats) -> bool:
-    """Whether a value is negative that cannot be."""
+def _is_below(answer: Answer, each: Placed) -> bool:
+    """Whether an error is negative that cannot be."""
     # The first three are along the axes: others of a positive matrix have either sign.
-    return unknown.positive and bool(value[:3].sum() < 0.0)
+    return each.unknown.positive and bool(answer.value(each)[:3].sum() < 0.0)
 
 
 def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:

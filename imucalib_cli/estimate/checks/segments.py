@@ -167,9 +167,7 @@ class Segments:
     @property
     def _parts_in_window(self) -> float:
         """Length of a window over that of a part."""
-        windowing = self._fit.model.windowing
-        seconds = windowing.plan.length * windowing.grid.dt
-        return seconds / float(self.edges[1] - self.edges[0])
+        return self._fit.model.windowing.seconds / float(self.edges[1] - self.edges[0])
 
     def _places(self, *names: str) -> Indices:
         wanted = places_of(self._fit.layout.part(name) for name in names)

@@ -21,7 +21,7 @@ from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.fit import Linearised
 from imucalib_cli.estimate.solution.spectrum import PARTS, chance_of_six, embedded, squared_distance
-from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation, lever_power
+from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -156,7 +156,6 @@ def _sound(fit: Fit, length: int) -> bool:
     if length > windowing.plan.length:
         return True
     seconds = (length - 1) * windowing.grid.dt
-    turning = lever_power(windowing.grid, windowing.trajectory)
-    if fit.seen_noise.matters(seconds, turning):
-        return False
-    return attenuation(seconds, turning, windowing.trajectory) <= MAX_ATTENUATION
+    seen = fit.seen_noise
+    known = attenuation(seconds, seen.turning, windowing.trajectory)
+    return known <= MAX_ATTENUATION and not seen.matters(seconds)

@@ -7,7 +7,6 @@ kinematics.
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 from weakref import WeakKeyDictionary
@@ -18,7 +17,7 @@ from imucalib_cli.estimate.model.unknowns import JointCurve
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.interpolate import lagrange
-from imucalib_cli.signals.kernels import savitzky_golay
+from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -104,7 +103,7 @@ def _carried(trajectory: Trajectory) -> tuple[Floats, Indices, dict[int, _Carrie
                 R, places[number, part] = frames[index]
                 axes[number, part] = step.multiplier * (R @ step.axis)
             places[-1, part] = frames[-1][1]
-        pushes = _accelerations(places, breaks)
+        pushes = np.array([_accelerations(place, breaks) for place in places])
         found = {}
         for number, (index, step) in enumerate(steps.items()):
             arms = np.broadcast_to(axes[number], places[number + 1 :].shape)
@@ -116,16 +115,13 @@ def _carried(trajectory: Trajectory) -> tuple[Floats, Indices, dict[int, _Carrie
     return _KNOWN[trajectory]
 
 
-def _accelerations(places: Floats, breaks: Indices) -> Floats:
-    """(P, K, 3), m/s², of places (P, K, 3), m; at ends and gaps that of the nearest instant."""
-    weights, half = savitzky_golay(_SMOOTH, 3, 2) / _EVERY**2, _SMOOTH // 2
-    found = np.zeros_like(places)
-    for start, end in itertools.pairwise([0, *breaks.tolist(), places.shape[1]]):
-        if end - start < _SMOOTH:
-            continue
-        inner = slice(start + half, end - half)
-        for shift, weight in enumerate(weights.tolist(), -half):
-            found[:, inner] += weight * places[:, inner.start + shift : inner.stop + shift]
-        found[:, start : inner.start] = found[:, inner.start, None]
-        found[:, inner.stop : end] = found[:, inner.stop - 1, None]
+def _accelerations(place: Floats, breaks: Indices) -> Floats:
+    """(K, 3), m/s², of a place (K, 3), m; at ends and gaps that of the nearest instant."""
+    weights = matched_filter(_SMOOTH, 3, 2, _EVERY).derivative
+    found = np.zeros_like(place)
+    for part in np.split(np.arange(len(place)), breaks):
+        if len(part) >= _SMOOTH:
+            inner = convolve_at(place[part], weights, np.arange(len(part) - _SMOOTH + 1))
+            nearest = np.clip(np.arange(len(part)) - _SMOOTH // 2, 0, len(inner) - 1)
+            found[part] = inner[nearest]
     return found

@@ -151,6 +151,11 @@ class Windowing:
     plan: WindowPlan
 
     @property
+    def seconds(self) -> float:
+        """Length of a window, s."""
+        return self.plan.length * self.grid.dt
+
+    @property
     def white_gains(self) -> Floats:
         """(2,), white noise of a window over that of the IMU's samples."""
         return np.asarray(self.plan.gains * np.sqrt(self.grid.refine))

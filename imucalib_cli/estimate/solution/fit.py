@@ -53,7 +53,6 @@ from imucalib_cli.estimate.window_choice import (
     SeenNoise,
     kinematic_noise,
     kinematic_variance,
-    lever_power,
     second_derivative_gain,
 )
 from imucalib_cli.robot.rotations import rotation_angle
@@ -162,7 +161,7 @@ class Fit(Answer):
         )
         return equations.problem(self.layout, self.options)
 
-    @property
+    @cached_property
     def seen_noise(self) -> SeenNoise:
         """What it shows of the kinematics' noise."""
         variances = np.diag(self.pose_covariance)[:3]
@@ -174,12 +173,11 @@ class Fit(Answer):
             std=float(np.sqrt(moving.mean())) if len(moving) else np.inf,
         )
 
-    @property
+    @cached_property
     def over_noise(self) -> Floats:
         """(2,), residual scale over the known noise: the sensor's own and the kinematics'."""
         windowing = self.model.windowing
-        seconds = windowing.plan.length * windowing.grid.dt
-        kinematic = kinematic_variance(seconds, windowing.trajectory)
+        kinematic = kinematic_variance(windowing.seconds, windowing.trajectory)
         known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
         return np.asarray(self.residual_scales / np.maximum(known, COMMON_IMU))
 
@@ -200,13 +198,10 @@ class Fit(Answer):
         # Of white noise on three axes the nearer is 1.27 times the variance, by simulation.
         return float(nearer.mean()) / 1.27 if len(nearer) else 0.0
 
-    @cached_property
+    @property
     def noise_error(self) -> float:
         """m, by which noise of the kinematics may move the lever arm; 0 where that is in sigma."""
-        windowing = self.model.windowing
-        seconds = windowing.plan.length * windowing.grid.dt
-        turning = lever_power(windowing.grid, windowing.trajectory)
-        error = self.seen_noise.error(seconds, turning)
+        error = self.seen_noise.error(self.model.windowing.seconds)
         return error if error > self.seen_noise.std else 0.0
 
     @cached_property
@@ -385,7 +380,7 @@ def _check_enough(windowing: Windowing, centres: Indices, offset: float) -> None
     if len(centres) < MIN_WINDOWS:
         grid, (first, last) = windowing.grid, windowing.trajectory.span
         raise InputError(
-            f"only {len(centres)} filter windows of {windowing.plan.length * grid.dt:.3g} s fit "
+            f"only {len(centres)} filter windows of {windowing.seconds:.3g} s fit "
             f"where IMU ({grid.t0:.2f} to {grid.t[-1]:.2f} s) and robot "
             f"({first + offset:.2f} to {last + offset:.2f} s) overlap between gaps "
             f"({grid.gaps} in the IMU's stamps, {windowing.trajectory.gaps} in the robot's), need "
@@ -404,7 +399,7 @@ def _fitted(
 ) -> Fit:
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
-    seconds = windowing.plan.length * windowing.grid.dt
+    seconds = windowing.seconds
     # Steps at which the model is bent: a radian, a metre, a tenth of a window's seconds.
     curvature = np.ones(layout.size)
     for each in layout.placed:
@@ -507,14 +502,13 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     encoders for the lever arm. Twice its expected share is subtracted.
     """
     layout, windowing = model.layout, model.windowing
-    plan, taken = windowing.plan, np.maximum(scales, COMMON_IMU)
+    taken = np.maximum(scales, COMMON_IMU)
     share, gains = (scales / taken) ** 2, windowing.plan.noise_gains
     noise = np.zeros(layout.size)
     noise[layout.part("rotation")] = 2.0 * share @ gains**2
     rotation, _ = kinematic_noise(windowing.trajectory)
-    seconds = plan.length * windowing.grid.dt
     noise[layout.part("translation")] = (
-        second_derivative_gain(seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
+        second_derivative_gain(windowing.seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
     )
     seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
