@@ -1,5 +1,6 @@
 """Programs in processes of their own."""
 
+import os
 import subprocess
 import sys
 import time
@@ -7,12 +8,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+_ROOT = Path(__file__).parents[1]
+
 
 def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
     """What a Python process printed, and its exit code."""
     command = [sys.executable, *map(str, arguments)]
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
     return subprocess.run(command, text=True, check=False, **given)
+
+
+def start_script(script: Path, text: str, **more: Any) -> subprocess.Popen[bytes]:
+    """A running Python process of a new script, which may import these tests."""
+    script.write_text(text)
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
+    given = {"cwd": _ROOT, "env": environment, "stderr": subprocess.PIPE, **more}
+    return subprocess.Popen([sys.executable, str(script)], **given)
 
 
 def wait_for(condition: Callable[[], object]) -> None:

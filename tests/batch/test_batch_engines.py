@@ -21,7 +21,7 @@ from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import batch, copying, here, task_for
-from tests.processes import runs, wait_for
+from tests.processes import runs, start_script, wait_for
 from tests.slow import slow_after
 
 ROOT = Path(__file__).parents[2]
@@ -144,14 +144,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_workers_exit_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
     texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
-    script = tmp_path / "stopped.py"
-    script.write_text(STOPPED.format(folder=str(tmp_path)))
-    parent = subprocess.Popen(
-        [sys.executable, str(script)],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stderr=subprocess.PIPE,
-    )
+    parent = start_script(tmp_path / "stopped.py", STOPPED.format(folder=str(tmp_path)))
     traces = tmp_path / "traces"
     wait_for(lambda: traces.exists() and len(list(traces.iterdir())) == 2)
     time.sleep(0.2)

@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.study.runner import run_study
 from imucalib_cli.study.study import Cell, Row, Study
 from imucalib_cli.study.tables import Table
-from tests.processes import runs, wait_for
+from tests.processes import runs, start_script, wait_for
 
 
 @dataclass(frozen=True)
@@ -106,15 +104,8 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
 def test_workers_exit_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
     """An interrupt as the command line has it: all of the terminal's processes get the signal."""
-    script, root = tmp_path / "slow.py", Path(__file__).parents[2]
-    script.write_text(SCRIPT.format(folder=str(tmp_path)))
-    parent = subprocess.Popen(
-        [sys.executable, str(script)],
-        cwd=root,
-        env={**os.environ, "PYTHONPATH": str(root)},
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+    script = SCRIPT.format(folder=str(tmp_path))
+    parent = start_script(tmp_path / "slow.py", script, start_new_session=True)
     wait_for(lambda: len(list(tmp_path.glob("[0-9]*"))) >= 2)
     workers = [int(path.name) for path in tmp_path.glob("[0-9]*")]
     if how == signal.SIGINT:
