@@ -24,6 +24,8 @@ from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, mos
 from imucalib_cli.estimate.solution.spectrum import inverse_of, squared_distance
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.solution.scales import Posterior
 
@@ -73,6 +75,15 @@ class Together:
         # Half-Cauchy in the scatter itself; this is its density in the logarithm.
         ratio = np.exp(u[-2:]) / USUAL
         return value + each.gain + float(np.log(ratio / (1.0 + ratio**2)).sum())
+
+    def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
+        """As :meth:`Problem.along`."""
+        heights = self.problem(u).along(u[:-2], tried[:-2])
+        for index in (-2, -1):
+            each = np.repeat(u[None], len(tried[index]), axis=0)
+            each[:, index] = tried[index]
+            heights.append(np.array([self.likelihood(one) for one in each]))
+        return heights
 
     def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.posterior`, of the m shared components."""

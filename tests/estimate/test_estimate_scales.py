@@ -82,6 +82,17 @@ def _half(matrix: Floats) -> Floats:
     return np.asarray(matrix * np.outer(weight, weight))
 
 
+def test_likelihood_along_a_scale_is_that_of_the_whole() -> None:
+    given, at = problem(3), np.array([-1.0, 1.5])
+    tried = [np.linspace(low, high, 9) for low, high in BOUNDS.tolist()]
+    for index, heights in enumerate(given.along(at, tried)):
+        for value, height in zip(tried[index], heights, strict=True):
+            u = at.copy()
+            u[index] = value
+            rise = given.likelihood(u) - given.likelihood(at)
+            assert height == pytest.approx(rise, rel=1e-9, abs=1e-9)
+
+
 def test_elimination_does_not_change_the_result() -> None:
     given = problem(4)
     axes = [np.linspace(low, high, 81) for low, high in given.bounds.tolist()]

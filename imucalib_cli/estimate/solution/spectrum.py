@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -103,14 +104,19 @@ class Statistics:
     """(2, bands), mean of |K(f)|² in each band."""
     freedom: Floats
     """(2, bands), residual components in each band."""
-    parts: Floats
-    """(parts, n + 1, n + 1): the same of parts of the log, over all bands and sensors."""
+    uncalibrated_parts: Floats
+    """(PARTS, n + 1, n + 1): sum of [e J]' [e J] of parts of the log, over bands and sensors."""
     windows: float
     """Their number by weights."""
     calibration: Floats
-    """(n + 1, n + 1), T, where these are of [e J] T'."""
+    """(n + 1, n + 1), T, where ``normal`` is of [e J] T'."""
     noise_score: Floats
     """(n,), the part of J'e from noise of readings, which is in column and residual alike."""
+
+    @cached_property
+    def parts(self) -> Floats:
+        """(PARTS, n + 1, n + 1), of [e J] T' of parts of the log, over all bands and sensors."""
+        return turned(self.uncalibrated_parts, self.calibration)
 
     @property
     def information(self) -> Floats:
@@ -127,7 +133,6 @@ class Statistics:
         return replace(
             self,
             normal=turned(self.normal, T),
-            parts=turned(self.parts, T),
             calibration=T,
             noise_score=noise_score,
         )
@@ -193,7 +198,7 @@ def statistics(
         normal=bands.finished(),
         response=np.maximum(response, 1e-3 * response.max(axis=1, keepdims=True)),
         freedom=np.stack([freedom, freedom]),
-        parts=parts,
+        uncalibrated_parts=parts,
         windows=windows,
         calibration=np.eye(size),
         noise_score=np.zeros(size - 1),
