@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
 
 _POINTS: Final = 64
-"""Importance points: with thirty times as many the mean moves by a tenth of sigma, and sigma by some
-per cent. At least an eighth of them must count: eight give sigma to a quarter."""
+"""Importance points: thirty times as many move the mean by a tenth of sigma, and sigma by some per
+cent. At least an eighth of them must count: eight give sigma to a quarter."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
 """Where the likelihood of a scale's logarithm is evaluated: at best it is some tenths wide."""
 _FINE: Final = 200
