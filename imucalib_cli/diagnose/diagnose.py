@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 GENERIC: Final = frozenset(
     {
+        "fit.unsettled",
         "fit.rotation_unexplained",
         "fit.acceleration_unexplained",
         "offset.at_edge",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import UNSET
@@ -40,6 +40,19 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.mount import NominalPose
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
+
+
+_OF_UNIT: Final = frozenset(
+    {
+        "bias.unusual",
+        "fit.acceleration_unexplained",
+        "fit.unsettled",
+        "residual.beyond_noise",
+        "unknown.implausible",
+        "windows.motion_left_out",
+    }
+)
+"""Findings that a wrong unit of the accelerometer causes; otherwise the fit's gravity shows it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -153,7 +166,7 @@ def _estimate_one(
         # A prior is recorded by its values, the published method's guess by its source.
         request = replace(request, estimator=options)
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
-    if estimate.trusted:  # its gravity shows the unit; the IMU only never rested
+    if not _doubts_unit(estimate):  # the IMU only never rested
         rest = tuple(e for e in repaired.suspects if e.code != "imu.accel_unit_unknown")
         repaired = replace(repaired, suspects=rest)
     if progress is not None and needs_diagnosis(estimate):
@@ -183,6 +196,12 @@ def _estimate_one(
         t=repaired.samples.t,
         estimate=estimate,
     )
+
+
+def _doubts_unit(estimate: Estimate) -> bool:
+    """Whether a wrong unit of the accelerometer may be why a result is not trusted."""
+    grave = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
+    return not estimate.trusted and (not grave or bool(grave & _OF_UNIT))
 
 
 def _calibrated(recording: Recording, alone: _Alone, estimate: Estimate) -> Calibrated:

@@ -19,6 +19,7 @@ from imucalib_cli.estimate.model.unknowns import (
     OfBase,
     Origin,
     PoseStream,
+    Reading,
     measured_over_true,
 )
 from imucalib_cli.estimate.solution.fit import WRONG
@@ -125,20 +126,22 @@ def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
     For noise of the kinematics, dependence on the window, scatter of the log's parts, a change, or
-    skewed axes; and for what a negative value of an entry that has none stands for.
+    axes that are skewed or differ between the two sensors; and for what a negative value of an
+    entry that has none stands for.
     """
     fit, change = evidence.fit, evidence.change
     added = np.diag(np.repeat((fit.noise_error**2, _off_square(fit)), 3))
     added += (evidence.scatter - 1.0) * fit.pose_covariance
-    if evidence.hangs_most is not None:
-        differences = [evidence.hangs_most.difference]
-    else:
-        differences = []
-        for each, _, other in _too_large(fit, evidence.dependence):
-            if other is not None:
-                differences.append(other.changes[fit.layout.pose])
-            elif _is_below(fit, each):
-                differences.append(_moves(fit, each))
+    worst = evidence.hangs_most
+    differences = [] if worst is None else [worst.difference]
+    for each, _, other in _too_large(fit, evidence.dependence):
+        if other is None and _is_below(fit, each):
+            differences.append(_moves(fit, each))
+        elif other is not None and worst is None:
+            differences.append(other.changes[fit.layout.pose])
+    # The pose is the accelerometer's, and by the gyroscope it is another.
+    turned = (each for each, reading in fit.layout.of(Reading) if reading.turns)
+    differences += [_moves(fit, each) for each in turned if _is_clear(fit, each)]
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
         differences.append(change.moves_pose)
@@ -202,6 +205,8 @@ def of_answer(
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     """Motion that the model does not account for."""
     fit = evidence.fit
+    if not fit.settled:
+        yield untrusted("fit.unsettled")
     turning = fit.residuals.turning
     left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
@@ -455,6 +460,12 @@ def _is_below(answer: Answer, each: Placed) -> bool:
     """Whether an error is negative that cannot be."""
     # The first three are along the axes: others of a positive matrix have either sign.
     return each.unknown.positive and bool(answer.value(each)[:3].sum() < 0.0)
+
+
+def _is_clear(answer: Answer, each: Placed) -> bool:
+    """Whether an error stands clear of its sigma."""
+    std = np.sqrt(np.diag(answer.covariance)[each.part])
+    return bool((np.abs(answer.value(each)) > DISTRUST_SIGMAS * std).any())
 
 
 def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:

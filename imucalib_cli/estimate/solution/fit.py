@@ -148,6 +148,8 @@ class Fit(Answer):
     """(2,)."""
     runner_up_rise: float
     """Rise of chi-squared at the best other rotation; inf where there is none."""
+    settled: bool
+    """Whether the last step was small."""
     beside: tuple[Floats, Floats]
     """Information (n, n) and score (n,) from other sources than the windows."""
 
@@ -407,7 +409,6 @@ def _fitted(
             curvature[each.part] = 0.1 * seconds
     clock = layout.part("time_offset")
     scales = np.full(2, np.inf)
-    noise = NoiseSpectrum.white(windowing.noise * np.sqrt(windowing.grid.refine))
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
@@ -417,6 +418,11 @@ def _fitted(
         own, before = residual_scales(residuals.values), scales
         scales = np.maximum(own, SCALE_FLOOR)
         least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
+        white = scales / windowing.plan.noise_gains
+        if not turn:  # poses that were computed with the IMU have less noise than its readings
+            noise = NoiseSpectrum.white(
+                np.minimum(windowing.noise * np.sqrt(windowing.grid.refine), white)
+            )
         falls = (scales / before).min() < 0.9  # a right model far less
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
@@ -437,7 +443,7 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
-            x, white = state.x + embedded(step, layout.free), scales / windowing.plan.noise_gains
+            x = state.x + embedded(step, layout.free)
             left = levels * (white**2)[:, None]
             noise = NoiseSpectrum.of(model, x, frequency, left, stats.heard)
             level = max(_level(stats, layout, levels, inverse), least_level)
@@ -474,6 +480,7 @@ def _fitted(
         weights=weights,
         residual_scales=scales,
         runner_up_rise=rise,
+        settled=settled,
         beside=beside,
     )
 
