@@ -185,8 +185,7 @@ _REMEDIES: dict[str, str] = {
     "gyro_scale": "calibrate the sensor, or scale its data",
     "accel_skew": "calibrate the sensor's axes",
     "gyro_skew": "calibrate the sensor's axes",
-    "gyro_misalignment": "the pose is the accelerometer's, and sigma includes the gyroscope's; "
-    "calibrate the sensor's axes",
+    "gyro_misalignment": "the pose is the accelerometer's; calibrate the sensor's axes",
     "gravity_norm": "give --gravity if you know it",
     "gyro_g_sensitivity": "calibrate the sensor",
     "mount_give": "stiffen the mount",

@@ -280,13 +280,16 @@ class Trajectory:
             lagrange(track.t, track.values, t, breaks=track.breaks) for track in self._used
         )
 
-    def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
-        """Values of each track at instants (M,), s, and their rates, smoothed over some samples."""
-        both = [
-            _values_and_rates(track, round(_RATE_SECONDS / stamped.interval), t)
+    def motion(self, t: Floats) -> tuple[tuple[Floats, ...], ...]:
+        """Values of each track at instants (M,), s, their rates, and the changes of these.
+
+        Both are smoothed over some samples.
+        """
+        found = [
+            _motion(track, round(_RATE_SECONDS / stamped.interval), t)
             for track, stamped in zip(self._used, self.tracks, strict=True)
         ]
-        return tuple(values for values, _ in both), tuple(rates for _, rates in both)
+        return tuple(tuple(each[kind] for each in found) for kind in range(3))
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
@@ -302,15 +305,17 @@ class Trajectory:
         return sum(len(track.breaks) for track in self._used)
 
 
-def _values_and_rates(track: CleanTrack, reach: int, t: Floats) -> tuple[Floats, Floats]:
-    """Values at instants, and rates by differences over ``reach`` samples on either side."""
+def _motion(track: CleanTrack, reach: int, t: Floats) -> tuple[Floats, ...]:
+    """Values, rates and their changes, by differences over ``reach`` samples on either side."""
     reach = max(reach, 1)
     first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
     around = reach + MIN_TRACK_SAMPLES
     part = slice(max(first - around, 0), min(last + around, len(track.t)))
     stamps, values, index = track.t[part], track.values[part], np.arange(len(track.t[part]))
     later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
-    rates = (values[later] - values[earlier]) / (stamps[later] - stamps[earlier])[:, None]
+    took = (stamps[later] - stamps[earlier])[:, None]
+    rates = (values[later] - values[earlier]) / took
+    changes = (rates[later] - rates[earlier]) / took
     breaks = track.breaks[(track.breaks > part.start) & (track.breaks < part.stop)] - part.start
-    found = lagrange(stamps, np.hstack([values, rates]), t, breaks=breaks)
-    return found[:, : values.shape[1]], found[:, values.shape[1] :]
+    found = lagrange(stamps, np.hstack([values, rates, changes]), t, breaks=breaks)
+    return tuple(np.split(found, 3, axis=1))

@@ -125,23 +125,27 @@ class Evidence:
 def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
-    For noise of the kinematics, dependence on the window, scatter of the log's parts, a change, or
-    axes that are skewed or differ between the two sensors; and for what a negative value of an
-    entry that has none stands for.
+    For noise of the kinematics, dependence on the window, scatter of the log's parts, a change,
+    skewed axes, or a turn between the sensors' axes that no data sheet allows; and for what a
+    negative value of an entry that has none stands for.
     """
     fit, change = evidence.fit, evidence.change
     added = np.diag(np.repeat((fit.noise_error**2, _off_square(fit)), 3))
     added += (evidence.scatter - 1.0) * fit.pose_covariance
     worst = evidence.hangs_most
     differences = [] if worst is None else [worst.difference]
-    for each, _, other in _too_large(fit, evidence.dependence):
-        if other is None and _is_below(fit, each):
+    if worst is None:
+        looks_like = _too_large(fit, evidence.dependence)
+        differences += [w.changes[fit.layout.pose] for _, _, w in looks_like if w is not None]
+    differences += [
+        _moves(fit, each)
+        for each in fit.layout.placed
+        if _is_below(fit, each) and _is_clear(fit, each)
+    ]
+    for each, reading in fit.layout.of(Reading):
+        # The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
+        if reading.turns and (np.abs(fit.value(each)) > each.unknown.healthy).any():
             differences.append(_moves(fit, each))
-        elif other is not None and worst is None:
-            differences.append(other.changes[fit.layout.pose])
-    # The pose is the accelerometer's, and by the gyroscope it is another.
-    turned = (each for each, reading in fit.layout.of(Reading) if reading.turns)
-    differences += [_moves(fit, each) for each in turned if _is_clear(fit, each)]
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
         differences.append(change.moves_pose)

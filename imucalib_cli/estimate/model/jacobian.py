@@ -138,8 +138,8 @@ class _Nodes:
     """(3, M), ideal specific force, world axes."""
     frames: tuple[tuple[Floats, Floats], ...]
     """(3, 3, M) and (3, M) each."""
-    values: tuple[Floats, ...]
-    rates: tuple[Floats, ...]
+    motion: tuple[tuple[Floats, ...], ...]
+    """Values of every track, errors removed, their rates, and the changes of these."""
     loads: dict[str, Floats]
     """(M,) each, Nm/kg, of joints that may bend."""
     path: KinematicPath
@@ -190,7 +190,7 @@ class _Nodes:
         for index, (turn, shift, _) in self.joint_twists.items():
             step = self.path.steps[index]
             if index >= behind and isinstance(step, JointStep):
-                rate = self.rates[step.track][:, step.column]
+                rate = self.motion[1][step.track][:, step.column]
                 turning, moving = turning + rate * turn, moving + rate * shift
         return turning, moving
 
@@ -321,10 +321,7 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             turn, shift = np.sum(own, axis=0)[:, None]
             _add_twist(part, turn, shift, nodes, channels)
         case JointCurve() if placed.joint is not None:
-            track, column = placed.joint.track, placed.joint.column
-            q, rate = nodes.values[track][:, column], nodes.rates[track][:, column]
-            load = nodes.loads.get(placed.joint.name, rate)
-            curve = effect.basis(q, rate, load)[:, None]
+            curve = effect.basis(placed.joint.of(nodes.motion, nodes.loads))[:, None]
             for name, along in zip(
                 ("turn", "shift", "force"), nodes.twist(placed.joint), strict=True
             ):
@@ -395,8 +392,8 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
     t = model.windowing.trajectory.nearest_covered(
         model.robot_times(stamps, model.shifts(state)[1])
     )
-    values, rates = chain.values_and_rates(t)
-    frames = tuple((R.transpose(1, 2, 0), p.T) for R, p in chain.path.frames(values))
+    motion = chain.motion(t)
+    frames = tuple((R.transpose(1, 2, 0), p.T) for R, p in chain.path.frames(motion[0]))
     R, p = frames[-1]
     lever = np.matmul(state.t, R)
     accel = model.less_errors(state, samples, "accel")
@@ -414,8 +411,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         R_world_imu=R_world_imu,
         force=(R_world_imu * accel.T).sum(axis=1),
         frames=frames,
-        values=values,
-        rates=rates,
+        motion=motion,
         loads=chain.loads.at(t),
         path=chain.path,
         gravity=state.gravity,

@@ -11,6 +11,7 @@ from imucalib_cli.estimate.model.unknowns import (
     SCALES,
     TABLE,
     JointCurve,
+    JointMotion,
     Mount,
     OfBase,
     Origin,
@@ -23,7 +24,7 @@ from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 from imucalib_cli.robot.rotations import cross
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
@@ -54,6 +55,11 @@ class Joint:
     column: int
     steps: tuple[int, ...]
     sliding: bool
+
+    def of(self, motion: Sequence[tuple[Floats, ...]], loads: Mapping[str, Floats]) -> JointMotion:
+        """Its part of the positions, rates and changes of all tracks."""
+        q, rate, change = (each[self.track][:, self.column] for each in motion)
+        return JointMotion(q, rate, change, loads.get(self.name, rate))
 
 
 @dataclass(frozen=True, eq=False)

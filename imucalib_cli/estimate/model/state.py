@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.model.layout import Joint, Layout
+    from imucalib_cli.estimate.model.unknowns import JointMotion
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.samples import Sensor
@@ -135,19 +136,20 @@ class Chain:
         """Values of every track, errors removed."""
         if not self.curves:
             return self._corrected(self.trajectory.values(t), t)
-        return self.values_and_rates(t)[0]
+        return self.motion(t)[0]
 
-    def values_and_rates(self, t: Floats) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
-        """Values of every track, errors removed, and their rates."""
-        values, rates = self.trajectory.values_and_rates(t)
+    def motion(self, t: Floats) -> tuple[tuple[Floats, ...], ...]:
+        """Values of every track, errors removed, their rates, and the changes of these."""
+        values, rates, changes = self.trajectory.motion(t)
         reported = tuple(each.copy() for each in values) if self.curves else values
         bends = any(curve.loaded for _, curve, _ in self.curves)
         loads = self.loads.at(t) if bends else {}
+        motions: dict[str, JointMotion] = {}
         for joint, curve, size in self.curves:
-            q, rate = (each[joint.track][:, joint.column] for each in (reported, rates))
-            error = size @ curve.basis(q, rate, loads.get(joint.name, rate))
-            values[joint.track][:, joint.column] += error
-        return self._corrected(values, t), rates
+            if joint.name not in motions:
+                motions[joint.name] = joint.of((reported, rates, changes), loads)
+            values[joint.track][:, joint.column] += size @ curve.basis(motions[joint.name])
+        return self._corrected(values, t), rates, changes
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
         """With errors of the pose streams removed."""

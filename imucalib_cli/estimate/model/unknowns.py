@@ -15,7 +15,7 @@ the base. A URDF whose last link is wrong gives the pose that this URDF needs.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -101,13 +101,38 @@ class Reading:
 
 
 @dataclass(frozen=True, eq=False)
-class JointCurve:
-    """Error of a joint's position: true = reported + value * basis(reported, rate)."""
+class JointMotion:
+    """What is reported of a joint at M instants."""
 
-    basis: Callable[[Floats, Floats, Floats], Floats]
-    """Of (M,) positions, rad or m, (M,) rates and (M,) loads, Nm/kg; gives (size, M)."""
+    position: Floats
+    """(M,), rad or m."""
+    rate: Floats
+    """(M,), smoothed over some samples, as the next."""
+    change: Floats
+    """(M,), of the rate, rad/s² or m/s²."""
+    load: Floats
+    """(M,), Nm/kg (model/loads.py); anything for a curve that is not loaded."""
+
+    @cached_property
+    def once_a_turn(self) -> Floats:
+        """(2, M), sine and cosine."""
+        return np.stack([np.sin(self.position), np.cos(self.position)])
+
+    @property
+    def twice_a_turn(self) -> Floats:
+        """(2, M), sine and cosine of twice the position."""
+        sine, cosine = self.once_a_turn
+        return np.stack([2.0 * sine * cosine, cosine**2 - sine**2])
+
+
+@dataclass(frozen=True, eq=False)
+class JointCurve:
+    """Error of a joint's position: true = reported + value * basis."""
+
+    basis: Callable[[JointMotion], Floats]
+    """(size, M)."""
     loaded: bool = False
-    """Whether it is a function of the load (model/loads.py); else that may be anything."""
+    """Whether it is a function of the load."""
     every: bool = True
     """For every joint that moves; else for those after the first that moves, without the last."""
     sliding: bool = True
@@ -300,6 +325,7 @@ SCALES: Final[dict[str, Scale]] = {
     "joint_second_harmonic": Scale(low=5e-7, high=2e-3),
     "joint_gain": Scale(low=5e-7, high=2e-2),
     "joint_lag": Scale(low=5e-7, high=4e-3),
+    "joint_filter": Scale(low=3e-8, high=3e-4),
     "joint_play": Scale(low=3e-7, high=1e-3),
     "joint_sag": Scale(low=3e-7, high=2e-3),
 }
@@ -481,7 +507,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         labels=_XYZ,
         unit="rad",
         scale="sensor_turn",
-        healthy=0.05,
+        healthy=0.02,
         effect=Reading("gyro", lambda s, mixing: s.gyro @ mixing, skew(np.eye(3)), turns=True),
         words="rotation of the gyroscope's axes relative to the accelerometer's",
     ),
@@ -521,7 +547,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_zero",
         healthy=0.02,
-        effect=JointCurve(lambda q, *_: np.ones((1, len(q))), every=False, sliding=False),
+        effect=JointCurve(lambda m: np.ones((1, len(m.position))), every=False, sliding=False),
         words="zero of a joint: true less reported position",
     ),
     Unknown(
@@ -530,7 +556,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_harmonic",
         healthy=0.01,
-        effect=JointCurve(lambda q, *_: np.stack([np.sin(q), np.cos(q)]), sliding=False),
+        effect=JointCurve(lambda m: m.once_a_turn, sliding=False),
         words="joint error once a turn (eccentric encoder)",
     ),
     Unknown(
@@ -539,7 +565,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_second_harmonic",
         healthy=0.01,
-        effect=JointCurve(lambda q, *_: np.stack([np.sin(2 * q), np.cos(2 * q)]), sliding=False),
+        effect=JointCurve(lambda m: m.twice_a_turn, sliding=False),
         words="joint error twice a turn (encoder)",
     ),
     Unknown(
@@ -547,7 +573,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="1",
         scale="joint_gain",
         healthy=0.05,
-        effect=JointCurve(lambda q, *_: q[None]),
+        effect=JointCurve(lambda m: m.position[None]),
         words="scale of a joint's reading (gear ratio): true over reported, less one",
     ),
     Unknown(
@@ -557,15 +583,24 @@ _OWN: Final[tuple[Unknown, ...]] = (
         # A cycle of a slow controller. From there on its second order, of which no column knows,
         # is more than the zeros of an ordinary arm are off.
         healthy=0.01,
-        effect=JointCurve(lambda _, rate, __: rate[None]),
+        effect=JointCurve(lambda m: m.rate[None]),
         words="delay of a joint's position",
+    ),
+    Unknown(
+        name="joint_filter",
+        unit="s²",
+        scale="joint_filter",
+        healthy=1e-3,
+        effect=JointCurve(lambda m: -m.change[None]),
+        positive=True,
+        words="low-pass filter of a joint's position, in addition to its delay",
     ),
     Unknown(
         name="joint_play",
         unit="rad",
         scale="joint_play",
         healthy=0.005,
-        effect=JointCurve(lambda _, rate, __: np.tanh(rate / PLAY_RATE)[None]),
+        effect=JointCurve(lambda m: np.tanh(m.rate / PLAY_RATE)[None]),
         words="play of a joint, to either side with its motion",
     ),
     Unknown(
@@ -573,7 +608,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad/(Nm/kg)",
         scale="joint_sag",
         healthy=2e-3,
-        effect=JointCurve(lambda _, __, load: load[None], loaded=True, sliding=False),
+        effect=JointCurve(lambda m: m.load[None], loaded=True, sliding=False),
         positive=True,
         words="bending of a joint under the load that it carries",
     ),
