@@ -90,8 +90,8 @@ _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "rates": _rates,
     "/": lambda value, other: f"{value / other:.2g}",
     "cure": lambda name, negative: (
-        "it bends under gravity, differently in each pose; stiffen the mount, or record slower "
-        "motion"
+        "it bends under gravity, differently in each pose, or the base sways, which looks like it; "
+        "stiffen mount and base, or record slower motion"
         if name == "mount_give" and not negative
         else "check units, ranges, axes and the URDF"
     ),

@@ -151,7 +151,9 @@ def of_findings(evidence: Evidence) -> Floats:
         differences.append(change.moves_pose)
         if change.kind == "mount":
             added += np.diag(change.std**2)
-    return added + sum((np.outer(each, each) for each in differences), np.zeros((6, 6)))
+    added += sum((np.outer(each, each) for each in differences), np.zeros((6, 6)))
+    moving = np.diag(fit.pose_covariance) > 0.0  # what is held is as stated
+    return np.asarray(added * np.outer(moving, moving))
 
 
 def _off_square(answer: Answer) -> float:

@@ -78,6 +78,8 @@ _SETTLED: Final = 0.1
 WRONG: Final = 50.0
 """Ratio of residuals to the known noise from which the equations, not their parameters, are
 wrong."""
+_KNOWN: Final = 1.0
+"""m: a coordinate that is known to less is not determined."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
@@ -167,7 +169,8 @@ class Fit(Answer):
     def seen_noise(self) -> SeenNoise:
         """What it shows of the kinematics' noise."""
         variances = np.diag(self.pose_covariance)[:3]
-        moving = variances[variances > 0.0]
+        # Neither what is held nor what nothing but the prior tells.
+        moving = variances[(variances > 0.0) & (variances < _KNOWN**2)]
         return SeenNoise.of(
             0.0 if self.over_noise[1] > WRONG else self._rate_noise,
             self.model.windowing,

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 _STEP_SECONDS = 0.005
 """Resolution of the search; the estimator refines the result."""
 _WINDOW_SECONDS = 0.1
+_STILL = 1e-3
+"""rad/s: rates below are those of noisy encoders and of rounding, whose best shift is chance."""
 _BLOCK = 1 << 14
 """Steps of the search whose poses are in memory at once."""
 
@@ -60,6 +62,8 @@ def coarse_time_offset(
     rate = convolve_at(grid.gyro, pair.average, inner[inside] - half)
     measured[inside] = np.linalg.norm(rate, axis=1)
     measured_clean[inside] = all_hold(grid.usable, inner[inside] - half, 2 * half + 1)
+    if derived[clean].max(initial=0.0) < _STILL:
+        return (0.0,), None
     lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
     if lag is None:
         return (0.0,), None
