@@ -126,8 +126,8 @@ def test_late_tracker_of_the_base_is_found(seed: int) -> None:
 
 
 def test_error_seen_by_one_window_is_reported_and_in_sigma() -> None:
-    """Play of 0.03 deg steps faster than the model's: in short windows it looks like a spring."""
-    found = solve(everyday("ur10e", Row(noise=robots.INDUSTRIAL, play=5e-4), 4)[0])
+    """Play of 0.02 deg steps faster than the model's: in short windows it looks like a spring."""
+    found = solve(everyday("ur10e", Row(noise=robots.INDUSTRIAL, play=3e-4), 11)[0])
     give = found.finding("unknown.implausible")
     assert give["name"] == "mount_give"
     assert give["other"] == pytest.approx(0.4)

@@ -134,14 +134,11 @@ def of_findings(evidence: Evidence) -> Floats:
     added += (evidence.scatter - 1.0) * fit.pose_covariance
     worst = evidence.hangs_most
     differences = [] if worst is None else [worst.difference]
-    if worst is None:
-        looks_like = _too_large(fit, evidence.dependence)
-        differences += [w.changes[fit.layout.pose] for _, _, w in looks_like if w is not None]
-    differences += [
-        _moves(fit, each)
-        for each in fit.layout.placed
-        if _is_below(fit, each) and _is_clear(fit, each)
-    ]
+    for each, _, other in _too_large(fit, evidence.dependence):
+        if other is None and _is_below(fit, each):
+            differences.append(_moves(fit, each))
+        elif other is not None and worst is None:
+            differences.append(other.changes[fit.layout.pose])
     for each, reading in fit.layout.of(Reading):
         # The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
         if reading.turns and (np.abs(fit.value(each)) > each.unknown.healthy).any():
@@ -466,12 +463,6 @@ def _is_below(answer: Answer, each: Placed) -> bool:
     """Whether an error is negative that cannot be."""
     # The first three are along the axes: others of a positive matrix have either sign.
     return each.unknown.positive and bool(answer.value(each)[:3].sum() < 0.0)
-
-
-def _is_clear(answer: Answer, each: Placed) -> bool:
-    """Whether an error stands clear of its sigma."""
-    std = np.sqrt(np.diag(answer.covariance)[each.part])
-    return bool((np.abs(answer.value(each)) > DISTRUST_SIGMAS * std).any())
 
 
 def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:

@@ -421,11 +421,9 @@ def _fitted(
         own, before = residual_scales(residuals.values), scales
         scales = np.maximum(own, SCALE_FLOOR)
         least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
-        white = scales / windowing.plan.noise_gains
         if not turn:  # poses that were computed with the IMU have less noise than its readings
-            noise = NoiseSpectrum.white(
-                np.minimum(windowing.noise * np.sqrt(windowing.grid.refine), white)
-            )
+            white = windowing.noise * np.sqrt(windowing.grid.refine)
+            noise = NoiseSpectrum.white(np.minimum(white, scales / windowing.plan.gains))
         falls = (scales / before).min() < 0.9  # a right model far less
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
@@ -446,7 +444,7 @@ def _fitted(
             levels = stats.levels(
                 embedded(step, layout.free), embedded_matrix(inverse, layout) / level
             )
-            x = state.x + embedded(step, layout.free)
+            x, white = state.x + embedded(step, layout.free), scales / windowing.plan.noise_gains
             left = levels * (white**2)[:, None]
             noise = NoiseSpectrum.of(model, x, frequency, left, stats.heard)
             level = max(_level(stats, layout, levels, inverse), least_level)
