@@ -292,8 +292,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "more logs reduce it",
     # The fit.
     "fit.unsettled": "the solution does not settle: it still changes from step to step, as where "
-    "the model does not fit: check parent link, units, stamps and poses, or use another part of "
-    "the log (--from, --to)",
+    "the model does not fit: check parent link, units and stamps, choose a longer --window, or use "
+    "another part of the log (--from, --to)",
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation remains unexplained): is this the right parent link, URDF and joint topic[, "
     "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ from tests.troubleshooting.scene import (
 )
 from tools.faults import Fault, misdescribed, with_faulty_sensor
 
+TRACKED = Path(__file__).parents[2] / "sample_data" / "broad_21_cut.mcap"
 _DEG = 180.0 / np.pi
 _G = 9.80665
 
@@ -511,7 +513,12 @@ UNLISTED: dict[str, Provocation] = {
     "inspect-accel-no-unit": inspected(accel=0.5),
     "inspect-gravity-removed": inspected(accel=0.01),
     "inspect-gyro-degrees": inspected(gyro=_DEG),
-    "sways-in-short-windows": loose(0.001, "--window", "0.2s", period=0.3),
+    "tracked-in-short-windows": lambda scene: scene.cli(
+        "run", TRACKED, "--parent", "sensor_body", "--window", "0.1s"
+    ),
+    "coarse-in-short-windows": positions(
+        lambda _, q: np.round(q / 0.05) * 0.05, "--window", "0.1s"
+    ),
     "gyro-bias-stepped": changed(lambda w, a: (w + from_the_middle(0.01), a)),
     "accel-bias-stepped": changed(lambda w, a: (w, a + from_the_middle(0.2))),
     "stamps-all-same": stamped(lambda t: np.full_like(t, 3.0)),

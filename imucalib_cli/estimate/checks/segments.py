@@ -274,14 +274,14 @@ class Segments:
         if cuts.start >= cuts.stop:
             return None
         cross, left, size = self._step(part, cuts)
-        gain = squared_distance(size, inverse_of(left) + wander)
-        gainful = gain > self._price(part)
         # Components that only one part of the log shows do not count as changed: their information
         # beside the other unknowns is rounding.
         own = np.diagonal(cross[:, part], axis1=1, axis2=2)
         scale = np.sqrt(np.maximum(own, 1e-300))
-        seen = np.linalg.eigvalsh(left / (scale[:, :, None] * scale[:, None, :]))[:, 0]
-        gainful &= seen >= 1e-6
+        seen = np.linalg.eigvalsh(left / (scale[:, :, None] * scale[:, None, :]))[:, 0] >= 1e-6
+        gain = np.zeros(len(seen))
+        gain[seen] = squared_distance(size[seen], inverse_of(left[seen]) + wander)
+        gainful = gain > self._price(part)
         if self._loud:
             # A change is the cause of large residuals only if it explains a good part of them.
             left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.equations.level
