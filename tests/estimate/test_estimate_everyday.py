@@ -9,13 +9,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
+from scipy.signal import butter, lfilter, savgol_filter
 
 import imucalib_cli as ic
 from benchmarks import robots
 from benchmarks.robots import ROBOTS, Case, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
-from tests.estimate.estimate_arm import Flaws, Log, Mount, Moves, make_log, solve, solve_exact
+from tests.estimate.estimate_arm import (
+    GRAVITY,
+    Flaws,
+    Log,
+    Mount,
+    Moves,
+    make_log,
+    solve,
+    solve_exact,
+)
 from tests.slow import slow_after
 
 
@@ -35,6 +44,54 @@ def test_driver_exponential_filter_is_found_and_corrected(seed: int) -> None:
     # half of which stands by the second derivative beside the delay, 10 samples² here.
     for name in ("accel_filter", "gyro_filter"):
         assert found.parameter(name)[0] == pytest.approx(10.0 / 200.0**2, rel=0.25)
+
+
+def test_low_pass_of_the_joints_is_found_and_corrected() -> None:
+    """At 10 Hz: beside its delay, the second order of a first-order filter is half its square."""
+    log = make_log(Moves(seconds=24.0))
+    (track,) = log.path.tracks
+    b, a = butter(1, 10.0, fs=200.0)
+    start = track.values[0]
+    late = log.with_joints(values=start + lfilter(b, a, track.values - start, axis=0))
+    found = solve(late.noisy(0))
+    assert found.trusted
+    assert found.covered
+    size, std = found.parameter("joint_filter")
+    expected = 0.5 / (2.0 * np.pi * 10.0) ** 2
+    assert (np.abs(size - expected) < 4.0 * std).all()
+    assert std.min() < 0.1 * expected
+
+
+def test_axes_turned_beyond_data_sheets_are_in_sigma() -> None:
+    """The pose is the accelerometer's; by the gyroscope it is another."""
+    usual, beyond = (
+        solve(make_log(Moves(seconds=24.0), flaws=Flaws(gyro_turn=(0.0, turn, 0.0))).noisy(0))
+        for turn in (0.01, 0.03)
+    )
+    assert usual.covered
+    assert usual.sigma[3:].max() < 1e-3
+    assert np.linalg.norm(beyond.sigma[3:]) == pytest.approx(0.03, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_offset_is_not_searched_in_the_noise_of_what_does_not_turn(seed: int) -> None:
+    """A gantry: the correlation of two noises is largest anywhere."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 30.0, 0.005)
+    along, rates = rng.uniform(0.1, 0.4, 3), rng.uniform(1.0, 4.0, 3)
+    positions = along * np.sin(rates * t[:, None])
+    pushed = -along * rates**2 * np.sin(rates * (t[:, None] - 0.01)) + [0.0, 0.0, GRAVITY]
+    found = ic.calibrate_arrays(
+        t=t,
+        gyro=rng.normal(size=(len(t), 3)) * 1e-3,
+        accel=pushed + rng.normal(size=(len(t), 3)) * 1e-2,
+        pose_t=t,
+        positions=positions,
+        quaternions_xyzw=np.array([0.0, 0.0, 0.0, 1.0]) + 1e-7 * rng.normal(size=(len(t), 4)),
+    )
+    assert found.time_offset == pytest.approx(0.01, abs=2e-3)
+    assert np.abs(found.R - np.eye(3)).max() < 5e-3
+    assert "window.noisy" not in {each.code for each in found.estimate.findings}
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(2)))

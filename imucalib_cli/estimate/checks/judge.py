@@ -12,6 +12,7 @@ from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.model.unknowns import (
+    SCALES,
     SENSORS,
     Clock,
     JointCurve,
@@ -126,8 +127,8 @@ def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
     For noise of the kinematics, dependence on the window, scatter of the log's parts, a change,
-    skewed axes, or a turn between the sensors' axes that no data sheet allows; and for what a
-    negative value of an entry that has none stands for.
+    skewed axes, or a turn between the sensors' axes beyond data sheets; and for what a negative
+    value of an entry that has none stands for.
     """
     fit, change = evidence.fit, evidence.change
     added = np.diag(np.repeat((fit.noise_error**2, _off_square(fit)), 3))
@@ -141,7 +142,8 @@ def of_findings(evidence: Evidence) -> Floats:
             differences.append(other.changes[fit.layout.pose])
     for each, reading in fit.layout.of(Reading):
         # The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
-        if reading.turns and (np.abs(fit.value(each)) > each.unknown.healthy).any():
+        scale = SCALES.get(each.unknown.scale or "")
+        if reading.turns and scale and (np.abs(fit.value(each)) > scale.high).any():
             differences.append(_moves(fit, each))
     if change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.

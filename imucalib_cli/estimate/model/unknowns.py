@@ -507,7 +507,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         labels=_XYZ,
         unit="rad",
         scale="sensor_turn",
-        healthy=0.02,
+        healthy=0.05,
         effect=Reading("gyro", lambda s, mixing: s.gyro @ mixing, skew(np.eye(3)), turns=True),
         words="rotation of the gyroscope's axes relative to the accelerometer's",
     ),
