@@ -70,7 +70,7 @@ def test_axes_turned_beyond_data_sheets_are_in_sigma() -> None:
     )
     assert usual.covered
     assert usual.sigma[3:].max() < 1e-3
-    assert np.linalg.norm(beyond.sigma[3:]) == pytest.approx(0.03, rel=0.05)
+    assert np.linalg.norm(beyond.sigma[3:]) == pytest.approx(0.03, rel=0.1)
 
 
 @pytest.mark.parametrize("seed", range(3))
