@@ -137,9 +137,13 @@ def of_findings(evidence: Evidence) -> Floats:
     differences = [] if worst is None else [worst.difference]
     for each, _, other in _too_large(fit, evidence.dependence):
         if other is None and _is_below(fit, each):
-            differences.append(_moves(fit, each))
+            if not isinstance(each.unknown.effect, JointCurve):
+                differences.append(_moves(fit, each))
         elif other is not None and worst is None:
             differences.append(other.changes[fit.layout.pose])
+    for each, _ in fit.layout.of(JointCurve):
+        if _is_below(fit, each) and _is_clear(fit, each):
+            differences.append(_moves(fit, each))
     for each, reading in fit.layout.of(Reading):
         # The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
         scale = SCALES.get(each.unknown.scale or "")
@@ -420,8 +424,10 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 yield make("bias.unusual", name=unknown.name, size=size)
         elif part.start in too_large:
             worst, other = too_large[part.start]
-            # A negative one is something else that looks like it, jitter of stamps for example.
-            doubt = other is None and not unknown.harmless and not below
+            # A negative one is something else that looks like it, jitter of stamps for example; of
+            # a joint it is motion of the link that the joint does not report.
+            elsewhere = below and not isinstance(unknown.effect, JointCurve)
+            doubt = other is None and not unknown.harmless and not elsewhere
             make = untrusted if doubt else warning
             own = np.sqrt(np.diag(answer.covariance)[part])
             values, stds = _as_stated(unknown, value, own)
@@ -465,6 +471,12 @@ def _is_below(answer: Answer, each: Placed) -> bool:
     """Whether an error is negative that cannot be."""
     # The first three are along the axes: others of a positive matrix have either sign.
     return each.unknown.positive and bool(answer.value(each)[:3].sum() < 0.0)
+
+
+def _is_clear(answer: Answer, each: Placed) -> bool:
+    """Whether an error stands clear of its sigma."""
+    std = np.sqrt(np.diag(answer.covariance)[each.part])
+    return bool((np.abs(answer.value(each)) > DISTRUST_SIGMAS * std).any())
 
 
 def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:
