@@ -133,30 +133,40 @@ def of_findings(evidence: Evidence) -> Floats:
     fit, change = evidence.fit, evidence.change
     added = np.diag(np.repeat((fit.noise_error**2, _off_square(fit)), 3))
     added += (evidence.scatter - 1.0) * fit.pose_covariance
-    worst = evidence.hangs_most
-    differences = [] if worst is None else [worst.difference]
-    for each, _, other in _too_large(fit, evidence.dependence):
-        if other is None and _is_below(fit, each):
-            if not isinstance(each.unknown.effect, JointCurve):
-                differences.append(_moves(fit, each))
-        elif other is not None and worst is None:
-            differences.append(other.changes[fit.layout.pose])
-    for each, _ in fit.layout.of(JointCurve):
-        if _is_below(fit, each) and _is_clear(fit, each):
-            differences.append(_moves(fit, each))
-    for each, reading in fit.layout.of(Reading):
-        # The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
-        scale = SCALES.get(each.unknown.scale or "")
-        if reading.turns and scale and (np.abs(fit.value(each)) > scale.high).any():
-            differences.append(_moves(fit, each))
-    if change is not None:
-        # The truth is with one part or the other, the estimate with one of them or between them.
-        differences.append(change.moves_pose)
-        if change.kind == "mount":
-            added += np.diag(change.std**2)
-    added += sum((np.outer(each, each) for each in differences), np.zeros((6, 6)))
+    if change is not None and change.kind == "mount":
+        added += np.diag(change.std**2)
+    for difference in _differences(evidence):
+        added += np.outer(difference, difference)
     moving = np.diag(fit.pose_covariance) > 0.0  # what is held is as stated
     return np.asarray(added * np.outer(moving, moving))
+
+
+def _differences(evidence: Evidence) -> Iterator[Floats]:
+    """(6,) each, to other poses that the log does not exclude."""
+    fit, worst, too_large = evidence.fit, evidence.hangs_most, set()
+    if worst is not None:
+        yield worst.difference
+    for each, _, other in _too_large(fit, evidence.dependence):
+        if other is None:
+            too_large.add(each.part.start)
+        elif worst is None:
+            yield other.changes[fit.layout.pose]
+    for each in fit.layout.placed:
+        effect, scale = each.unknown.effect, SCALES.get(each.unknown.scale or "")
+        # Below zero it is something else that looks like it.
+        doubt = _is_below(fit, each) and (
+            each.part.start in too_large
+            or (isinstance(effect, JointCurve) and _is_clear(fit, each))
+        )
+        if isinstance(effect, Reading) and effect.turns and scale is not None:
+            # The pose is the accelerometer's; by the gyroscope it is another, and either may be
+            # wrong.
+            doubt = bool((np.abs(fit.value(each)) > scale.high).any())
+        if doubt:
+            yield _moves(fit, each)
+    if evidence.change is not None:
+        # The truth is with one part or the other, the estimate with one of them or between them.
+        yield evidence.change.moves_pose
 
 
 def _off_square(answer: Answer) -> float:
