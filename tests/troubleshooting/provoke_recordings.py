@@ -382,7 +382,7 @@ ROBOT: dict[str, Provocation] = {
     "robot-stands-still": silent(15.0, 17.5),
     "robot-stands-still-most": silent(10.0, 24.1),
     "model-not-noise": loose(0.001),
-    "not-what-taken-for": loose(0.01, period=0.9),
+    "not-what-taken-for": loose(0.01, period=1.2),
     "other-motion": positions(
         lambda t, _: np.sin(t[:, None] * (0.7, 0.9, 1.1, 0.8, 1.3, 0.6) + np.arange(6.0))
     ),

@@ -109,6 +109,11 @@ class Evidence:
         return self.change is not None and self.change.kind == "mount"
 
     @property
+    def too_noisy(self) -> bool:
+        """Whether the window is far too short for the noise of the kinematics."""
+        return self.fit.noise_error > DISTRUST_SIGMAS * self.fit.seen_noise.std
+
+    @property
     def scatter(self) -> float:
         """Variance by which parts of the log scatter over what the model explains; 1 by chance."""
         parts = self.consistency
@@ -190,7 +195,7 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     found = [] if wrong is None else [wrong]
     if wrong is None:  # else something that looks like the wrong value has taken it up
         found += _changed(evidence)
-    misled = bool(wrong) or evidence.mount_moved
+    misled = bool(wrong) or evidence.mount_moved or evidence.too_noisy
     found += [*_unexplained(evidence), *of_answer(evidence.fit, log, misled=misled)]
     found += [*_window(evidence), *_parts(evidence)]
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
@@ -205,8 +210,8 @@ def of_answer(
 ) -> Iterator[Finding]:
     """Findings that depend on the unknowns and their priors alone.
 
-    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong or the
-    mount moved, which errors of robot and sensor then take up.
+    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong, the
+    mount moved or the window is far too short, which errors of robot and sensor then take up.
     """
     if not misled:
         yield from _errors(answer, log)
@@ -350,7 +355,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     """A window too short for the noise, or an answer that depends on it, which nothing explains."""
     error, seconds = evidence.fit.noise_error, evidence.attempt.window.seconds
     if error > 0.0:
-        make = untrusted if error > DISTRUST_SIGMAS * evidence.fit.seen_noise.std else warning
+        make = untrusted if evidence.too_noisy else warning
         yield make("window.noisy", seconds=seconds, error=error)
     worst = evidence.hangs_most
     if worst is not None:
