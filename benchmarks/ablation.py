@@ -33,7 +33,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "joint axes": ("joint_axis",),
     "joint curves": (
         *("joint_harmonic", "joint_second_harmonic", "joint_gain"),
-        *("joint_lag", "joint_play", "joint_sag"),
+        *("joint_lag", "joint_filter", "joint_play", "joint_sag"),
     ),
     "sensor scales": ("accel_scale", "gyro_scale"),
     "gyroscope's axes": ("gyro_misalignment",),

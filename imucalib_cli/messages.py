@@ -291,9 +291,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "recordings (up to {translation:mm.2g} and {rotation:deg.2g}): sigma includes this scatter; "
     "more logs reduce it",
     # The fit.
-    "fit.unsettled": "the solution does not settle: it still changes from step to step, as where "
-    "the model does not fit: check parent link, units and stamps, choose a longer --window, or use "
-    "another part of the log (--from, --to)",
+    "fit.unsettled": "the solution does not settle: it still changes from step to step, which "
+    "happens if the model does not fit: check parent link, units and stamps, choose a longer "
+    "--window, or use another part of the log (--from, --to)",
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation remains unexplained): is this the right parent link, URDF and joint topic[, "
     "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",

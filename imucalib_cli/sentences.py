@@ -90,8 +90,10 @@ _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "rates": _rates,
     "/": lambda value, other: f"{value / other:.2g}",
     "cure": lambda name, negative: (
-        "it bends under gravity, differently in each pose, or the base sways, which looks like it; "
-        "stiffen mount and base, or record slower motion"
+        "a link that sways in its bearing, unseen by the encoder, looks like it; tighten it"
+        if name == "joint_filter" and negative
+        else "it bends under gravity, differently in each pose, or the base sways, which looks "
+        "like it; stiffen mount and base, or record slower motion"
         if name == "mount_give" and not negative
         else "check units, ranges, axes and the URDF"
     ),
@@ -217,6 +219,7 @@ def unknown_found(
     translation: float,
     rotation: float,
     like: str = "",
+    in_sigma: bool = False,
 ) -> str:
     """An unknown that is significant, and has been corrected."""
     of_base, name = name.startswith(_OF_BASE), name.removeprefix(_OF_BASE)
@@ -235,7 +238,7 @@ def unknown_found(
     remedy = _REMEDIES.get(name, "")
     return (
         f"{words} {what}: corrected here, which moves the pose by {translation * 1e3:.2g} mm and "
-        f"{math.degrees(rotation):.2g} deg"
+        f"{math.degrees(rotation):.2g} deg{', which sigma includes' if in_sigma else ''}"
         f"{f'; it may also be the {like}, which looks the same' if like else ''}"
         f"{f'; {remedy}' if remedy else ''}"
     )

@@ -52,7 +52,8 @@ _OF_UNIT: Final = frozenset(
         "windows.motion_left_out",
     }
 )
-"""Findings that a wrong unit of the accelerometer causes; otherwise the fit's gravity shows it."""
+"""Findings that a wrong unit of the accelerometer causes. Without them, the gravity of the fit
+shows that the unit is right."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -309,7 +309,7 @@ def _motion(track: CleanTrack, reach: int, t: Floats) -> tuple[Floats, ...]:
     """Values, rates and their changes, by differences over ``reach`` samples on either side."""
     reach = max(reach, 1)
     first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
-    around = reach + MIN_TRACK_SAMPLES
+    around = 2 * reach + MIN_TRACK_SAMPLES
     part = slice(max(first - around, 0), min(last + around, len(track.t)))
     stamps, values, index = track.t[part], track.values[part], np.arange(len(track.t[part]))
     later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)

@@ -73,9 +73,12 @@ def test_axes_turned_beyond_data_sheets_are_in_sigma() -> None:
     assert np.linalg.norm(beyond.sigma[3:]) == pytest.approx(0.03, rel=0.1)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_offset_is_not_searched_in_the_noise_of_what_does_not_turn(seed: int) -> None:
-    """A gantry: the correlation of two noises is largest anywhere."""
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("turning", "seconds"), [(1e-7, 1e-3), (1e-4, 6e-3)])
+def test_offset_is_not_searched_in_the_noise_of_what_does_not_turn(
+    seed: int, turning: float, seconds: float
+) -> None:
+    """A gantry, with noise in its quaternions: the correlation of noises is largest anywhere."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 30.0, 0.005)
     along, rates = rng.uniform(0.1, 0.4, 3), rng.uniform(1.0, 4.0, 3)
@@ -87,11 +90,13 @@ def test_offset_is_not_searched_in_the_noise_of_what_does_not_turn(seed: int) ->
         accel=pushed + rng.normal(size=(len(t), 3)) * 1e-2,
         pose_t=t,
         positions=positions,
-        quaternions_xyzw=np.array([0.0, 0.0, 0.0, 1.0]) + 1e-7 * rng.normal(size=(len(t), 4)),
+        quaternions_xyzw=np.array([0.0, 0.0, 0.0, 1.0]) + turning * rng.normal(size=(len(t), 4)),
     )
-    assert found.time_offset == pytest.approx(0.01, abs=2e-3)
-    assert np.abs(found.R - np.eye(3)).max() < 5e-3
-    assert "window.noisy" not in {each.code for each in found.estimate.findings}
+    assert found.time_offset == pytest.approx(0.01, abs=seconds)
+    if turning < 1e-6:
+        assert np.abs(found.R - np.eye(3)).max() < 5e-3
+        codes = {each.code for each in found.estimate.findings}
+        assert codes.isdisjoint({"window.noisy", "fit.unsettled"})
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(2)))

@@ -132,8 +132,8 @@ def of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
     For noise of the kinematics, dependence on the window, scatter of the log's parts, a change,
-    skewed axes, or a turn between the sensors' axes beyond data sheets; and for what a negative
-    value of an entry that has none stands for.
+    skewed axes, or a turn between the sensors' axes beyond data sheets; and for errors that look
+    like a negative value of an entry that cannot be negative.
     """
     fit, change = evidence.fit, evidence.change
     added = np.diag(np.repeat((fit.noise_error**2, _off_square(fit)), 3))
@@ -157,17 +157,12 @@ def _differences(evidence: Evidence) -> Iterator[Floats]:
         elif worst is None:
             yield other.changes[fit.layout.pose]
     for each in fit.layout.placed:
-        effect, scale = each.unknown.effect, SCALES.get(each.unknown.scale or "")
         # Below zero it is something else that looks like it.
-        doubt = _is_below(fit, each) and (
+        below = _is_below(fit, each) and (
             each.part.start in too_large
-            or (isinstance(effect, JointCurve) and _is_clear(fit, each))
+            or (isinstance(each.unknown.effect, JointCurve) and _is_clear(fit, each))
         )
-        if isinstance(effect, Reading) and effect.turns and scale is not None:
-            # The pose is the accelerometer's; by the gyroscope it is another, and either may be
-            # wrong.
-            doubt = bool((np.abs(fit.value(each)) > scale.high).any())
-        if doubt:
+        if below or _turns_too_far(fit, each):
             yield _moves(fit, each)
     if evidence.change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them.
@@ -478,6 +473,7 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
             stds=tuple(stds.tolist()),
             seconds=seconds,
             **_lengths(moves),
+            in_sigma=_turns_too_far(answer, each),
             like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
         )
 
@@ -489,9 +485,20 @@ def _is_below(answer: Answer, each: Placed) -> bool:
 
 
 def _is_clear(answer: Answer, each: Placed) -> bool:
-    """Whether an error stands clear of its sigma."""
-    std = np.sqrt(np.diag(answer.covariance)[each.part])
-    return bool((np.abs(answer.value(each)) > DISTRUST_SIGMAS * std).any())
+    """Whether an error is clear, and large enough to be told."""
+    size, std = np.abs(answer.value(each)), np.sqrt(np.diag(answer.covariance)[each.part])
+    return bool(((size > DISTRUST_SIGMAS * std) & (size >= each.unknown.least)).any())
+
+
+def _turns_too_far(answer: Answer, each: Placed) -> bool:
+    """Whether the axes of the two sensors differ by more than any data sheet allows.
+
+    The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
+    """
+    effect, scale = each.unknown.effect, each.unknown.scale
+    if not isinstance(effect, Reading) or not effect.turns or scale is None:
+        return False
+    return bool((np.abs(answer.value(each)) > SCALES[scale].high).any())
 
 
 def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:

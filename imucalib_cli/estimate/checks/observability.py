@@ -9,6 +9,7 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
+from imucalib_cli.estimate.solution.fit import DETERMINED
 from imucalib_cli.estimate.solution.spectrum import inverse_of, inverse_with_priors
 
 if TYPE_CHECKING:
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import Answer
 
 
-_LIMIT: Final = 0.05
-"""m and rad: a direction with a larger sigma counts as unknown."""
 _WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.effect, Mount)}
 """m and rad: prior of any mount."""
 _LEVEL: Final = "; or state that the base is level (--gravity fixed, or --tilt-std)"
@@ -53,7 +52,7 @@ def undetermined(answer: Answer) -> Bools:
     """(6,), components of the mount that the motion does not show, whatever is stated of them."""
     places = answer.layout.pose
     std = np.sqrt(np.diag(excitation(answer, everything=True))[places])
-    return np.asarray(std > _LIMIT)
+    return np.asarray(std > DETERMINED)
 
 
 def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
@@ -117,7 +116,7 @@ def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Flo
         u = turn.direction_parent
         plane = np.eye(3) - np.outer(u, u)
         size = float(np.linalg.eigvalsh(plane @ covariance[:3, :3] @ plane)[-1])
-        if size > _LIMIT**2:
+        if size > DETERMINED**2:
             wide[:3, :3] += size * plane
     return wide
 
@@ -131,12 +130,12 @@ def _beyond(
     """Eigen-directions of one kind beyond its limit, the least known first."""
     part = _PARTS[kind]
     blocks = [matrix[part, part] for matrix in (covariance, excitation)]
-    if max(np.linalg.eigvalsh(block)[-1] for block in blocks) <= _LIMIT**2:
+    if max(np.linalg.eigvalsh(block)[-1] for block in blocks) <= DETERMINED**2:
         return []
     values, vectors = np.linalg.eigh(max(blocks, key=lambda block: float(np.trace(block))))
     found = []
     for variance, direction in zip(values[::-1], vectors.T[::-1], strict=True):
-        if variance <= _LIMIT**2:
+        if variance <= DETERMINED**2:
             break
         std, axis = float(np.sqrt(variance)), _readable(direction)
         found.append(

@@ -107,7 +107,7 @@ class JointMotion:
     position: Floats
     """(M,), rad or m."""
     rate: Floats
-    """(M,), smoothed over some samples, as the next."""
+    """(M,), smoothed over some samples, as ``change``."""
     change: Floats
     """(M,), of the rate, rad/s² or m/s²."""
     load: Floats
@@ -580,8 +580,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="joint_lag",
         unit="s",
         scale="joint_lag",
-        # A cycle of a slow controller. From there on its second order, of which no column knows,
-        # is more than the zeros of an ordinary arm are off.
+        # A cycle of a slow controller.
         healthy=0.01,
         effect=JointCurve(lambda m: m.rate[None]),
         words="delay of a joint's position",
@@ -592,6 +591,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="joint_filter",
         healthy=1e-3,
         effect=JointCurve(lambda m: -m.change[None]),
+        least=5e-5,  # less may be the second order of a delay, up to the largest that is sound
         positive=True,
         words="low-pass filter of a joint's position, in addition to its delay",
     ),

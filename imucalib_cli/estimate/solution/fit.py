@@ -78,8 +78,8 @@ _SETTLED: Final = 0.1
 WRONG: Final = 50.0
 """Ratio of residuals to the known noise from which the equations, not their parameters, are
 wrong."""
-_KNOWN: Final = 1.0
-"""m: a coordinate that is known to less is not determined."""
+DETERMINED: Final = 0.05
+"""m or rad: a component with a larger sigma counts as not determined."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
@@ -151,7 +151,7 @@ class Fit(Answer):
     runner_up_rise: float
     """Rise of chi-squared at the best other rotation; inf where there is none."""
     settled: bool
-    """Whether the last step was small."""
+    """Whether the last step of all that is determined was small."""
     beside: tuple[Floats, Floats]
     """Information (n, n) and score (n,) from other sources than the windows."""
 
@@ -170,7 +170,7 @@ class Fit(Answer):
         """What it shows of the kinematics' noise."""
         variances = np.diag(self.pose_covariance)[:3]
         # Neither what is held nor what nothing but the prior tells.
-        moving = variances[(variances > 0.0) & (variances < _KNOWN**2)]
+        moving = variances[(variances > 0.0) & (variances < DETERMINED**2)]
         return SeenNoise.of(
             0.0 if self.over_noise[1] > WRONG else self._rate_noise,
             self.model.windowing,
@@ -422,8 +422,8 @@ def _fitted(
         scales = np.maximum(own, SCALE_FLOOR)
         least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
         if not turn:  # poses that were computed with the IMU have less noise than its readings
-            white = windowing.noise * np.sqrt(windowing.grid.refine)
-            noise = NoiseSpectrum.white(np.minimum(white, scales / windowing.plan.gains))
+            of_readings = windowing.noise * np.sqrt(windowing.grid.refine)
+            noise = NoiseSpectrum.white(np.minimum(of_readings, scales / windowing.plan.gains))
         falls = (scales / before).min() < 0.9  # a right model far less
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
@@ -448,10 +448,8 @@ def _fitted(
             left = levels * (white**2)[:, None]
             noise = NoiseSpectrum.of(model, x, frequency, left, stats.heard)
             level = max(_level(stats, layout, levels, inverse), least_level)
-        sigmas = np.abs(step) / np.sqrt(np.diag(inverse))
-        # The error after a step is of second order: its ratio to the step is bent.
-        bent = float((np.abs(step) / curvature[layout.free]).max(initial=0.0))
-        settled = sigmas.max(initial=0.0) * bent < _SETTLED
+        std = np.sqrt(np.diag(inverse))
+        settled = _error_after(step, std, curvature[layout.free]) < _SETTLED
         all_heard = more == 1 or len(centres) == len(every)
         if turn == _PASSES - 1 or (turn and settled and all_heard):
             break
@@ -460,6 +458,7 @@ def _fitted(
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
         state = admitted(state.moved(layout, step), layout, options)
+    known = std < DETERMINED
     equations = NormalEquations(
         layout=layout,
         at=state,
@@ -481,9 +480,15 @@ def _fitted(
         weights=weights,
         residual_scales=scales,
         runner_up_rise=rise,
-        settled=settled,
+        settled=_error_after(step[known], std[known], curvature[layout.free][known]) < _SETTLED,
         beside=beside,
     )
+
+
+def _error_after(step: Floats, std: Floats, curvature: Floats) -> float:
+    """Sigmas, largest error after a step: it is of second order, and its ratio to the step bent."""
+    bent = float((np.abs(step) / curvature).max(initial=0.0))
+    return float((np.abs(step) / std).max(initial=0.0)) * bent
 
 
 def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:

@@ -243,8 +243,8 @@ class Reduced:
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """As :meth:`Problem.along`.
 
-        Another prior changes the likelihood by its mean ratio to the one before over the posterior,
-        which is that of the few components that share the scale.
+        The likelihood changes by the mean, over the posterior, of the ratio of the new prior to the
+        old. Only the few components that share the scale count.
         """
         step, inverse = self.solve(u)
         mean, found = self.offset + step, []
