@@ -84,18 +84,20 @@ _FORMS: dict[str, Callable[[Any], str]] = {
     }.__getitem__,
     "sound": {"accelerometer": "point up at rest", "gyroscope": "be right-handed"}.__getitem__,
 }
+_CURES = {
+    ("joint_filter", True): "a link that sways in its bearing, unseen by the encoder, looks like "
+    "it; tighten it",
+    ("mount_give", False): "it bends under gravity, differently in each pose, or the base sways, "
+    "which looks like it; stiffen mount and base, or record slower motion",
+}
+"""Of an error that is too large, by its name and whether it is negative."""
 _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
     "±": with_std,
     "apart": _apart_from,
     "rates": _rates,
     "/": lambda value, other: f"{value / other:.2g}",
-    "cure": lambda name, negative: (
-        "a link that sways in its bearing, unseen by the encoder, looks like it; tighten it"
-        if name == "joint_filter" and negative
-        else "it bends under gravity, differently in each pose, or the base sways, which looks "
-        "like it; stiffen mount and base, or record slower motion"
-        if name == "mount_give" and not negative
-        else "check units, ranges, axes and the URDF"
+    "cure": lambda name, negative: _CURES.get(
+        (name, bool(negative)), "check units, ranges, axes and the URDF"
     ),
     "before": lambda value, std: str(max(math.floor(value - std), 0)),
     "after": lambda value, std: str(math.ceil(value + std)),

@@ -79,11 +79,13 @@ class Together:
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """As :meth:`Problem.along`."""
         heights = self.problem(u).along(u[:-2], tried[:-2])
-        for index in (-2, -1):
-            each = np.repeat(u[None], len(tried[index]), axis=0)
-            each[:, index] = tried[index]
-            heights.append(np.array([self.likelihood(one) for one in each]))
-        return heights
+        return [*heights, *(self.along_scatter(u, index, tried[index]) for index in (-2, -1))]
+
+    def along_scatter(self, u: Floats, index: int, values: Floats) -> Floats:
+        """(v,), log marginal likelihoods of values (v,) of one scatter, the others as in ``u``."""
+        each = np.repeat(u[None], len(values), axis=0)
+        each[:, index] = values
+        return np.array([self.likelihood(one) for one in each])
 
     def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.posterior`, of the m shared components."""
@@ -214,10 +216,7 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
         for index in (0, 1):
             least, most = logs.scatter_bounds[index].tolist()
             tried = np.linspace(least, most, _TRIED)
-            heights = np.empty(_TRIED)
-            for place, value in enumerate(tried):
-                u[index - 2] = value
-                heights[place] = logs.likelihood(u)
+            heights = logs.along_scatter(u, index - 2, tried)
             best = int(np.argmax(heights))
             u[index - 2] = tried[best]
             # Values less likely by a factor of e^12 are left out.

@@ -22,7 +22,11 @@ import numpy as np
 from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.estimate.model.windows import odd_length, shortest_length
 from imucalib_cli.estimate.solution.robust import COMMON_IMU
-from imucalib_cli.signals.kernels import matched_filter
+from imucalib_cli.signals.kernels import (
+    first_derivative_gain,
+    matched_filter,
+    second_derivative_gain,
+)
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
@@ -125,7 +129,7 @@ class SeenNoise:
         """By the variance that a fit leaves of the gyroscope's components in windows, (rad/s)²."""
         left = max(rate_variance - float(own_noise(windowing)[1]) ** 2, 0.0)
         return cls(
-            rotation=left / (_rate_gain(windowing.seconds) / 6.0),
+            rotation=left / (first_derivative_gain(windowing.seconds) / 6.0),
             lever=lever,
             std=std,
             turning=lever_power(windowing.grid, windowing.trajectory),
@@ -139,7 +143,7 @@ class SeenNoise:
         rates.
         """
         share = second_derivative_gain(seconds) * self.rotation
-        by_gravity = STANDARD_GRAVITY * _rate_gain(seconds) * self.rotation
+        by_gravity = STANDARD_GRAVITY * first_derivative_gain(seconds) * self.rotation
         # The power contains the noise too; where that is nearly all of it, the rest is uncertain.
         noise = second_derivative_gain(_LENGTHS[0]) * self.rotation
         turning = max(self.turning - noise, 0.1 * self.turning)
@@ -157,36 +161,23 @@ def kinematic_variance(seconds: float, trajectory: Trajectory) -> tuple[float, f
     """Variance of a window by noise of the kinematics, (m/s²)² and (rad/s)²."""
     rotation, position = kinematic_noise(trajectory)
     base, swung = trajectory.base_readings, 0.0
-    gain = _rate_gain(seconds)
+    gain = first_derivative_gain(seconds)
     if base is not None:  # two axes are across an arm
         swung = _ARM**2 * (2.0 * gain * base.noise[1] ** 2 * base.dt)
     # Three angles are in the nine elements of R.
     return second_derivative_gain(seconds) * position + swung, gain * rotation / 6.0
 
 
-def _rate_gain(seconds: float) -> float:
-    """Variance of a first derivative over a window, per variance times sample interval, 1/s³."""
-    return 12.0 / seconds**3
-
-
-def second_derivative_gain(seconds: float) -> float:
-    """Variance of a second derivative over a window, per variance times sample interval, 1/s⁵."""
-    return 720.0 / seconds**5
-
-
 def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
     """Variance times interval of R_world_parent's nine elements, s, and of p, m² s."""
-    rotation = position = 0.0
+    position = 0.0
     for track, kind in zip(trajectory.tracks, trajectory.path.tracks, strict=True):
         variance = track.moving_variance
         if kind.kind == "joints":
-            rotation += 2.0 * float(variance.sum()) * track.interval
             position += _ARM**2 * float(variance.sum()) * track.interval
         else:
-            # A quaternion's error is half the angle's; each angle fills two units of |dR|².
-            rotation += 2.0 * 4.0 * float(variance[3:].sum()) * track.interval
             position += float(variance[:3].sum()) * track.interval
-    return rotation, position
+    return 2.0 * trajectory.angle_noise, position  # each angle fills two units of |dR|²
 
 
 def lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:

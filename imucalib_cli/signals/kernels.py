@@ -142,3 +142,13 @@ def convolve_at(values: Floats, weights: Floats, first: Indices) -> Floats:
     step = int(np.gcd.reduce(np.diff(first))) if len(first) > 1 else 1
     windows = sliding_window_view(values, len(weights), axis=0)[first[0] : first[-1] + 1 : step]
     return np.asarray((windows @ weights)[(first - first[0]) // step])
+
+
+def first_derivative_gain(seconds: float) -> float:
+    """Variance of a first derivative over a window, per variance times sample interval, 1/s³."""
+    return 12.0 / seconds**3
+
+
+def second_derivative_gain(seconds: float) -> float:
+    """Variance of a second derivative over a window, per variance times sample interval, 1/s⁵."""
+    return 720.0 / seconds**5

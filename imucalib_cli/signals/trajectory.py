@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -197,6 +197,15 @@ def _changes(values: Floats) -> Indices:
     return np.flatnonzero(~same)
 
 
+class TrackMotion(NamedTuple):
+    """Arrays (M, J) of each track; rates and changes are smoothed over some samples."""
+
+    values: tuple[Floats, ...]
+    rates: tuple[Floats, ...]
+    changes: tuple[Floats, ...]
+    """Of the rates."""
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """T_world_parent(t), interpolated in the values of each track."""
@@ -246,6 +255,17 @@ class Trajectory:
         return next((track.readings for track in self.tracks if track.readings is not None), None)
 
     @property
+    def angle_noise(self) -> float:
+        """Variance times interval of the samples' noise in all angles together, rad² s."""
+        density = 0.0
+        for track, described in zip(self.tracks, self.path.tracks, strict=True):
+            variance = track.moving_variance
+            # A quaternion's error is half the angle's.
+            angles = variance if described.kind == "joints" else 4.0 * variance[3:]
+            density += float(angles.sum()) * track.interval
+        return density
+
+    @property
     def interval(self) -> float:
         """Median interval of the slowest track, s."""
         return max((track.interval for track in self.tracks), default=0.0)
@@ -280,16 +300,13 @@ class Trajectory:
             lagrange(track.t, track.values, t, breaks=track.breaks) for track in self._used
         )
 
-    def motion(self, t: Floats) -> tuple[tuple[Floats, ...], ...]:
-        """Values of each track at instants (M,), s, their rates, and the changes of these.
-
-        Both are smoothed over some samples.
-        """
+    def motion(self, t: Floats) -> TrackMotion:
+        """How each track moves at instants (M,), s."""
         found = [
             _motion(track, round(_RATE_SECONDS / stamped.interval), t)
             for track, stamped in zip(self._used, self.tracks, strict=True)
         ]
-        return tuple(tuple(each[kind] for each in found) for kind in range(3))
+        return TrackMotion(*(tuple(each[kind] for each in found) for kind in range(3)))
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
+    from imucalib_cli.signals.trajectory import TrackMotion
 
     Channels = defaultdict[str, list[tuple[slice, Floats]]]
     """Effects of unknowns along the nodes, world axes: components, and their changes (n, 3, M) of
@@ -138,8 +139,8 @@ class _Nodes:
     """(3, M), ideal specific force, world axes."""
     frames: tuple[tuple[Floats, Floats], ...]
     """(3, 3, M) and (3, M) each."""
-    motion: tuple[tuple[Floats, ...], ...]
-    """Values of every track, errors removed, their rates, and the changes of these."""
+    motion: TrackMotion
+    """With the errors of its values removed."""
     loads: dict[str, Floats]
     """(M,) each, Nm/kg, of joints that may bend."""
     path: KinematicPath
@@ -190,7 +191,7 @@ class _Nodes:
         for index, (turn, shift, _) in self.joint_twists.items():
             step = self.path.steps[index]
             if index >= behind and isinstance(step, JointStep):
-                rate = self.motion[1][step.track][:, step.column]
+                rate = self.motion.rates[step.track][:, step.column]
                 turning, moving = turning + rate * turn, moving + rate * shift
         return turning, moving
 
@@ -393,7 +394,7 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         model.robot_times(stamps, model.shifts(state)[1])
     )
     motion = chain.motion(t)
-    frames = tuple((R.transpose(1, 2, 0), p.T) for R, p in chain.path.frames(motion[0]))
+    frames = tuple((R.transpose(1, 2, 0), p.T) for R, p in chain.path.frames(motion.values))
     R, p = frames[-1]
     lever = np.matmul(state.t, R)
     accel = model.less_errors(state, samples, "accel")

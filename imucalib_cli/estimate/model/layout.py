@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
-    from imucalib_cli.signals.trajectory import Trajectory
+    from imucalib_cli.signals.trajectory import TrackMotion, Trajectory
 
 E = TypeVar("E")
 
@@ -56,8 +56,8 @@ class Joint:
     steps: tuple[int, ...]
     sliding: bool
 
-    def of(self, motion: Sequence[tuple[Floats, ...]], loads: Mapping[str, Floats]) -> JointMotion:
-        """Its part of the positions, rates and changes of all tracks."""
+    def of(self, motion: TrackMotion, loads: Mapping[str, Floats]) -> JointMotion:
+        """Its part of the motion of all tracks."""
         q, rate, change = (each[self.track][:, self.column] for each in motion)
         return JointMotion(q, rate, change, loads.get(self.name, rate))
 

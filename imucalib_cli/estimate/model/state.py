@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.samples import Sensor
-    from imucalib_cli.signals.trajectory import Trajectory
+    from imucalib_cli.signals.trajectory import TrackMotion, Trajectory
 
 _MINUTE = 60.0
 """s: a gyroscope whose bias is known to a milliradian in ten seconds keeps level so long, and a
@@ -136,20 +136,20 @@ class Chain:
         """Values of every track, errors removed."""
         if not self.curves:
             return self._corrected(self.trajectory.values(t), t)
-        return self.motion(t)[0]
+        return self.motion(t).values
 
-    def motion(self, t: Floats) -> tuple[tuple[Floats, ...], ...]:
-        """Values of every track, errors removed, their rates, and the changes of these."""
-        values, rates, changes = self.trajectory.motion(t)
-        reported = tuple(each.copy() for each in values) if self.curves else values
+    def motion(self, t: Floats) -> TrackMotion:
+        """How every track moves, with the errors of its values removed."""
+        motion = self.trajectory.motion(t)
+        values = tuple(each.copy() for each in motion.values) if self.curves else motion.values
         bends = any(curve.loaded for _, curve, _ in self.curves)
         loads = self.loads.at(t) if bends else {}
         motions: dict[str, JointMotion] = {}
         for joint, curve, size in self.curves:
             if joint.name not in motions:
-                motions[joint.name] = joint.of((reported, rates, changes), loads)
+                motions[joint.name] = joint.of(motion, loads)
             values[joint.track][:, joint.column] += size @ curve.basis(motions[joint.name])
-        return self._corrected(values, t), rates, changes
+        return motion._replace(values=self._corrected(values, t))
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
         """With errors of the pose streams removed."""

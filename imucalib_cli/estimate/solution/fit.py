@@ -53,9 +53,9 @@ from imucalib_cli.estimate.window_choice import (
     SeenNoise,
     kinematic_noise,
     kinematic_variance,
-    second_derivative_gain,
 )
 from imucalib_cli.robot.rotations import rotation_angle
+from imucalib_cli.signals.kernels import second_derivative_gain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

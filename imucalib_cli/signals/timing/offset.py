@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.signals.kernels import convolve_at, matched_filter
+from imucalib_cli.signals.kernels import convolve_at, first_derivative_gain, matched_filter
 from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.timing.lag import Lag, best_lag
 
@@ -19,7 +19,7 @@ _STEP_SECONDS = 0.005
 """Resolution of the search; the estimator refines the result."""
 _WINDOW_SECONDS = 0.1
 _STILL = (1e-3, 2e-2)
-"""rad/s: no robot turns slower than the first, and none that moves slower than the second."""
+"""rad/s: slower than the first nothing turns, and faster than the second something does."""
 _BLOCK = 1 << 14
 """Steps of the search whose poses are in memory at once."""
 
@@ -63,20 +63,10 @@ def coarse_time_offset(
     measured[inside] = np.linalg.norm(rate, axis=1)
     measured_clean[inside] = all_hold(grid.usable, inner[inside] - half, 2 * half + 1)
     # The best shift of two noises is chance.
-    if derived[clean].max(initial=0.0) < np.clip(5.0 * _rate_noise(trajectory), *_STILL):
+    noise = np.sqrt(first_derivative_gain(_WINDOW_SECONDS) * trajectory.angle_noise)
+    if derived[clean].max(initial=0.0) < np.clip(5.0 * noise, *_STILL):
         return (0.0,), None
     lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
     if lag is None:
         return (0.0,), None
     return tuple(step * each for each in (lag.samples + lag.between, *lag.rivals)), lag
-
-
-def _rate_noise(trajectory: Trajectory) -> float:
-    """rad/s, of one axis of the derived rates: noise of the samples through the window."""
-    density = 0.0
-    for track, described in zip(trajectory.tracks, trajectory.path.tracks, strict=True):
-        variance = track.moving_variance
-        # A quaternion's error is half the angle's.
-        angles = 4.0 * variance[3:] if described.kind == "pose" else variance
-        density += float(angles.sum()) * track.interval
-    return float(np.sqrt(12.0 * density / _WINDOW_SECONDS**3))
