@@ -63,6 +63,8 @@ def joint_path(
             driver, multiplier, offset = drives[joint]
             track, column = columns[driver]
             sign = -1.0 if upwards else 1.0
+            # Passed upwards, a joint carries what is before it, which the URDF hangs on others.
+            mass, centre = (0.0, np.zeros(3)) if upwards else robot.carried(joint, drives)
             motion = JointStep(
                 name=joint.name,
                 kind="prismatic" if joint.kind == "prismatic" else "revolute",
@@ -71,6 +73,8 @@ def joint_path(
                 column=column,
                 multiplier=sign * multiplier,
                 offset=sign * offset,
+                mass=mass,
+                centre=centre,
             )
             step.insert(0 if upwards else 1, motion)
         steps += step

@@ -7,7 +7,7 @@ the same product; only the steps differ.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -62,6 +62,10 @@ class JointStep:
     track: int
     """Index into the path's tracks."""
     column: int
+    mass: float = 0.0
+    """kg, of all that moves with it, up to the next joint of the path; 0 where it is not known."""
+    centre: Floats = field(default_factory=lambda: np.zeros(3))
+    """(3,), of that mass, in the frame behind the joint, m."""
     multiplier: float = 1.0
     """With offset: position = multiplier * value + offset, as in <mimic>."""
     offset: float = 0.0

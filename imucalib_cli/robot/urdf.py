@@ -1,8 +1,8 @@
-"""A URDF as a tree of links and joints, without anything that kinematics do not need.
+"""A URDF as a tree of links and joints, without anything that their motion and load do not need.
 
 Our own check (:mod:`imucalib_cli.robot.urdf_check`) reads the file first and keeps only its
-kinematic elements; yourdfpy parses those. Errors in visuals, meshes, inertias and extensions
-therefore do not matter.
+kinematic elements and sound masses; yourdfpy parses those. Errors in visuals, meshes, inertias and
+extensions therefore do not matter.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 import importlib.util
 import logging
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -29,7 +29,7 @@ from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Container, Iterator
     from pathlib import Path
 
     from imucalib_cli.arrays import Floats
@@ -71,6 +71,8 @@ class Robot:
     root: str
     links: tuple[str, ...]
     joints: tuple[Joint, ...]
+    masses: dict[str, tuple[float, Floats]]
+    """kg, and centre of mass (3,), m, in the link's frame, of links of known mass."""
     sha256: str
     """Of the file's bytes."""
     source: Path | str
@@ -91,6 +93,31 @@ class Robot:
     def joint_above(self) -> dict[str, Joint]:
         """The joint above each link; the root has none."""
         return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def joints_below(self) -> defaultdict[str, list[Joint]]:
+        """The joints below each link."""
+        found: defaultdict[str, list[Joint]] = defaultdict(list)
+        for joint in self.joints:
+            found[joint.parent].append(joint)
+        return found
+
+    def carried(self, joint: Joint, but: Container[Joint]) -> tuple[float, Floats]:
+        """Mass, kg, of the links behind a joint, and its centre (3,), m, in the frame behind it.
+
+        Joints in ``but`` carry links of their own; other joints are taken to stand at zero.
+        """
+        mass, moment = 0.0, np.zeros(3)
+        links = [(joint.child, np.eye(3), np.zeros(3))]
+        for link, R, p in links:  # grows
+            own, centre = self.masses.get(link, (0.0, p))
+            mass, moment = mass + own, moment + own * (p + R @ centre)
+            links += [
+                (each.child, R @ each.R_origin, p + R @ each.p_origin)
+                for each in self.joints_below[link]
+                if each not in but
+            ]
+        return mass, moment / mass if mass else moment
 
     def route(self, start: str, end: str) -> tuple[tuple[Joint, bool], ...]:
         """Joints of any kind between two links, each with whether the path goes up through it.
@@ -205,6 +232,11 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
         root=next(link for link in links if link not in children),
         links=links,
         joints=joints,
+        masses={
+            name: (float(link.inertial.mass), np.array(link.inertial.origin[:3, 3]))
+            for name, link in zip(links, model.robot.links, strict=True)
+            if link.inertial is not None
+        },
         sha256=hashlib.sha256(data).hexdigest(),
         source=path,
         xml=data,

@@ -1,4 +1,4 @@
-"""Check the elements of a URDF: names, numbers, tree; keep only those that kinematics need."""
+"""Check the elements of a URDF: names, numbers, tree; keep kinematics and centres of mass."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ _LONGEST = 80
 
 
 def check_urdf(data: bytes, path: Path | str) -> bytes:
-    """Refuse an invalid URDF; return only its links and joints, as XML.
+    """Refuse an invalid URDF; return only its links, their masses and its joints, as XML.
 
     Limits may be missing. Elements that kinematics do not need (visuals, inertias, transmissions,
-    extensions) are not checked.
+    extensions) are not checked; a mass that is no positive number is left out.
 
     Raises:
         InputError: One line with the file and the first faults, each with its element.
@@ -190,10 +190,23 @@ def _check_mimics(joints: Elements, faults: Faults) -> None:
         faults.append((joints[name], f"joint '{name}' mimics itself in the end"))
 
 
+def _add_mass(link: ET.Element, inertial: Element | None) -> None:
+    """Add an <inertial> that can be believed."""
+    if inertial is None:
+        return
+    mass, centre = inertial.value("mass", "value"), inertial.value("origin", "xyz") or "0 0 0"
+    numbers = [*_numbers(mass), *_numbers(centre)]
+    if len(numbers) == 4 and numbers[0] > 0.0 and max(map(abs, numbers)) < _FARTHEST:
+        kept = ET.SubElement(link, "inertial")
+        ET.SubElement(kept, "mass", value=mass)
+        ET.SubElement(kept, "origin", xyz=centre)
+
+
 def _kinematics_only(root: Element, links: Elements, joints: Elements) -> bytes:
     robot = ET.Element("robot", name=root.attributes.get("name") or "robot")
-    for name in links:
-        ET.SubElement(robot, "link", name=name)
+    for name, link in links.items():
+        kept = ET.SubElement(robot, "link", name=name)
+        _add_mass(kept, link.find("inertial"))
     for name, joint in joints.items():
         kept = ET.SubElement(robot, "joint", name=name, type=joint.attributes["type"])
         for tag, attributes in _KEPT.items():

@@ -1,4 +1,4 @@
-"""Read a URDF's XML as elements, without expanding entities; only a joint's content is kept.
+"""Read a URDF's XML as elements, without expanding entities.
 
 Expat's events are used directly. A DOCTYPE (entity bombs, external entities) is therefore refused
 at its start, before anything in it is expanded.
@@ -24,7 +24,7 @@ ELEMENT_LIMIT = 200_000
 
 @dataclass
 class Element:
-    """One element, with its children down to those inside a joint."""
+    """One element, with its children down to those inside a link's <inertial>."""
 
     tag: str
     attributes: dict[str, str]
@@ -76,7 +76,7 @@ def parse_xml(data: bytes, path: Path | str) -> Element:
 
 
 class _Reader:
-    """Elements down to those inside a <joint>; deeper ones are not kinematic."""
+    """Elements down to those inside a link's <inertial>; nobody reads deeper ones."""
 
     def __init__(self, path: Path | str) -> None:
         self._path = path
@@ -109,7 +109,7 @@ class _Reader:
         depth = len(self._stack)
         if depth > DEPTH_LIMIT:
             raise self._refused(f"elements are nested more than {DEPTH_LIMIT} deep: give a URDF")
-        if depth <= 3:
+        if depth <= 4:
             self._stack[-1].children.append(element)
         self._stack.append(element)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -42,17 +44,19 @@ def torque(t: Floats, about: Floats | float, place: int) -> Floats:
 
 @pytest.mark.parametrize("gap", [(0.0, 0.0), (4.0, 5.0)])
 def test_load_is_by_weight_and_inertia(gap: tuple[float, float]) -> None:
-    """The mass behind the shoulder is half at the elbow, half in the hand."""
+    """Of the mass behind the shoulder a quarter is at the elbow, the rest in the hand."""
     t = np.arange(0.0, 10.0, 0.01)
     t = t[(t < gap[0]) | (t >= gap[1])]
     y = np.array([0.0, 1.0, 0.0])
+    upper: dict[str, Any] = {"mass": 0.7, "centre": np.array([UPPER, 0.0, 0.0])}
+    lower: dict[str, Any] = {"mass": 2.1, "centre": np.array([LOWER, 0.0, 0.0])}
     path = KinematicPath(
         world="base",
         parent="hand",
         steps=(
-            JointStep(name="shoulder", kind="revolute", axis=y, track=0, column=0),
+            JointStep(name="shoulder", kind="revolute", axis=y, track=0, column=0, **upper),
             FixedStep(R=np.eye(3), p=np.array([UPPER, 0.0, 0.0])),
-            JointStep(name="elbow", kind="revolute", axis=y, track=0, column=1),
+            JointStep(name="elbow", kind="revolute", axis=y, track=0, column=1, **lower),
             FixedStep(R=np.eye(3), p=np.array([LOWER, 0.0, 0.0])),
         ),
         tracks=(
@@ -61,8 +65,8 @@ def test_load_is_by_weight_and_inertia(gap: tuple[float, float]) -> None:
     )
     trajectory = Trajectory.of(path)
     layout = lay_out(trajectory, MatchedOptions())
-    loads = Loads.of(trajectory, layout, np.array([0.0, 0.0, -GRAVITY]))
-    shoulder = 0.5 * (torque(t, 0.0, 0) + torque(t, 0.0, 1))
+    loads = Loads.of(trajectory, layout, np.array([0.0, 0.0, -GRAVITY]), np.zeros(layout.size))
+    shoulder = 0.25 * torque(t, 0.0, 0) + 0.75 * torque(t, 0.0, 1)
     elbow = torque(t, places(t)[0], 1)
     found = loads.at(t)
     inner = (t > 0.2) & (t < 9.8) & (np.abs(t - gap[0]) > 0.2) & (np.abs(t - gap[1]) > 0.2)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Mount,
     OfBase,
     Origin,
+    PayloadMass,
     PoseStream,
     Reading,
 )
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
+    from imucalib_cli.estimate.model.loads import Payload
     from imucalib_cli.estimate.model.state import BaseNodes, State
     from imucalib_cli.estimate.model.unknowns import Samples
     from imucalib_cli.estimate.model.windows import WindowPlan
@@ -57,6 +59,10 @@ if TYPE_CHECKING:
     - "gravity" (n, 3);
     - "times" (M,), factors of the columns, by their value in the middle of a window.
     """
+
+
+_OF_JOINTS: Final = ("turn", "shift", "force")
+"""What joints change, in the order of :meth:`_Nodes.twist`."""
 
 
 def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slice, Floats]]:
@@ -141,12 +147,18 @@ class _Nodes:
     """(3, 3, M) and (3, M) each."""
     motion: TrackMotion
     """With the errors of its values removed."""
-    loads: dict[str, Floats]
-    """(M,) each, Nm/kg, of joints that may bend."""
+    chain: Chain
+    t: Floats
+    """(M,), s, robot stamps."""
     path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
     base: BaseNodes | None = None
+
+    @cached_property
+    def loads(self) -> dict[str, Floats]:
+        """(M,) each, Nm/kg, of joints that may bend."""
+        return self.chain.loads.at(self.t)
 
     @cached_property
     def joint_twists(self) -> dict[int, tuple[Floats, Floats, Floats]]:
@@ -169,6 +181,16 @@ class _Nodes:
         steps = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
         turn, shift, force = (sum(each) for each in steps)
         return turn, shift, force
+
+    def bent_by_payload(self) -> Floats:
+        """(3, 4, 3, M): as :meth:`twist`, by a unit of each mass of the payload."""
+        by_mass = self.chain.loads.by_payload_at(self.t)
+        bent = np.zeros((3, 4, *self.p.shape))
+        for joint, curve, size in self.chain.curves:
+            if curve.loaded:
+                bending = size * by_mass[joint.name].T[:, None]
+                bent += [bending * along for along in self.twist(joint)]
+        return bent
 
     def twist_of_step(self, placed: Placed) -> tuple[Floats, Floats]:
         """Turn and shift by an error of a constant step: (k, 3, M) each."""
@@ -273,7 +295,16 @@ def _block_columns(
     for each in model.layout.placed:
         if each.hidden:  # exactly: a sharp log would take a difference for information
             J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
+    _by_components(J, model.layout, chain.loads.payload)
     return np.swapaxes(J, 1, 2)
+
+
+def _by_components(J: Floats, layout: Layout, payload: Payload) -> None:
+    """Turn columns (W, n, 6) of a payload's masses into those of its components."""
+    for each, _ in layout.of(PayloadMass):
+        shrunk = np.tensordot(J[:, each.part], payload.masses, axes=(1, 0))
+        J[:, layout.sags] -= payload.by_sags[:, None] * shrunk[:, None]
+        J[:, each.part] *= payload.by_own
 
 
 def _channels(layout: Layout, nodes: _Nodes) -> Channels:
@@ -285,7 +316,7 @@ def _channels(layout: Layout, nodes: _Nodes) -> Channels:
     return channels
 
 
-def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C901 a table
+def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C901, PLR0912 a table
     """Add the effect of one entry of the table along the nodes."""
     part, effect = placed.part, placed.unknown.effect
     match effect:
@@ -323,10 +354,11 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             _add_twist(part, turn, shift, nodes, channels)
         case JointCurve() if placed.joint is not None:
             curve = effect.basis(placed.joint.of(nodes.motion, nodes.loads))[:, None]
-            for name, along in zip(
-                ("turn", "shift", "force"), nodes.twist(placed.joint), strict=True
-            ):
+            for name, along in zip(_OF_JOINTS, nodes.twist(placed.joint), strict=True):
                 channels[name].append((part, curve * along))
+        case PayloadMass():
+            for name, along in zip(_OF_JOINTS, nodes.bent_by_payload(), strict=True):
+                channels[name].append((part, along))
         case OfBase() if nodes.base is not None:
             _add_of_base(placed, effect, nodes, nodes.base, channels)
 
@@ -413,7 +445,8 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         force=(R_world_imu * accel.T).sum(axis=1),
         frames=frames,
         motion=motion,
-        loads=chain.loads.at(t),
+        chain=chain,
+        t=t,
         path=chain.path,
         gravity=state.gravity,
         base=base,

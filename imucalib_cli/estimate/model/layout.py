@@ -15,6 +15,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Mount,
     OfBase,
     Origin,
+    PayloadMass,
     PoseStream,
     Reading,
     Unknown,
@@ -146,6 +147,11 @@ class Layout(Prior):
         """(3,), components of the unit in which the accelerometer reads; (0,) where it is held."""
         return places_of([self.part("accel_scale")])
 
+    @property
+    def sags(self) -> Indices:
+        """(J,), components of the joints that bend."""
+        return places_of(each.part for each, curve in self.of(JointCurve) if curve.loaded)
+
     def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """Entries with an effect of a kind, and the effect; not those of the base IMU."""
         for each in self.placed:
@@ -259,7 +265,7 @@ class _Chain:
     def _inside(self, step: int) -> bool:
         return self._first < step < self._end
 
-    def places(self, unknown: Unknown) -> Iterator[Placed]:
+    def places(self, unknown: Unknown) -> Iterator[Placed]:  # noqa: C901 a table
         """Where the robot has an unknown."""
         effect, nowhere = unknown.effect, slice(0, 0)
         path, base = self._path, self._path.base_imu
@@ -268,6 +274,9 @@ class _Chain:
                 labels = _named(joint.name, unknown.labels)
                 hidden = max(joint.steps) >= self._last and not effect.every
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
+        elif isinstance(effect, PayloadMass):
+            if any(joint.name in self._moving and not joint.sliding for joint in self._joints):
+                yield Placed(unknown, nowhere, unknown.labels)
         elif isinstance(effect, Origin):
             for index, directions, R in self._origins(effect):
                 axes = unknown.labels if len(directions) == 3 else _axis_names(directions)

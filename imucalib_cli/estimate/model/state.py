@@ -129,7 +129,7 @@ class Chain:
                 if each.joint is not None and x[each.part].any()
             ),
             scales=tuple(streams["scale"].items()),
-            loads=Loads.of(trajectory, layout, state.gravity),
+            loads=Loads.of(trajectory, layout, state.gravity, x),
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:

@@ -162,6 +162,11 @@ class PoseStream:
     what: Literal["scale", "delay"]
 
 
+@dataclass(frozen=True)
+class PayloadMass:
+    """Masses that the parent link carries beside the links: at its origin, and along its axes."""
+
+
 @dataclass(frozen=True, eq=False)
 class Clock:
     """Stamps: IMU stamp - robot stamp of the same instant = value * (accel, gyro)."""
@@ -196,12 +201,13 @@ class OfBase:
     effect: Reading | Mount | Clock
 
 
-Effect = Reading | JointCurve | Origin | PoseStream | Clock | Gravity | Mount | OfBase
+Effect = Reading | JointCurve | PayloadMass | Origin | PoseStream | Clock | Gravity | Mount | OfBase
 
 _GROUPS: Final[dict[type, tuple[Group, Group]]] = {
     Reading: ("sensor", "sensor"),
     Clock: ("sensor", "offset"),
     JointCurve: ("robot", "robot"),
+    PayloadMass: ("robot", "robot"),
     Origin: ("robot", "robot"),
     PoseStream: ("robot", "robot"),
     Gravity: ("gravity", "gravity"),
@@ -242,13 +248,14 @@ class Unknown:
     @property
     def of_robot(self) -> bool:
         """Whether it is the same for all IMUs on a robot; else each IMU has its own."""
-        return isinstance(self.effect, (JointCurve, Origin, PoseStream, OfBase))
+        return isinstance(self.effect, (JointCurve, PayloadMass, Origin, PoseStream, OfBase))
 
     @property
     def needs_gravity(self) -> bool:
         """Whether it has no effect where there is no gravity."""
         effect = self.effect
-        return isinstance(effect, Gravity) or (isinstance(effect, JointCurve) and effect.loaded)
+        loaded = isinstance(effect, JointCurve) and effect.loaded
+        return loaded or isinstance(effect, (Gravity, PayloadMass))
 
     @property
     def is_sensor_scale(self) -> bool:
@@ -611,6 +618,15 @@ _OWN: Final[tuple[Unknown, ...]] = (
         effect=JointCurve(lambda m: m.load[None], loaded=True, sliding=False),
         positive=True,
         words="bending of a joint under the load that it carries",
+    ),
+    Unknown(
+        name="payload",
+        labels=("origin", *_XYZ),
+        unit="rad/(Nm/kg)",
+        scale="joint_sag",
+        effect=PayloadMass(),
+        of_log=True,
+        words="bending of the joints by what the parent link carries",
     ),
     Unknown(
         name="origin",

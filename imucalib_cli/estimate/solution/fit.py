@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State, felt_gravity
-from imucalib_cli.estimate.model.unknowns import LEAN, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, Reading, Unknown
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
@@ -72,7 +72,7 @@ _FEW: Final = 480
 """Windows that are enough for a first solution."""
 _MORE: Final = 8
 """Factor by which windows grow from one solution to the next, until all are used."""
-_PASSES: Final = 8
+_PASSES: Final = 12
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
 WRONG: Final = 50.0
@@ -213,14 +213,13 @@ class Fit(Answer):
     def parts(self) -> Floats:
         """Normal matrices (PARTS, n + 1, n + 1) of [e J] of parts of the log.
 
-        A part that lost most of its windows is not full of shocks but differs from the rest: its
-        windows count again here, outliers held back.
+        Parts in a row that lost most of their windows are not full of shocks but differ from the
+        rest: their windows count again here, outliers held back.
         """
         weights = self.weights.copy()
         number = part_numbers(self.centres)
-        differs = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(
-            number, None, PARTS
-        )
+        lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
+        differs = lost & (np.append(lost[1:], False) | np.append(False, lost[:-1]))
         if not differs.any():
             return self.statistics.parts
         heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
@@ -405,11 +404,12 @@ def _fitted(
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
     seconds = windowing.seconds
-    # Steps at which the model is bent: a radian, a metre, a tenth of a window's seconds.
+    # Steps at which the model is bent, by their unit: a radian, a metre; for stamps a tenth of a
+    # window; for joints that bend what the softest do.
+    bends = {"s": 0.1 * seconds, "rad/(Nm/kg)": SCALES["joint_sag"].high}
     curvature = np.ones(layout.size)
     for each in layout.placed:
-        if each.unknown.unit == "s":
-            curvature[each.part] = 0.1 * seconds
+        curvature[each.part] = bends.get(each.unknown.unit, 1.0)
     clock = layout.part("time_offset")
     scales = np.full(2, np.inf)
     for turn in range(_PASSES):
