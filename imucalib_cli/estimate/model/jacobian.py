@@ -268,8 +268,9 @@ def _block_columns(
     grid = model.windowing.grid
     age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
     for each, clock in model.layout.of(Clock):
-        J[:, each.part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
-        J[:, each.part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
+        by_accel, by_gyro = (shift + drift * age for shift, drift in (clock.accel, clock.gyro))
+        J[:, each.part.start, accel] += by_time[:, 0] * by_accel[:, None]
+        J[:, each.part.start, gyro] += turned[:, 0] * by_gyro[:, None]
     for each in model.layout.placed:
         if each.hidden:  # exactly: a sharp log would take a difference for information
             J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
@@ -359,7 +360,8 @@ def _add_of_base(
         return
     if isinstance(effect, Clock):  # a later stamp means a later pose
         turn, shift = (each[None] for each in base.velocity)
-        channels["times"].append((part, effect.accel(base.later)))
+        constant, drift = effect.accel
+        channels["times"].append((part, constant + drift * base.later))
     else:
         turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
         if effect.what == "translation":
