@@ -16,7 +16,6 @@ from imucalib_cli.estimate.model.layout import Placed, alike, with_priors
 from imucalib_cli.estimate.model.unknowns import TABLE, Origin
 from imucalib_cli.estimate.solution.normal_equations import Answer, admitted, prior_offset
 from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
-from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -56,15 +55,11 @@ class OnRobot:
     @classmethod
     def of(cls, log: LogStatistics, path: KinematicPath) -> OnRobot:
         """An IMU that is carried by the end of a path."""
-        moving = (step for step in path.steps if isinstance(step, PoseStep))
+        streams = path.pose_steps.values()
         return cls(
             log=log,
-            root=(path.world, *(path.tracks[step.track].name for step in moving)),
-            joints={
-                step.name: path.tracks[step.track].name
-                for step in path.steps
-                if isinstance(step, JointStep)
-            },
+            root=(path.world, *(path.tracks[step.track].name for step in streams)),
+            joints={step.name: path.tracks[step.track].name for step in path.joint_steps.values()},
         )
 
     def shares_with(self, other: OnRobot) -> bool:

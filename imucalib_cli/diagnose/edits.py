@@ -24,16 +24,11 @@ _LISTED: Final = 4
 """Names in one list of a sentence."""
 
 
-def joints_of(path: KinematicPath) -> tuple[JointStep, ...]:
-    """The joint steps, from the world on."""
-    return tuple(step for step in path.steps if isinstance(step, JointStep))
-
-
 def turning_joints(path: KinematicPath) -> dict[tuple[int, int], str]:
     """Name of each reported position that turns a joint, by (track, column)."""
     return {
-        (step.track, step.column): path.tracks[step.track].names[step.column]
-        for step in joints_of(path)
+        (step.track, step.column): path.reported(step)
+        for step in path.joint_steps.values()
         if step.kind == "revolute"
     }
 

@@ -20,7 +20,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Unknown,
 )
 from imucalib_cli.estimate.solution.scales import Prior
-from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
+from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import cross
 
 if TYPE_CHECKING:
@@ -243,7 +243,7 @@ class _Chain:
         start, end = trajectory.span
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
         self._path, self._joints = path, _joints_of(path)
-        moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
+        moving = [*path.pose_steps]
         self._moving = set()
         for joint in self._joints:
             if float(np.ptp(values[joint.track][:, joint.column])) > STILL_JOINT:
@@ -278,7 +278,7 @@ class _Chain:
         elif isinstance(effect, PoseStream):
             # Without joints beside them late poses are a time offset.
             there = effect.what == "scale" or bool(self._moving)
-            used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
+            used = dict.fromkeys(step.track for step in path.pose_steps.values())
             for track in (each for each in used if there and each != base):
                 yield Placed(unknown, nowhere, (path.tracks[track].name,), index=track)
         elif not isinstance(effect, OfBase):
@@ -355,15 +355,12 @@ def _towards_axes(directions: Floats) -> Floats:
 
 def _joints_of(path: KinematicPath) -> list[Joint]:
     found: dict[tuple[int, int], list[int]] = {}
-    for index, step in enumerate(path.steps):
-        if isinstance(step, JointStep):
-            found.setdefault((step.track, step.column), []).append(index)
+    for index, step in path.joint_steps.items():
+        found.setdefault((step.track, step.column), []).append(index)
     joints = []
     for (track, column), steps in found.items():
-        sliding = any(getattr(path.steps[step], "kind", "") == "prismatic" for step in steps)
-        names = path.tracks[track].names
-        name = names[column] if names else f"column {column}"
-        joints.append(Joint(name, track, column, tuple(steps), sliding))
+        sliding = any(path.joint_steps[index].kind == "prismatic" for index in steps)
+        joints.append(Joint(path.tracks[track].names[column], track, column, tuple(steps), sliding))
     return joints
 
 
