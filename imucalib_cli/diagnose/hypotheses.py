@@ -86,8 +86,6 @@ class Hypothesis:
     detail: tuple[str | float | None, ...] = ()
     """Other values for the message."""
     path: KinematicPath
-    joint: tuple[int, int] | None = None
-    """Track and column of the joint whose zero the fit refines."""
     accel: Floats | None = None
     """(3, 3), to multiply the accelerometer's readings by."""
     gyro: Floats | None = None
@@ -292,7 +290,6 @@ def other_bases(poor: PoorFit) -> Iterator[Hypothesis]:
 
 
 def _zeros(path: KinematicPath) -> Iterator[Hypothesis]:
-    for joint, name in edits.turning_joints(path).items():
-        for angle in _GROSS_ZEROS:
-            turned = edits.with_zero(path, joint, angle)
-            yield Hypothesis(kind="zero", names=(name,), sizes=(angle,), path=turned, joint=joint)
+    for joint, angle in itertools.product(edits.turning_joints(path), _GROSS_ZEROS):
+        turned = edits.with_zero(path, joint, angle)
+        yield Hypothesis(kind="zero", names=(joint,), sizes=(angle,), path=turned)
