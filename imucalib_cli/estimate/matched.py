@@ -94,7 +94,7 @@ def calibrate_matched(
         fit=fit,
         attempt=attempt,
         dependence=dependence,
-        consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
+        consistency=segments.consistency(),
         sign=sign,
         change=None if directions else segments.change(),
     )

@@ -173,7 +173,7 @@ class Segments:
         wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
 
-    def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:
+    def consistency(self) -> Consistency | None:
         """Folds and halves of the pose; None where it is not free."""
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
@@ -205,7 +205,7 @@ class Segments:
             halves_sigmas=float(np.sqrt(apart / max(seen.shape[1], 1))),
             segment_chi2=ratio,
             segment_sigmas=sigmas,
-            whiteness=whiteness,
+            whiteness=self._fit.statistics.whiteness(self._fit.levels),
         )
 
     def _disagreement(self, changes: Floats, left: Floats, pose: Indices) -> tuple[float, float]:
