@@ -221,12 +221,12 @@ class Fit(Answer):
         differs = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(
             number, None, PARTS
         )
-        if not differs.any():
-            return self.statistics.parts
-        heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
-        weights[differs[number]] = heard[differs[number]]
-        rows = replace(self.linearised, weights=weights).rows()
-        matrices = part_matrices(self.centres, rows, self.layout.size + 1)
+        matrices = self.statistics.uncalibrated_parts
+        if differs.any():
+            heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
+            weights[differs[number]] = heard[differs[number]]
+            rows = replace(self.linearised, weights=weights).rows()
+            matrices = part_matrices(self.centres, rows, self.layout.size + 1)
         return turned(matrices, self.statistics.calibration)
 
     @property

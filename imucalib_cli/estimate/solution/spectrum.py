@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -105,18 +104,13 @@ class Statistics:
     freedom: Floats
     """(2, bands), residual components in each band."""
     uncalibrated_parts: Floats
-    """(PARTS, n + 1, n + 1): sum of [e J]' [e J] of parts of the log, over bands and sensors."""
+    """(PARTS, n + 1, n + 1): of parts of the log, over bands and sensors, always of [e J]."""
     windows: float
     """Their number by weights."""
     calibration: Floats
     """(n + 1, n + 1), T, where ``normal`` is of [e J] T'."""
     noise_score: Floats
     """(n,), the part of J'e from noise of readings, which is in column and residual alike."""
-
-    @cached_property
-    def parts(self) -> Floats:
-        """(PARTS, n + 1, n + 1), of [e J] T' of parts of the log, over all bands and sensors."""
-        return turned(self.uncalibrated_parts, self.calibration)
 
     @property
     def information(self) -> Floats:
