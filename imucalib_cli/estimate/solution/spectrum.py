@@ -102,7 +102,7 @@ class Statistics:
     response: Floats
     """(2, bands), mean of |K(f)|² in each band."""
     freedom: Floats
-    """(2, bands), residual components in each band."""
+    """(bands,), residual components of either sensor in each band."""
     uncalibrated_parts: Floats
     """(PARTS, n + 1, n + 1): of parts of the log, over bands and sensors, always of [e J]."""
     windows: float
@@ -187,11 +187,10 @@ def statistics(
 
     parts = part_matrices(centres, through_bands(), size)
     response = np.stack([bands.response(pair.average, plan.hop) for pair in plan.filters])
-    freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
         response=np.maximum(response, 1e-3 * response.max(axis=1, keepdims=True)),
-        freedom=np.stack([freedom, freedom]),
+        freedom=bands.freedom(windows),
         uncalibrated_parts=parts,
         windows=windows,
         calibration=np.eye(size),
