@@ -25,7 +25,7 @@ from imucalib_cli.estimate.model.unknowns import (
 )
 from imucalib_cli.estimate.solution.fit import WRONG
 from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
+from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold, stretches_of
@@ -197,7 +197,7 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
         found += _undecided(evidence)
     for check in (_residuals, _left_out, _strikes, _sampled, _gaps, _stamps):
         found += check(evidence)
-    return tuple(sorted(found, key=lambda each: each.severity is not Severity.UNTRUSTED))
+    return gravest_first(found)
 
 
 def of_answer(
