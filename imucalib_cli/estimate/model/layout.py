@@ -264,7 +264,7 @@ class _Chain:
         effect, nowhere = unknown.effect, slice(0, 0)
         path, base = self._path, self._path.base_imu
         if isinstance(effect, JointCurve):
-            for joint in self._joints_of(effect):
+            for joint in self._shown(effect):
                 labels = _named(joint.name, unknown.labels)
                 hidden = max(joint.steps) >= self._last and not effect.every
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
@@ -287,7 +287,7 @@ class _Chain:
         elif base is not None and (self._moving or isinstance(effect.effect, Reading)):
             yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
 
-    def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
+    def _shown(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints whose error of this kind the log can determine."""
         for joint in self._joints:
             seen = (
@@ -306,25 +306,26 @@ class _Chain:
         for index, step in enumerate(steps):
             of_base = base < index <= base + 2
             if isinstance(step, FixedStep) and self._inside(index) and not of_base:
-                own = np.eye(3) if origin.what == "translation" else self._not_of_joints(index)
+                own = (
+                    np.eye(3) if origin.what == "translation" else self._not_of_joints(index, step)
+                )
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index, own) if index < self._last else own
                 if len(directions):
                     yield index, directions, step.R
 
-    def _not_of_joints(self, index: int) -> Floats:
+    def _not_of_joints(self, index: int, fixed: FixedStep) -> Floats:
         """(k, 3), axes about which the rotation of a constant step is no error of another kind.
 
         About the axis of the next joint it is that joint's zero, or passes a sliding joint and is
         an error of the step behind it. About the axis of the joint before, it is the zero of that,
         and a displacement that an origin takes up.
         """
-        steps, fixed = self._path.steps, self._path.steps[index]
-        before, after = steps[index - 1], (*steps, None)[index + 1]
+        before, after = (self._path.joint_steps.get(index + side) for side in (-1, 1))
         axes = []
-        if isinstance(after, JointStep) and isinstance(fixed, FixedStep):
+        if after is not None:
             axes.append(fixed.R @ after.axis)
-        if isinstance(before, JointStep) and isinstance(fixed, FixedStep):
+        if before is not None:
             # Oblique, it is the zero of both together, and one of these may be part of the mount.
             plain = all(abs(before.axis @ axis) < _PERPENDICULAR for axis in axes)
             turns = before.kind == "revolute" or index - 1 == self._first
