@@ -303,8 +303,7 @@ def estimate_of(answer: Answer, log: LogStatistics | None = None, **evidence: An
 
 def _parameters(answer: Answer) -> tuple[Parameter, ...]:
     """Every component beside the mount, with its prior."""
-    std = np.sqrt(np.maximum(np.diag(answer.covariance), 0.0))
-    prior = answer.layout.std_at(answer.u)
+    std, prior = answer.std, answer.layout.std_at(answer.u)
     found = []
     for each in answer.layout.placed:
         if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":

@@ -310,7 +310,7 @@ def _contradicted(
 
 
 def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
-    sigma = np.sqrt(np.diag(found.answer.pose_covariance))
+    sigma = found.answer.std[found.answer.layout.pose]
     for log, own in zip(logs, found.own, strict=True):
         # Equations are linear: half the square of a turn is what they neglect.
         bent = own.turned**2 / 2.0 > sigma[3:].max()

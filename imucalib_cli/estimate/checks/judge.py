@@ -354,7 +354,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
         yield make("window.noisy", seconds=seconds, error=error)
     worst = evidence.hangs_most
     if worst is not None:
-        sigma = np.sqrt(np.diag(evidence.fit.pose_covariance))
+        sigma = evidence.fit.std[evidence.fit.layout.pose]
         matters = bool((np.abs(worst.difference) > sigma).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
         yield make(
@@ -439,8 +439,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             elsewhere = below and not isinstance(unknown.effect, JointCurve)
             doubt = other is None and not unknown.harmless and not elsewhere
             make = untrusted if doubt else warning
-            own = np.sqrt(np.diag(answer.covariance)[part])
-            values, stds = _as_stated(unknown, value, own)
+            values, stds = _as_stated(unknown, value, answer.std[part])
             yield make(
                 "unknown.implausible",
                 **_named(each),
@@ -458,7 +457,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
 def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[Finding]:
     """An error that is clear, of covariance C, if it moves the pose by more than sigma."""
     unknown, part, value = each.unknown, each.part, answer.value(each)
-    std, stated = np.sqrt(np.diag(C)), np.sqrt(np.diag(answer.pose_covariance))
+    std, stated = np.sqrt(np.diag(C)), answer.std[answer.layout.pose]
     moves = _moves(answer, each, C)
     if (np.abs(moves) > stated).any() and (np.abs(value) >= unknown.least).any():
         effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
@@ -486,7 +485,7 @@ def _is_below(answer: Answer, each: Placed) -> bool:
 
 def _is_clear(answer: Answer, each: Placed) -> bool:
     """Whether an error is clear, and large enough to be told."""
-    size, std = np.abs(answer.value(each)), np.sqrt(np.diag(answer.covariance)[each.part])
+    size, std = np.abs(answer.value(each)), answer.std[each.part]
     return bool(((size > DISTRUST_SIGMAS * std) & (size >= each.unknown.least)).any())
 
 
@@ -529,8 +528,7 @@ def _too_large(
     With such a window something else looks like the entry.
     """
     for each in answer.layout.placed:
-        value, limit = answer.value(each), each.unknown.healthy
-        std = np.sqrt(np.diag(answer.covariance)[each.part])
+        value, std, limit = answer.value(each), answer.std[each.part], each.unknown.healthy
         if not len(value) or not answer.layout.free[each.part].all():
             continue
         worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
@@ -541,7 +539,7 @@ def _too_large(
 
 def _like(answer: Answer, place: int) -> str:
     """Another unknown that the log hardly distinguishes from a component; empty if none."""
-    std = np.sqrt(np.diag(answer.covariance))
+    std = answer.std
     shared = np.abs(answer.covariance[place]) / np.maximum(std * std[place], 1e-300)
     for each in answer.layout.placed:
         inside = each.part.start <= place < each.part.stop
