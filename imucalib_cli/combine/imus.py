@@ -321,7 +321,7 @@ def _whole(log: LogStatistics, *, several_ways: bool) -> Layout:
     """
     layout = log.equations.layout
     places = [each.whole for each in layout.placed]
-    if several_ways and layout.part("base_translation") != slice(0, 0):
+    if several_ways and layout.has("base_translation"):
         labels = tuple(f"{_first_joint(layout)} {axis}" for axis in "xyz")
         places.append(Placed(_ORIGIN, slice(0, 0), labels))
     return with_priors(places, log.options, layout.still)

@@ -290,9 +290,8 @@ def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Any]:
         "gyro_bias": np.zeros(3),
     }
     for name in values:
-        part = layout.part(name)
-        if part != slice(0, 0):
-            values[name] = state.x[part]
+        if layout.has(name):
+            values[name] = state.x[layout.part(name)]
     return {**values, "gravity_world": state.gravity}
 
 

@@ -600,8 +600,8 @@ def _still(answer: Answer) -> Iterator[Finding]:
 
 def offset_known(answer: Answer) -> bool:
     """Whether the motion determines the time offset."""
-    part = answer.layout.part("time_offset")
-    if part == slice(0, 0):
+    if not answer.layout.has("time_offset"):
         return False
+    part = answer.layout.part("time_offset")
     variance = max(answer.covariance[part, part].item(), excitation(answer)[part, part].item())
     return bool(variance < _OFFSET_LIMIT**2)

@@ -129,8 +129,12 @@ class Layout(Prior):
         """Number of components."""
         return len(self.std)
 
+    def has(self, name: str) -> bool:
+        """Whether there is an entry of a name."""
+        return any(each.unknown.name == name for each in self.placed)
+
     def part(self, name: str) -> slice:
-        """Components of the entry of a name (the first, where a robot has several)."""
+        """Components of the entry of a name (the first, where a robot has several), or none."""
         for each in self.placed:
             if each.unknown.name == name:
                 return each.part

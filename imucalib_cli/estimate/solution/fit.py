@@ -358,7 +358,7 @@ def _state_of(lean: Solution, layout: Layout, time_offset: float) -> State:
     ):
         part = layout.part(name)
         x[part] = value[: part.stop - part.start]
-    held = 0.0 if layout.part("time_offset") != slice(0, 0) else time_offset
+    held = 0.0 if layout.has("time_offset") else time_offset
     return State(lean.R, lean.x[lean_columns.T], lean.x[lean_columns.G], x, held)
 
 
@@ -376,7 +376,7 @@ def transferred(
         x[each.part] = values.get((each.unknown.name, each.labels), 0.0)
     if options.time_offset is not None:
         return replace(state, x=x, held_offset=options.time_offset)
-    if old.part("time_offset") == slice(0, 0):
+    if not old.has("time_offset"):
         x[layout.part("time_offset")] = state.held_offset
     return replace(state, x=x, held_offset=0.0)
 
