@@ -23,8 +23,8 @@ from imucalib_cli.estimate.model.unknowns import (
     Reading,
     measured_over_true,
 )
+from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.fit import WRONG
-from imucalib_cli.estimate.solution.spectrum import inverse_of
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY

@@ -9,9 +9,9 @@ import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
 from imucalib_cli.estimate.model.unknowns import LEAN
+from imucalib_cli.estimate.solution.algebra import inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.fit import DETERMINED
 from imucalib_cli.estimate.solution.solve import WEAKEST_STD
-from imucalib_cli.estimate.solution.spectrum import inverse_of, inverse_with_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

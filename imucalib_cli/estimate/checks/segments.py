@@ -11,7 +11,8 @@ import numpy as np
 from imucalib_cli.estimate.estimate import Consistency
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
-from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, inverse_of, squared_distance
+from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, squared_distance
+from imucalib_cli.estimate.solution.spectrum import PARTS
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices

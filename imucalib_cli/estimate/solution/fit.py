@@ -16,6 +16,7 @@ from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State, felt_gravity
 from imucalib_cli.estimate.model.unknowns import LEAN, Reading, Unknown
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
+from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
     NormalEquations,
@@ -43,7 +44,6 @@ from imucalib_cli.estimate.solution.spectrum import (
     Statistics,
     band_frequencies,
     deviance,
-    embedded,
     part_matrices,
     part_numbers,
     statistics,

@@ -9,8 +9,8 @@ import numpy as np
 
 from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.model.unknowns import Gravity
+from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.solution.spectrum import embedded
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
