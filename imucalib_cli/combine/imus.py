@@ -98,7 +98,7 @@ class JointAnswers:
 
     answers: Mapping[int, Answer]
     """Of those that agree, by their place."""
-    strangers: Mapping[int, PoseChange]
+    disagreeing: Mapping[int, PoseChange]
     """The others, which are solved by themselves."""
 
 
@@ -119,13 +119,13 @@ def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
 def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> JointAnswers:
     """Solve IMUs of one log together, without those that disagree with the rest."""
     kept = tuple(range(len(logs)))
-    strangers: dict[int, PoseChange] = {}
+    disagreeing: dict[int, PoseChange] = {}
     answers = solve_together(logs)
     changes = [_change(*each) for each in zip(own, answers, strict=True)]
     while max(each.sigmas for each in changes) > _FAR:
         if len(kept) == 2:
             # Nobody knows which of two is wrong.
-            return JointAnswers({}, strangers | dict(zip(kept, changes, strict=True)))
+            return JointAnswers({}, disagreeing | dict(zip(kept, changes, strict=True)))
         rests = []
         for place in kept:
             rest = tuple(each for each in kept if each != place)
@@ -133,9 +133,9 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Join
             moved = [_change(own[each], one) for each, one in zip(rest, found, strict=True)]
             rests.append((rest, found, moved))
         best = min(range(len(kept)), key=lambda i: max(each.sigmas for each in rests[i][2]))
-        strangers[kept[best]] = changes[best]
+        disagreeing[kept[best]] = changes[best]
         kept, answers, changes = rests[best]
-    return JointAnswers(dict(zip(kept, answers, strict=True)), strangers)
+    return JointAnswers(dict(zip(kept, answers, strict=True)), disagreeing)
 
 
 def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:

@@ -51,7 +51,7 @@ def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> 
             others = tuple(names[other] for other in solved.answers if other != each)
             finding = note("imus.together", others=others)
             found[places[each]] = _again(found[places[each]], logs[each], answer, finding)
-        for each, change in solved.strangers.items():
+        for each, change in solved.disagreeing.items():
             others = tuple(name for other, name in enumerate(names) if other != each)
             finding = warning("imus.disagree", imu=names[each], others=others, **vars(change))
             alone = found[places[each]]

@@ -122,7 +122,7 @@ class Evidence:
         return parts.segment_chi2
 
     @property
-    def hangs_most(self) -> Dependence | None:
+    def largest_dependence(self) -> Dependence | None:
         """The other window at which the answer differs most, if it differs by more than noise."""
         worst = max(self.dependence, key=lambda each: each.sigmas, default=None)
         return worst if worst is not None and worst.sigmas > WARN_SIGMAS else None
@@ -148,7 +148,7 @@ def of_findings(evidence: Evidence) -> Floats:
 
 def _differences(evidence: Evidence) -> Iterator[Floats]:
     """(6,) each, to other poses that the log does not exclude."""
-    fit, worst, too_large = evidence.fit, evidence.hangs_most, set()
+    fit, worst, too_large = evidence.fit, evidence.largest_dependence, set()
     if worst is not None:
         yield worst.difference
     for each, _, other in _too_large(fit, evidence.dependence):
@@ -352,7 +352,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     if error > 0.0:
         make = untrusted if evidence.too_noisy else warning
         yield make("window.noisy", seconds=seconds, error=error)
-    worst = evidence.hangs_most
+    worst = evidence.largest_dependence
     if worst is not None:
         sigma = evidence.fit.std[evidence.fit.layout.pose]
         matters = bool((np.abs(worst.difference) > sigma).any())

@@ -298,7 +298,7 @@ class ReckonedBase:
         return lagrange(stamps, np.hstack([position, quaternion]), t)
 
 
-def felt_gravity(
+def mean_force_of_base(
     base: ReckonedBase, placed: Iterable[tuple[slice, Reading]], size: int, norm: float
 ) -> tuple[float, Floats, float]:
     """What the base IMU says about the scale that all accelerometers share.

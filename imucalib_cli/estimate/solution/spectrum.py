@@ -35,7 +35,7 @@ _FIRST_BAND_BINS: Final = 4
 """Bins of the lowest band, of which the unknowns take their share."""
 _BAND_RATIO: Final = 1.5
 """Of a band's edges: within it a kernel's response is nearly constant."""
-_HEARD: Final = 0.03
+_PASSED: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
 
@@ -149,15 +149,15 @@ class Statistics:
         return np.asarray(np.einsum("sb,sbpq->pq", weights, self.normal[:, :, 1:, 1:]))
 
     @property
-    def heard(self) -> Bools:
+    def passed(self) -> Bools:
         """(2, bands), whether the window's kernel lets a band through."""
-        return np.asarray(self.response > _HEARD * self.response.max(axis=1, keepdims=True))
+        return np.asarray(self.response > _PASSED * self.response.max(axis=1, keepdims=True))
 
     def whiteness(self, levels: Floats) -> tuple[float, float]:
         """Loudest band over the median one, accelerometer and gyroscope; 1 is white."""
         accel, gyro = (
-            float(each[heard].max() / max(float(np.median(each[heard])), 1e-300))
-            for each, heard in zip(levels, self.heard, strict=True)
+            float(each[passed].max() / max(float(np.median(each[passed])), 1e-300))
+            for each, passed in zip(levels, self.passed, strict=True)
         )
         return accel, gyro
 
@@ -227,10 +227,10 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
     total = 0.0
     for sensor, pair in enumerate(plan.filters):
         response = sums.response(pair.average, hop)
-        heard = response > _HEARD * response.max()
+        passed = response > _PASSED * response.max()
         least = SCALE_FLOOR[sensor] ** 2 / float(pair.average @ pair.average)
-        level = power[sensor, heard] / (freedom * response)[heard] + least
-        total += float(freedom[heard] @ np.log(level))
+        level = power[sensor, passed] / (freedom * response)[passed] + least
+        total += float(freedom[passed] @ np.log(level))
     return total / len(centres)
 
 
