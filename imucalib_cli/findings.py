@@ -86,6 +86,11 @@ def untrusted(code: str, **values: Any) -> Finding:
     return Finding(code=code, severity=Severity.UNTRUSTED, values=values)
 
 
+def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Those that forbid to use a result before all others, each group in its order."""
+    return tuple(sorted(findings, key=lambda each: each.severity is not Severity.UNTRUSTED))
+
+
 def reasons(findings: Iterable[Finding]) -> tuple[str, ...]:
     """Why a result must not be used, in words and in order."""
     return tuple(each.message for each in findings if each.severity is Severity.UNTRUSTED)

@@ -16,7 +16,6 @@ from imucalib_cli.estimate.model.layout import Placed, alike, with_priors
 from imucalib_cli.estimate.model.unknowns import TABLE, Origin
 from imucalib_cli.estimate.solution.normal_equations import Answer, admitted, prior_offset
 from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
-from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -56,15 +55,11 @@ class OnRobot:
     @classmethod
     def of(cls, log: LogStatistics, path: KinematicPath) -> OnRobot:
         """An IMU that is carried by the end of a path."""
-        moving = (step for step in path.steps if isinstance(step, PoseStep))
+        streams = path.pose_steps.values()
         return cls(
             log=log,
-            root=(path.world, *(path.tracks[step.track].name for step in moving)),
-            joints={
-                step.name: path.tracks[step.track].name
-                for step in path.steps
-                if isinstance(step, JointStep)
-            },
+            root=(path.world, *(path.tracks[step.track].name for step in streams)),
+            joints={step.name: path.tracks[step.track].name for step in path.joint_steps.values()},
         )
 
     def shares_with(self, other: OnRobot) -> bool:
@@ -103,7 +98,7 @@ class JointAnswers:
 
     answers: Mapping[int, Answer]
     """Of those that agree, by their place."""
-    strangers: Mapping[int, PoseChange]
+    disagreeing: Mapping[int, PoseChange]
     """The others, which are solved by themselves."""
 
 
@@ -124,13 +119,13 @@ def groups(imus: Sequence[OnRobot]) -> list[list[int]]:
 def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> JointAnswers:
     """Solve IMUs of one log together, without those that disagree with the rest."""
     kept = tuple(range(len(logs)))
-    strangers: dict[int, PoseChange] = {}
+    disagreeing: dict[int, PoseChange] = {}
     answers = solve_together(logs)
     changes = [_change(*each) for each in zip(own, answers, strict=True)]
     while max(each.sigmas for each in changes) > _FAR:
         if len(kept) == 2:
             # Nobody knows which of two is wrong.
-            return JointAnswers({}, strangers | dict(zip(kept, changes, strict=True)))
+            return JointAnswers({}, disagreeing | dict(zip(kept, changes, strict=True)))
         rests = []
         for place in kept:
             rest = tuple(each for each in kept if each != place)
@@ -138,9 +133,9 @@ def solve_agreeing(logs: Sequence[LogStatistics], own: Sequence[Answer]) -> Join
             moved = [_change(own[each], one) for each, one in zip(rest, found, strict=True)]
             rests.append((rest, found, moved))
         best = min(range(len(kept)), key=lambda i: max(each.sigmas for each in rests[i][2]))
-        strangers[kept[best]] = changes[best]
+        disagreeing[kept[best]] = changes[best]
         kept, answers, changes = rests[best]
-    return JointAnswers(dict(zip(kept, answers, strict=True)), strangers)
+    return JointAnswers(dict(zip(kept, answers, strict=True)), disagreeing)
 
 
 def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
@@ -326,7 +321,7 @@ def _whole(log: LogStatistics, *, several_ways: bool) -> Layout:
     """
     layout = log.equations.layout
     places = [each.whole for each in layout.placed]
-    if several_ways and layout.part("base_translation") != slice(0, 0):
+    if several_ways and layout.has("base_translation"):
         labels = tuple(f"{_first_joint(layout)} {axis}" for axis in "xyz")
         places.append(Placed(_ORIGIN, slice(0, 0), labels))
     return with_priors(places, log.options, layout.still)

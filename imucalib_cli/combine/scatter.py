@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucalib_cli.estimate.solution.algebra import inverse_of, squared_distance
 from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
-from imucalib_cli.estimate.solution.spectrum import inverse_of, squared_distance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

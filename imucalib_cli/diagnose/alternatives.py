@@ -175,7 +175,7 @@ class Fitter:
         options = self.options
         if self.windowing.trajectory.path.base_imu is None:
             options = options.along(hypothesis.path)
-        table = LEAN if hypothesis.joint is None else (*LEAN, _zero(hypothesis.names[0]))
+        table = (*LEAN, _zero(hypothesis.names[0])) if hypothesis.kind == "zero" else LEAN
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
             lean = lean_fit(windowing, options, offset, table=table, rough=True)
@@ -185,7 +185,7 @@ class Fitter:
                 lean = lean_fit(windowing, options, offset, near=lean, table=table)
         except InputError:
             return None
-        if hypothesis.joint is not None:
+        if hypothesis.kind == "zero":
             zero = hypothesis.sizes[0] + lean.state.x[lean.model.layout.part("joint_zero")].sum()
             hypothesis = replace(hypothesis, sizes=(float(np.angle(np.exp(1j * zero))),))
         if hypothesis.kind == "base_clock":
@@ -381,16 +381,13 @@ def _small_zero(fitter: Fitter, poor: PoorFit, offset: float) -> Hypothesis | No
         lean = lean_fit(fitter.windowing, fitter.options, offset, table=(*LEAN, _zero(None)))
     except InputError:
         return None
-    joints = {name: joint for joint, name in edits.turning_joints(poor.path).items()}
     found = {
         placed.labels[0]: float(lean.state.x[placed.part][0])
         for placed in lean.model.layout.placed
         if isinstance(placed.unknown.effect, JointCurve)
     }
     name = max(found, key=lambda name: abs(found[name]), default=None)
-    if name is None or name not in joints:
+    if name is None:
         return None
-    turned = edits.with_zero(poor.path, joints[name], found[name])
-    return Hypothesis(
-        kind="zero", names=(name,), sizes=(found[name],), path=turned, joint=joints[name]
-    )
+    turned = edits.with_zero(poor.path, name, found[name])
+    return Hypothesis(kind="zero", names=(name,), sizes=(found[name],), path=turned)

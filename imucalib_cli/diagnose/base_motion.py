@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.diagnose.alternatives import trimmed_rms
-from imucalib_cli.diagnose.edits import joints_of
 from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_GYRO
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, shortest_length
 from imucalib_cli.estimate.window_choice import own_noise
@@ -74,7 +73,7 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
         names=(path.world,),
         turning=turning if turns else None,
         pushing=pushing if pushed else None,
-        joints=bool(joints_of(path)),
+        joints=bool(path.joint_steps),
     )
 
 

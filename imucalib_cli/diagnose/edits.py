@@ -24,18 +24,10 @@ _LISTED: Final = 4
 """Names in one list of a sentence."""
 
 
-def joints_of(path: KinematicPath) -> tuple[JointStep, ...]:
-    """The joint steps, from the world on."""
-    return tuple(step for step in path.steps if isinstance(step, JointStep))
-
-
-def turning_joints(path: KinematicPath) -> dict[tuple[int, int], str]:
-    """Name of each reported position that turns a joint, by (track, column)."""
-    return {
-        (step.track, step.column): path.tracks[step.track].names[step.column]
-        for step in joints_of(path)
-        if step.kind == "revolute"
-    }
+def turning_joints(path: KinematicPath) -> tuple[str, ...]:
+    """Names of the reported positions that turn joints, each once."""
+    turning = (step for step in path.joint_steps.values() if step.kind == "revolute")
+    return tuple(dict.fromkeys(map(path.reported, turning)))
 
 
 def edited(path: KinematicPath, kind: type[S], change: Callable[[S], S]) -> KinematicPath:
@@ -44,11 +36,11 @@ def edited(path: KinematicPath, kind: type[S], change: Callable[[S], S]) -> Kine
     return replace(path, steps=tuple(steps))
 
 
-def with_zero(path: KinematicPath, reported: tuple[int, int], zero: float) -> KinematicPath:
-    """The same path with a constant, rad, added to a reported position, by (track, column)."""
+def with_zero(path: KinematicPath, joint: str, zero: float) -> KinematicPath:
+    """The same path with a constant, rad, added to the reported position of a joint."""
 
     def change(step: JointStep) -> JointStep:
-        its = (step.track, step.column) == reported
+        its = path.reported(step) == joint
         return replace(step, offset=step.offset + step.multiplier * zero) if its else step
 
     return edited(path, JointStep, change)

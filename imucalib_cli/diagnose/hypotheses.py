@@ -86,8 +86,6 @@ class Hypothesis:
     detail: tuple[str | float | None, ...] = ()
     """Other values for the message."""
     path: KinematicPath
-    joint: tuple[int, int] | None = None
-    """Track and column of the joint whose zero the fit refines."""
     accel: Floats | None = None
     """(3, 3), to multiply the accelerometer's readings by."""
     gyro: Floats | None = None
@@ -110,7 +108,7 @@ def single_faults(poor: PoorFit) -> Iterator[Hypothesis]:
 def double_faults(poor: PoorFit) -> Iterator[Hypothesis]:
     """Two or three joints turned over at once."""
     for count, most in ((2, _MOST_PAIRED), (3, _MOST_TRIPLED)):
-        if len(edits.joints_of(poor.path)) <= most:
+        if len(poor.path.joint_steps) <= most:
             yield from _signs(poor.path, count)
 
 
@@ -127,7 +125,7 @@ def _links(poor: PoorFit) -> Iterator[Hypothesis]:
 
 def _signs(path: KinematicPath, count: int) -> Iterator[Hypothesis]:
     """Some joints that turn the other way."""
-    names = tuple(dict.fromkeys(step.name for step in edits.joints_of(path)))
+    names = tuple(dict.fromkeys(step.name for step in path.joint_steps.values()))
     for some in itertools.combinations(names, count):
 
         def reverse(step: JointStep, some: tuple[str, ...] = some) -> JointStep:
@@ -141,7 +139,7 @@ def _signs(path: KinematicPath, count: int) -> Iterator[Hypothesis]:
 def _orders(path: KinematicPath, joints: Sequence[str]) -> Iterator[Hypothesis]:
     """Positions that do not belong to the names they come with."""
     for index, track in enumerate(path.tracks):
-        used = {step.column: step.name for step in edits.joints_of(path) if step.track == index}
+        used = {step.column: step.name for step in path.joint_steps.values() if step.track == index}
         if len(used) < 2:
             continue
         # The chain's own order; joints that are off the path keep their place after them.
@@ -192,7 +190,7 @@ def _units(path: KinematicPath) -> Iterator[Hypothesis]:
         ("revolute", "deg", "joints", math.pi / 180.0),
         ("prismatic", "mm", "sliding", _MILLI),
     ):
-        if any(step.kind == kind for step in edits.joints_of(path)):
+        if any(step.kind == kind for step in path.joint_steps.values()):
 
             def scale(step: JointStep, kind: str = kind, by: float = by) -> JointStep:
                 return replace(step, multiplier=by * step.multiplier) if step.kind == kind else step
@@ -239,7 +237,7 @@ def _poses(path: KinematicPath) -> Iterator[Hypothesis]:
 
 def _pose_tracks(path: KinematicPath) -> tuple[int, ...]:
     """Tracks of poses that the path uses."""
-    used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
+    used = dict.fromkeys(step.track for step in path.pose_steps.values())
     return tuple(track for track in used if path.tracks[track].kind == "pose")
 
 
@@ -292,7 +290,6 @@ def other_bases(poor: PoorFit) -> Iterator[Hypothesis]:
 
 
 def _zeros(path: KinematicPath) -> Iterator[Hypothesis]:
-    for joint, name in edits.turning_joints(path).items():
-        for angle in _GROSS_ZEROS:
-            turned = edits.with_zero(path, joint, angle)
-            yield Hypothesis(kind="zero", names=(name,), sizes=(angle,), path=turned, joint=joint)
+    for joint, angle in itertools.product(edits.turning_joints(path), _GROSS_ZEROS):
+        turned = edits.with_zero(path, joint, angle)
+        yield Hypothesis(kind="zero", names=(joint,), sizes=(angle,), path=turned)

@@ -12,7 +12,6 @@ import numpy as np
 
 from imucalib_cli.diagnose.edits import label_of, topic_of
 from imucalib_cli.findings import Finding, untrusted
-from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
@@ -56,12 +55,9 @@ def find_rival_publishers(path: KinematicPath) -> Finding | None:
 
 def _used(path: KinematicPath, index: int) -> tuple[int, ...]:
     """Columns of a track that move the path."""
-    columns: list[int] = []
-    for step in path.steps:
-        if isinstance(step, JointStep) and step.track == index:
-            columns.append(step.column)
-        elif isinstance(step, PoseStep) and step.track == index:
-            columns += range(path.tracks[index].values.shape[1])
+    if any(step.track == index for step in path.pose_steps.values()):
+        return tuple(range(path.tracks[index].values.shape[1]))
+    columns = (step.column for step in path.joint_steps.values() if step.track == index)
     return tuple(dict.fromkeys(columns))
 
 

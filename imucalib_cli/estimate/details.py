@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 _OFFSETS: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 """Sigmas of the time offset, at which other offsets are tried on either side."""
+_INSTANTS: Final = 20_000
+"""About as many are drawn of a log, and at least its windows."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,15 +157,14 @@ def details_of(
     )
 
 
-def window_series(fit: Fit, state: State, most: int = 20_000) -> WindowSeries:
+def window_series(fit: Fit, state: State) -> WindowSeries:
     """Both sides of the equations at every window of the fit, and at instants between them.
 
-    There are about ``most`` instants, and at least the windows. The state may be another than the
-    fit's.
+    The state may be another than the fit's.
     """
     windowing, plan = fit.model.windowing, fit.model.windowing.plan
     # The step is a fraction of the fit's own.
-    wanted = max(most // max(len(fit.centres), 1), 1)
+    wanted = max(_INSTANTS // max(len(fit.centres), 1), 1)
     parts = [n for n in range(1, plan.hop // plan.node + 1) if plan.hop % n == 0 and n <= wanted]
     finer = replace(plan, hop=plan.hop // max(parts, default=1))
     model = replace(fit.model, windowing=replace(windowing, plan=finer))

@@ -94,7 +94,7 @@ def calibrate_matched(
         fit=fit,
         attempt=attempt,
         dependence=dependence,
-        consistency=segments.consistency(fit.statistics.whiteness(fit.levels)),
+        consistency=segments.consistency(),
         sign=sign,
         change=None if directions else segments.change(),
     )
@@ -131,7 +131,11 @@ class Attempt:
     window: Window
     lag: Lag | None
     imu_ticks: bool
-    robot_ticks: bool
+
+    @property
+    def robot_ticks(self) -> bool:
+        """Whether the robot's stamps were taken as ticks of a constant rate."""
+        return self.lean.model.windowing.trajectory.use_ticks
 
     @property
     def misfit(self) -> float:
@@ -153,11 +157,11 @@ def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOption
     """
     best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
     if best.robot_ticks:
-        other = _next_attempt(clean, best, options, (best.imu_ticks, False))
+        other = _next_attempt(best, options, imu_ticks=best.imu_ticks, robot_ticks=False)
         best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
     # With the better stamps of the robot: both streams may be sampled late.
     if best.imu_ticks:
-        other = _next_attempt(clean, best, options, (False, best.robot_ticks))
+        other = _next_attempt(best, options, imu_ticks=False, robot_ticks=best.robot_ticks)
         best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
     return best
 
@@ -172,7 +176,7 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
         offsets, lag = coarse_time_offset(grid, trajectory, options.max_offset)
     windowing, window = _windowing(grid, trajectory, options, offsets[0])
     fits = (lean_fit(windowing, options, offset) for offset in offsets)
-    attempts = (Attempt(clean, e, window, lag, imu_ticks, trajectory.use_ticks) for e in fits)
+    attempts = (Attempt(clean, lean, window, lag, imu_ticks) for lean in fits)
     return min(attempts, key=lambda each: each.misfit)
 
 
@@ -211,14 +215,14 @@ def _with_longer_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) ->
 
 
 def _next_attempt(
-    clean: CleanImu, near: Attempt, options: MatchedOptions, ticks: tuple[bool, bool]
+    near: Attempt, options: MatchedOptions, *, imu_ticks: bool, robot_ticks: bool
 ) -> Attempt:
     """Take the stamps of IMU and robot the other way, and start from the fit at hand."""
-    trajectory = near.lean.model.windowing.trajectory.with_ticks(ticks[1])
-    grid = clean.grid(trajectory.interval, use_ticks=ticks[0])
+    trajectory = near.lean.model.windowing.trajectory.with_ticks(robot_ticks)
+    grid = near.clean.grid(trajectory.interval, use_ticks=imu_ticks)
     plan = plan_windows(odd_length(near.window.seconds / grid.dt), options.degree, grid.dt)
     lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
-    return replace(near, lean=lean, imu_ticks=ticks[0], robot_ticks=ticks[1])
+    return replace(near, lean=lean, imu_ticks=imu_ticks)
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
@@ -299,8 +303,7 @@ def estimate_of(answer: Answer, log: LogStatistics | None = None, **evidence: An
 
 def _parameters(answer: Answer) -> tuple[Parameter, ...]:
     """Every component beside the mount, with its prior."""
-    std = np.sqrt(np.maximum(np.diag(answer.covariance), 0.0))
-    prior = answer.layout.std_at(answer.u)
+    std, prior = answer.std, answer.layout.std_at(answer.u)
     found = []
     for each in answer.layout.placed:
         if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":

@@ -25,7 +25,6 @@ from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
-from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.timing.stamps import usual_interval
@@ -150,10 +149,7 @@ def _estimate_one(
             raise
         raise with_carriers(error, imu, sources, request)[0] from error
     path = motion.path
-    check_joint_topics(
-        recording.joints,
-        {path.tracks[s.track].names[s.column] for s in path.steps if isinstance(s, JointStep)},
-    )
+    check_joint_topics(recording.joints, set(map(path.reported, path.joint_steps.values())))
     check_overlap(samples, motion)
     missing = missing_parts({imu.name: samples.t, **{track.name: track.t for track in path.tracks}})
     repaired = request.repaired(samples, path)

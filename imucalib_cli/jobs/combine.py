@@ -16,7 +16,7 @@ from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
 from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.estimate.model.unknowns import TABLE
-from imucalib_cli.findings import Severity, untrusted, warning
+from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.input.request import recorded_estimator
 from imucalib_cli.results import result as tree
@@ -234,13 +234,12 @@ def _one(log: StoredLog, options: MatchedOptions) -> Estimate:
     statistics, before = log.statistics, log.result.diagnostics
     answer, found = solve_again(statistics, options)
     of_data = [finding_of(each) for each in before.findings if each.code not in _OF_ANSWER]
-    findings = sorted([*of_data, *found], key=lambda each: each.severity is not Severity.UNTRUSTED)
     return estimate_of(
         answer,
         statistics,
         window=Window(**structs.asdict(before.window)),
         residuals=_residuals([before]),
-        findings=tuple(findings),
+        findings=gravest_first([*of_data, *found]),
         notes=dict(before.notes),
     )
 
@@ -291,9 +290,8 @@ def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Any]:
         "gyro_bias": np.zeros(3),
     }
     for name in values:
-        part = layout.part(name)
-        if part != slice(0, 0):
-            values[name] = state.x[part]
+        if layout.has(name):
+            values[name] = state.x[layout.part(name)]
     return {**values, "gravity_world": state.gravity}
 
 
@@ -311,7 +309,7 @@ def _contradicted(
 
 
 def _findings(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
-    sigma = np.sqrt(np.diag(found.answer.pose_covariance))
+    sigma = found.answer.std[found.answer.layout.pose]
     for log, own in zip(logs, found.own, strict=True):
         # Equations are linear: half the square of a turn is what they neglect.
         bent = own.turned**2 / 2.0 > sigma[3:].max()

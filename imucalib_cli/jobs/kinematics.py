@@ -17,7 +17,7 @@ from imucalib_cli.results.kinematics import (
     joint_of,
     sigmas,
 )
-from imucalib_cli.robot.path import JointStep, PoseStep, parallel_joints
+from imucalib_cli.robot.path import parallel_joints
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,8 +44,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
     The errors of the base IMU's place in its link come first, if there is a base IMU.
     """
     result, path = each.result, each.motion.path
-    joints = [step for step in path.steps if isinstance(step, JointStep)]
-    if not joints:
+    if not path.joint_steps:
         yield f"{result.child}: only poses move {path.parent}, so there are no joints to judge"
         return
     if each.result.provenance.options.get("robot") == "exact":
@@ -66,11 +65,8 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         for entry in parameters
         if entry.name in _OF_BASE
     ]
-    moving = [
-        place
-        for place, step in enumerate(path.steps)
-        if isinstance(step, PoseStep) or (isinstance(step, JointStep) and travels(path, step))
-    ]
+    travelling = (place for place, step in path.joint_steps.items() if travels(path, step))
+    moving = {*path.pose_steps, *travelling}
     for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
         for entry in entries:
@@ -83,7 +79,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
             rows.append((name, some, "", "", why))
     yield Table(_HEADS, tuple(rows), frozenset(_HEADS[2:4]))
     for early, late in parallel_joints(path, moving):
-        one, other = (_reported(path, place) for place in (early, late))
+        one, other = (path.reported(path.joint_steps[place]) for place in (early, late))
         yield (
             f"the axes of {one} and {other} are parallel: a wrong zero of {one} looks like the "
             f"opposite zero of {other} and a displaced origin between them, and only what is "
@@ -93,19 +89,12 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
 
 def _places(path: KinematicPath, first: int) -> Iterator[tuple[str, str, str]]:
     """Joint, kind of error, and why no log could show it; ``first`` is the first moving step."""
-    for place, step in enumerate(path.steps):
-        if isinstance(step, JointStep):
-            name, is_base = _reported(path, place), place <= first
-            yield name, ORIGIN, _BASE if is_base else _MOUNT
-            yield name, AXIS, _BASE if is_base else _MOUNT
-            zero = "part of its origin" if step.kind == "prismatic" else _MOUNT
-            yield name, ZERO, _BASE if is_base else zero
-
-
-def _reported(path: KinematicPath, place: int) -> str:
-    """Name of the joint whose position moves a step."""
-    step = path.steps[place]
-    return path.tracks[step.track].names[step.column] if isinstance(step, JointStep) else ""
+    for place, step in path.joint_steps.items():
+        name, is_base = path.reported(step), place <= first
+        yield name, ORIGIN, _BASE if is_base else _MOUNT
+        yield name, AXIS, _BASE if is_base else _MOUNT
+        zero = "part of its origin" if step.kind == "prismatic" else _MOUNT
+        yield name, ZERO, _BASE if is_base else zero
 
 
 def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from imucalib_cli.combine.imus import OnRobot, groups, solve_agreeing
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.matched import estimate_of
-from imucalib_cli.findings import Severity, note, warning
+from imucalib_cli.findings import gravest_first, note, warning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,7 +51,7 @@ def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> 
             others = tuple(names[other] for other in solved.answers if other != each)
             finding = note("imus.together", others=others)
             found[places[each]] = _again(found[places[each]], logs[each], answer, finding)
-        for each, change in solved.strangers.items():
+        for each, change in solved.disagreeing.items():
             others = tuple(name for other, name in enumerate(names) if other != each)
             finding = warning("imus.disagree", imu=names[each], others=others, **vars(change))
             alone = found[places[each]]
@@ -62,12 +62,9 @@ def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> 
 def _again(estimate: Estimate, log: LogStatistics, answer: Answer, finding: Finding) -> Estimate:
     """The common estimate: findings on the data stay, those on the answer are made anew."""
     of_data = (each for each in estimate.findings if each.code not in judge.OF_ANSWER)
-    findings = sorted(
-        (*of_data, finding, *judge.of_answer(answer, log)),
-        key=lambda each: each.severity is not Severity.UNTRUSTED,
-    )
+    findings = gravest_first((*of_data, finding, *judge.of_answer(answer, log)))
     kept = {name: getattr(estimate, name) for name in _KEPT}
     details = estimate.details
     if details is not None:
         kept["details"] = replace(details, windows=details.windows_of(answer.state))
-    return replace(estimate_of(answer, log, findings=tuple(findings), **kept), statistics=log)
+    return replace(estimate_of(answer, log, findings=findings, **kept), statistics=log)

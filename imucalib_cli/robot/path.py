@@ -95,6 +95,20 @@ class KinematicPath:
     tracks: tuple[Track, ...]
 
     @property
+    def joint_steps(self) -> dict[int, JointStep]:
+        """Steps of joints by their index, from the world on."""
+        return {i: step for i, step in enumerate(self.steps) if isinstance(step, JointStep)}
+
+    @property
+    def pose_steps(self) -> dict[int, PoseStep]:
+        """Steps of pose streams and of a base IMU, likewise."""
+        return {i: step for i, step in enumerate(self.steps) if isinstance(step, PoseStep)}
+
+    def reported(self, step: JointStep) -> str:
+        """Name of the joint whose position moves a step: another one's with <mimic>."""
+        return self.tracks[step.track].names[step.column]
+
+    @property
     def base_imu(self) -> int | None:
         """Index of the track of an IMU that tells how the base moves."""
         return next((i for i, track in enumerate(self.tracks) if track.kind == "imu"), None)
@@ -102,11 +116,8 @@ class KinematicPath:
     @property
     def base_step(self) -> int:
         """Index of the step of that IMU, which is there; the next one leads to its link."""
-        return next(
-            index
-            for index, step in enumerate(self.steps)
-            if isinstance(step, PoseStep) and step.track == self.base_imu
-        )
+        steps = self.pose_steps.items()
+        return next(index for index, step in steps if step.track == self.base_imu)
 
     def poses(self, values: tuple[Floats, ...]) -> tuple[Floats, Floats]:
         """Pose of the parent link in the world for M instants.

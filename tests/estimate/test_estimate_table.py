@@ -7,7 +7,7 @@ which other tests compare with pinocchio's truth.
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -62,7 +62,7 @@ def _mixed_path(t: Floats) -> KinematicPath:
     """A tracked base, a turning, a sliding, a mimic and a last turning joint."""
     poses, q = _mixed_values(t)
 
-    def joint(name: str, column: int, axis: tuple[float, float, float], **more: float) -> JointStep:
+    def joint(name: str, column: int, axis: tuple[float, float, float], **more: Any) -> JointStep:
         return JointStep(
             name=name,
             kind="prismatic" if name == "slide" else "revolute",

@@ -343,7 +343,7 @@ def test_disagreeing_imu_of_three_is_left_out() -> None:
     wrong = imu("/imu/thigh", with_wrong_zero(walk(2).shank()))
     logs = statistics([shank, wrong, foot])
     solved = solve_agreeing(logs, [alone(log) for log in logs])
-    assert list(solved.strangers) == [1]
+    assert list(solved.disagreeing) == [1]
     for place, answer in zip((0, 2), solve_together([logs[0], logs[2]]), strict=True):
         np.testing.assert_array_equal(solved.answers[place].state.t, answer.state.t)
 

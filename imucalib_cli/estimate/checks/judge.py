@@ -23,9 +23,9 @@ from imucalib_cli.estimate.model.unknowns import (
     Reading,
     measured_over_true,
 )
+from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.fit import WRONG
-from imucalib_cli.estimate.solution.spectrum import inverse_of
-from imucalib_cli.findings import Finding, Severity, note, untrusted, warning
+from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold, stretches_of
@@ -122,7 +122,7 @@ class Evidence:
         return parts.segment_chi2
 
     @property
-    def hangs_most(self) -> Dependence | None:
+    def largest_dependence(self) -> Dependence | None:
         """The other window at which the answer differs most, if it differs by more than noise."""
         worst = max(self.dependence, key=lambda each: each.sigmas, default=None)
         return worst if worst is not None and worst.sigmas > WARN_SIGMAS else None
@@ -148,7 +148,7 @@ def of_findings(evidence: Evidence) -> Floats:
 
 def _differences(evidence: Evidence) -> Iterator[Floats]:
     """(6,) each, to other poses that the log does not exclude."""
-    fit, worst, too_large = evidence.fit, evidence.hangs_most, set()
+    fit, worst, too_large = evidence.fit, evidence.largest_dependence, set()
     if worst is not None:
         yield worst.difference
     for each, _, other in _too_large(fit, evidence.dependence):
@@ -197,7 +197,7 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
         found += _undecided(evidence)
     for check in (_residuals, _left_out, _strikes, _sampled, _gaps, _stamps):
         found += check(evidence)
-    return tuple(sorted(found, key=lambda each: each.severity is not Severity.UNTRUSTED))
+    return gravest_first(found)
 
 
 def of_answer(
@@ -352,9 +352,9 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     if error > 0.0:
         make = untrusted if evidence.too_noisy else warning
         yield make("window.noisy", seconds=seconds, error=error)
-    worst = evidence.hangs_most
+    worst = evidence.largest_dependence
     if worst is not None:
-        sigma = np.sqrt(np.diag(evidence.fit.pose_covariance))
+        sigma = evidence.fit.std[evidence.fit.layout.pose]
         matters = bool((np.abs(worst.difference) > sigma).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
         yield make(
@@ -439,8 +439,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
             elsewhere = below and not isinstance(unknown.effect, JointCurve)
             doubt = other is None and not unknown.harmless and not elsewhere
             make = untrusted if doubt else warning
-            own = np.sqrt(np.diag(answer.covariance)[part])
-            values, stds = _as_stated(unknown, value, own)
+            values, stds = _as_stated(unknown, value, answer.std[part])
             yield make(
                 "unknown.implausible",
                 **_named(each),
@@ -458,7 +457,7 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
 def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[Finding]:
     """An error that is clear, of covariance C, if it moves the pose by more than sigma."""
     unknown, part, value = each.unknown, each.part, answer.value(each)
-    std, stated = np.sqrt(np.diag(C)), np.sqrt(np.diag(answer.pose_covariance))
+    std, stated = np.sqrt(np.diag(C)), answer.std[answer.layout.pose]
     moves = _moves(answer, each, C)
     if (np.abs(moves) > stated).any() and (np.abs(value) >= unknown.least).any():
         effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
@@ -486,7 +485,7 @@ def _is_below(answer: Answer, each: Placed) -> bool:
 
 def _is_clear(answer: Answer, each: Placed) -> bool:
     """Whether an error is clear, and large enough to be told."""
-    size, std = np.abs(answer.value(each)), np.sqrt(np.diag(answer.covariance)[each.part])
+    size, std = np.abs(answer.value(each)), answer.std[each.part]
     return bool(((size > DISTRUST_SIGMAS * std) & (size >= each.unknown.least)).any())
 
 
@@ -529,8 +528,7 @@ def _too_large(
     With such a window something else looks like the entry.
     """
     for each in answer.layout.placed:
-        value, limit = answer.value(each), each.unknown.healthy
-        std = np.sqrt(np.diag(answer.covariance)[each.part])
+        value, std, limit = answer.value(each), answer.std[each.part], each.unknown.healthy
         if not len(value) or not answer.layout.free[each.part].all():
             continue
         worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
@@ -541,7 +539,7 @@ def _too_large(
 
 def _like(answer: Answer, place: int) -> str:
     """Another unknown that the log hardly distinguishes from a component; empty if none."""
-    std = np.sqrt(np.diag(answer.covariance))
+    std = answer.std
     shared = np.abs(answer.covariance[place]) / np.maximum(std * std[place], 1e-300)
     for each in answer.layout.placed:
         inside = each.part.start <= place < each.part.stop
@@ -602,8 +600,8 @@ def _still(answer: Answer) -> Iterator[Finding]:
 
 def offset_known(answer: Answer) -> bool:
     """Whether the motion determines the time offset."""
-    part = answer.layout.part("time_offset")
-    if part == slice(0, 0):
+    if not answer.layout.has("time_offset"):
         return False
+    part = answer.layout.part("time_offset")
     variance = max(answer.covariance[part, part].item(), excitation(answer)[part, part].item())
     return bool(variance < _OFFSET_LIMIT**2)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 
 from imucalib_cli.estimate.estimate import UnobservableDirection
-from imucalib_cli.estimate.model.unknowns import LEAN, TABLE, Mount
+from imucalib_cli.estimate.model.unknowns import LEAN
+from imucalib_cli.estimate.solution.algebra import inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.fit import DETERMINED
-from imucalib_cli.estimate.solution.spectrum import inverse_of, inverse_with_priors
+from imucalib_cli.estimate.solution.solve import WEAKEST_STD
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import Answer
 
 
-_WEAKEST_STD: Final = {each.name: each.std for each in TABLE if isinstance(each.effect, Mount)}
-"""m and rad: prior of any mount."""
 _LEVEL: Final = "; or state that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
 
@@ -38,10 +37,10 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
         free[each.part] &= each.unknown.name in lean
     std = layout.std_at(answer.u)
     if everything:
-        for name, weakest in _WEAKEST_STD.items():
+        for name in _PARTS:
             part = layout.part(name)
             free[part] = True
-            std[part] = weakest
+            std[part] = WEAKEST_STD[name]
     lean_only = np.ix_(free, free)
     full = np.zeros((layout.size, layout.size))
     full[lean_only] = inverse_with_priors(answer.motion[lean_only], std[free])
@@ -142,7 +141,7 @@ def _beyond(
             UnobservableDirection(
                 kind=kind,
                 direction_parent=axis,
-                std=std if std < 0.5 * _WEAKEST_STD[kind] else None,
+                std=std if std < 0.5 * WEAKEST_STD[kind] else None,
                 motion=_motion(kind, axis, turns_about),
             )
         )
@@ -155,7 +154,7 @@ def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Fl
     for direction in directions:
         part = _PARTS[direction.kind]
         u = direction.direction_parent
-        std = _WEAKEST_STD[direction.kind] if direction.std is None else direction.std
+        std = WEAKEST_STD[direction.kind] if direction.std is None else direction.std
         missing = std**2 - float(u @ wide[part, part] @ u)
         if missing > 0.0:
             wide[part, part] += missing * np.outer(u, u)

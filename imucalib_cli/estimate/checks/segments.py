@@ -11,7 +11,8 @@ import numpy as np
 from imucalib_cli.estimate.estimate import Consistency
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
-from imucalib_cli.estimate.solution.spectrum import PARTS, embedded, inverse_of, squared_distance
+from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, squared_distance
+from imucalib_cli.estimate.solution.spectrum import PARTS
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -173,7 +174,7 @@ class Segments:
         wanted = places_of(self._fit.layout.part(name) for name in names)
         return np.flatnonzero(np.isin(self._free, wanted))
 
-    def consistency(self, whiteness: tuple[float, float]) -> Consistency | None:
+    def consistency(self) -> Consistency | None:
         """Folds and halves of the pose; None where it is not free."""
         pose = self._places("translation", "rotation")
         if len(pose) < 6:
@@ -205,7 +206,7 @@ class Segments:
             halves_sigmas=float(np.sqrt(apart / max(seen.shape[1], 1))),
             segment_chi2=ratio,
             segment_sigmas=sigmas,
-            whiteness=whiteness,
+            whiteness=self._fit.statistics.whiteness(self._fit.levels),
         )
 
     def _disagreement(self, changes: Floats, left: Floats, pose: Indices) -> tuple[float, float]:

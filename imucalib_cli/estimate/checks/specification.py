@@ -19,8 +19,9 @@ import numpy as np
 
 from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
+from imucalib_cli.estimate.solution.algebra import embedded, squared_distance
 from imucalib_cli.estimate.solution.fit import Linearised
-from imucalib_cli.estimate.solution.spectrum import PARTS, chance_of_six, embedded, squared_distance
+from imucalib_cli.estimate.solution.spectrum import PARTS
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class Dependence(WindowAnswer):
         floor = np.diag(NEGLIGIBLE**2)
         square = float(squared_distance(self.difference, self.covariance + floor))
         freedom = self.parts - len(self.difference)
-        tail = chance_of_six(square * freedom / (self.parts - 1.0), freedom)
+        tail = _chance_of_six(square * freedom / (self.parts - 1.0), freedom)
         return -NormalDist().inv_cdf(tail / 2.0) if tail > 1e-300 else math.sqrt(square)
 
 
@@ -159,3 +160,13 @@ def _sound(fit: Fit, length: int) -> bool:
     seen = fit.seen_noise
     known = attenuation(seconds, seen.turning, windowing.trajectory)
     return known <= MAX_ATTENUATION and not seen.matters(seconds)
+
+
+def _chance_of_six(square: float, freedom: float) -> float:
+    """Chance of a larger square of six components, for a covariance with some degrees of freedom.
+
+    Tail of Fisher's F of 6 and these degrees, in closed form: scipy.special takes a quarter of a
+    second to import.
+    """
+    half, x = 0.5 * freedom, freedom / (freedom + square)
+    return float(x**half * (1.0 + half * (1.0 - x) * (1.0 + 0.5 * (half + 1.0) * (1.0 - x))))

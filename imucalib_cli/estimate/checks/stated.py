@@ -63,7 +63,7 @@ def contradicted(
     free = solve(freed)
     about = _about(free.layout, answer.options)
     away = prior_offset(free.layout, answer.options, free.state)[about]
-    std = np.sqrt(np.diag(free.covariance)[about])
+    std = free.std[about]
     worst = int(np.argmax(np.abs(away) / std))
     (unit,) = (e.unit for e in free.layout.placed if e.part.start <= about[worst] < e.part.stop)
     return untrusted(

@@ -68,10 +68,7 @@ class Model:
         """Shift in the middle, s, and drift of the accelerometer's and the gyroscope's stamps."""
         found = np.array([[state.held_offset, 0.0], [state.held_offset, 0.0]])
         for each, effect in self.layout.of(Clock):
-            value = float(state.x[each.part][0])
-            for sensor, basis in enumerate((effect.accel, effect.gyro)):
-                at = basis(np.array([0.0, 1.0]))
-                found[sensor] += value * np.array([at[0], at[1] - at[0]])
+            found += state.x[each.part] * np.array([effect.accel, effect.gyro])
         (accel, accel_drift), (gyro, gyro_drift) = found.tolist()
         return (accel, accel_drift), (gyro, gyro_drift)
 

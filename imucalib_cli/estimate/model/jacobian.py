@@ -29,7 +29,6 @@ from imucalib_cli.estimate.model.unknowns import (
     Reading,
 )
 from imucalib_cli.estimate.model.windows import blocks
-from imucalib_cli.robot.path import JointStep, PoseStep
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
@@ -164,16 +163,15 @@ class _Nodes:
     def joint_twists(self) -> dict[int, tuple[Floats, Floats, Floats]]:
         """As :meth:`twist`, by a unit of reported position, for each joint's step."""
         found = {}
-        for index, step in enumerate(self.path.steps):
-            if isinstance(step, JointStep):
-                R, p = self.frames[index]
-                axis = step.multiplier * np.matmul(step.axis, R)
-                turn, shift = (
-                    (np.zeros_like(axis), axis)
-                    if step.kind == "prismatic"
-                    else (axis, cross(axis, self.p + self.lever - p, -2))
-                )
-                found[index] = turn, shift, cross(turn, self.force, -2)
+        for index, step in self.path.joint_steps.items():
+            R, p = self.frames[index]
+            axis = step.multiplier * np.matmul(step.axis, R)
+            turn, shift = (
+                (np.zeros_like(axis), axis)
+                if step.kind == "prismatic"
+                else (axis, cross(axis, self.p + self.lever - p, -2))
+            )
+            found[index] = turn, shift, cross(turn, self.force, -2)
         return found
 
     def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
@@ -207,12 +205,11 @@ class _Nodes:
         By the joints' twists, behind the last pose stream: the column of a late IMU is then exactly
         that of all joints being early.
         """
-        streams = (i for i, step in enumerate(self.path.steps) if isinstance(step, PoseStep))
-        behind = max(streams, default=-1) + 1
+        behind = max(self.path.pose_steps, default=-1) + 1
         turning, moving = self.velocity_with(behind)
-        for index, (turn, shift, _) in self.joint_twists.items():
-            step = self.path.steps[index]
-            if index >= behind and isinstance(step, JointStep):
+        for index, step in self.path.joint_steps.items():
+            if index >= behind:
+                turn, shift, _ = self.joint_twists[index]
                 rate = self.motion.rates[step.track][:, step.column]
                 turning, moving = turning + rate * turn, moving + rate * shift
         return turning, moving
@@ -225,8 +222,8 @@ class _Nodes:
 
     def steps_of(self, stream: Placed) -> list[int]:
         """Steps that a pose stream moves."""
-        steps = enumerate(self.path.steps)
-        return [i for i, e in steps if isinstance(e, PoseStep) and e.track == stream.index]
+        steps = self.path.pose_steps.items()
+        return [index for index, step in steps if step.track == stream.index]
 
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), the change of the mount's translation and rotation by hidden components."""
@@ -290,8 +287,9 @@ def _block_columns(
     grid = model.windowing.grid
     age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
     for each, clock in model.layout.of(Clock):
-        J[:, each.part.start, accel] += by_time[:, 0] * clock.accel(age)[:, None]
-        J[:, each.part.start, gyro] += turned[:, 0] * clock.gyro(age)[:, None]
+        by_accel, by_gyro = (shift + drift * age for shift, drift in (clock.accel, clock.gyro))
+        J[:, each.part.start, accel] += by_time[:, 0] * by_accel[:, None]
+        J[:, each.part.start, gyro] += turned[:, 0] * by_gyro[:, None]
     for each in model.layout.placed:
         if each.hidden:  # exactly: a sharp log would take a difference for information
             J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]
@@ -391,7 +389,8 @@ def _add_of_base(
         return
     if isinstance(effect, Clock):  # a later stamp means a later pose
         turn, shift = (each[None] for each in base.velocity)
-        channels["times"].append((part, effect.accel(base.later)))
+        constant, drift = effect.accel
+        channels["times"].append((part, constant + drift * base.later))
     else:
         turn = -np.swapaxes(nodes.frames[placed.index + 1][0], 0, 1)
         if effect.what == "translation":

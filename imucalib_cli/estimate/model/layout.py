@@ -21,7 +21,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Unknown,
 )
 from imucalib_cli.estimate.solution.scales import Prior
-from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
+from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import cross
 
 if TYPE_CHECKING:
@@ -130,8 +130,12 @@ class Layout(Prior):
         """Number of components."""
         return len(self.std)
 
+    def has(self, name: str) -> bool:
+        """Whether there is an entry of a name."""
+        return any(each.unknown.name == name for each in self.placed)
+
     def part(self, name: str) -> slice:
-        """Components of the entry of a name (the first, where a robot has several)."""
+        """Components of the entry of a name (the first, where a robot has several), or none."""
         for each in self.placed:
             if each.unknown.name == name:
                 return each.part
@@ -249,7 +253,7 @@ class _Chain:
         start, end = trajectory.span
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
         self._path, self._joints = path, _joints_of(path)
-        moving = [i for i, step in enumerate(path.steps) if isinstance(step, PoseStep)]
+        moving = [*path.pose_steps]
         self._moving = set()
         for joint in self._joints:
             if float(np.ptp(values[joint.track][:, joint.column])) > STILL_JOINT:
@@ -270,7 +274,7 @@ class _Chain:
         effect, nowhere = unknown.effect, slice(0, 0)
         path, base = self._path, self._path.base_imu
         if isinstance(effect, JointCurve):
-            for joint in self._joints_of(effect):
+            for joint in self._shown(effect):
                 labels = _named(joint.name, unknown.labels)
                 hidden = max(joint.steps) >= self._last and not effect.every
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
@@ -287,7 +291,7 @@ class _Chain:
         elif isinstance(effect, PoseStream):
             # Without joints beside them late poses are a time offset.
             there = effect.what == "scale" or bool(self._moving)
-            used = dict.fromkeys(step.track for step in path.steps if isinstance(step, PoseStep))
+            used = dict.fromkeys(step.track for step in path.pose_steps.values())
             for track in (each for each in used if there and each != base):
                 yield Placed(unknown, nowhere, (path.tracks[track].name,), index=track)
         elif not isinstance(effect, OfBase):
@@ -296,7 +300,7 @@ class _Chain:
         elif base is not None and (self._moving or isinstance(effect.effect, Reading)):
             yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
 
-    def _joints_of(self, curve: JointCurve) -> Iterator[Joint]:
+    def _shown(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints whose error of this kind the log can determine."""
         for joint in self._joints:
             seen = (
@@ -315,25 +319,26 @@ class _Chain:
         for index, step in enumerate(steps):
             of_base = base < index <= base + 2
             if isinstance(step, FixedStep) and self._inside(index) and not of_base:
-                own = np.eye(3) if origin.what == "translation" else self._not_of_joints(index)
+                own = (
+                    np.eye(3) if origin.what == "translation" else self._not_of_joints(index, step)
+                )
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index, own) if index < self._last else own
                 if len(directions):
                     yield index, directions, step.R
 
-    def _not_of_joints(self, index: int) -> Floats:
+    def _not_of_joints(self, index: int, fixed: FixedStep) -> Floats:
         """(k, 3), axes about which the rotation of a constant step is no error of another kind.
 
         About the axis of the next joint it is that joint's zero, or passes a sliding joint and is
         an error of the step behind it. About the axis of the joint before, it is the zero of that,
         and a displacement that an origin takes up.
         """
-        steps, fixed = self._path.steps, self._path.steps[index]
-        before, after = steps[index - 1], (*steps, None)[index + 1]
+        before, after = (self._path.joint_steps.get(index + side) for side in (-1, 1))
         axes = []
-        if isinstance(after, JointStep) and isinstance(fixed, FixedStep):
+        if after is not None:
             axes.append(fixed.R @ after.axis)
-        if isinstance(before, JointStep) and isinstance(fixed, FixedStep):
+        if before is not None:
             # Oblique, it is the zero of both together, and one of these may be part of the mount.
             plain = all(abs(before.axis @ axis) < _PERPENDICULAR for axis in axes)
             turns = before.kind == "revolute" or index - 1 == self._first
@@ -364,15 +369,12 @@ def _towards_axes(directions: Floats) -> Floats:
 
 def _joints_of(path: KinematicPath) -> list[Joint]:
     found: dict[tuple[int, int], list[int]] = {}
-    for index, step in enumerate(path.steps):
-        if isinstance(step, JointStep):
-            found.setdefault((step.track, step.column), []).append(index)
+    for index, step in path.joint_steps.items():
+        found.setdefault((step.track, step.column), []).append(index)
     joints = []
     for (track, column), steps in found.items():
-        sliding = any(getattr(path.steps[step], "kind", "") == "prismatic" for step in steps)
-        names = path.tracks[track].names
-        name = names[column] if names else f"column {column}"
-        joints.append(Joint(name, track, column, tuple(steps), sliding))
+        sliding = any(path.joint_steps[index].kind == "prismatic" for index in steps)
+        joints.append(Joint(path.tracks[track].names[column], track, column, tuple(steps), sliding))
     return joints
 
 

@@ -15,7 +15,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from imucalib_cli.estimate.model.unknowns import JointCurve
-from imucalib_cli.robot.path import JointStep
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
@@ -146,7 +145,7 @@ def _carried(trajectory: Trajectory) -> tuple[Floats, Indices, dict[int, _Carrie
         t = np.arange(start, end, _EVERY)
         t = t[trajectory.covered(t)]
         breaks = np.flatnonzero(np.diff(t) > 1.5 * _EVERY) + 1
-        steps = {i: e for i, e in enumerate(path.steps) if isinstance(e, JointStep)}
+        steps = path.joint_steps
         axes, places = np.empty((len(steps), len(t), 3)), np.empty((len(steps) + 1, len(t), 3))
         links, payload = np.empty_like(axes), np.empty((4, len(t), 3))
         for first in range(0, len(t), _BLOCK):

@@ -178,12 +178,12 @@ def _base_imu(trajectory: Trajectory, layout: Layout, x: Floats) -> ReckonedBase
         return None
     clock = np.zeros(2)
     for each, effect in layout.of_base(Clock):
-        clock += x[each.part] * effect.accel(np.array([0.0, 1.0]))
+        clock += x[each.part] * effect.accel
     return ReckonedBase(
         track=track,
         grid=grid,
         shift=float(clock[0]),
-        drift=float(clock[1] - clock[0]),
+        drift=float(clock[1]),
         errors=tuple((reading, x[each.part]) for each, reading in layout.of_base(Reading)),
     )
 
@@ -298,7 +298,7 @@ class ReckonedBase:
         return lagrange(stamps, np.hstack([position, quaternion]), t)
 
 
-def felt_gravity(
+def mean_force_of_base(
     base: ReckonedBase, placed: Iterable[tuple[slice, Reading]], size: int, norm: float
 ) -> tuple[float, Floats, float]:
     """What the base IMU says about the scale that all accelerometers share.

@@ -167,13 +167,15 @@ class PayloadMass:
     """Masses that the parent link carries beside the links: at its origin, and along its axes."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Clock:
-    """Stamps: IMU stamp - robot stamp of the same instant = value * (accel, gyro)."""
+    """Stamps: IMU stamp - robot stamp of the same instant = value * (shift + drift * age).
 
-    accel: Callable[[Floats], Floats]
-    """Of (M,) seconds since the middle of the log; gives (M,)."""
-    gyro: Callable[[Floats], Floats]
+    With the age in seconds since the middle of the log, and shift and drift of each sensor.
+    """
+
+    accel: tuple[float, float]
+    gyro: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -466,7 +468,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         among="offset",
         unit="s",
         std=0.1,
-        effect=Clock(np.ones_like, np.ones_like),
+        effect=Clock(accel=(1.0, 0.0), gyro=(1.0, 0.0)),
         of_log=True,
         words="IMU stamp less robot stamp, gyroscope",
     ),
@@ -476,7 +478,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         std=50e-6,
         healthy=500e-6,
         least=1e-5,  # less than good quartz: jitter of stamps looks like it
-        effect=Clock(np.positive, np.positive),
+        effect=Clock(accel=(0.0, 1.0), gyro=(0.0, 1.0)),
         of_log=True,
         words="drift of the IMU's clock relative to the robot's",
     ),
@@ -485,7 +487,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="s",
         std=2e-3,
         healthy=0.02,
-        effect=Clock(accel=lambda age: -np.ones_like(age), gyro=np.zeros_like),
+        effect=Clock(accel=(-1.0, 0.0), gyro=(0.0, 0.0)),
         of_log=True,
         words="delay of the gyroscope behind the accelerometer",
     ),
@@ -687,7 +689,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="base_time_offset",
         unit="s",
         std=0.02,
-        effect=OfBase(Clock(np.ones_like, np.ones_like)),
+        effect=OfBase(Clock(accel=(1.0, 0.0), gyro=(1.0, 0.0))),
         of_log=True,
         words="stamp of the base IMU's accelerometer less joint stamp",
     ),
@@ -696,7 +698,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="s/s",
         std=50e-6,
         healthy=500e-6,
-        effect=OfBase(Clock(np.positive, np.positive)),
+        effect=OfBase(Clock(accel=(0.0, 1.0), gyro=(0.0, 1.0))),
         of_log=True,
         words="gain of the base IMU's clock on the robot's",
     ),

@@ -13,9 +13,10 @@ from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
-from imucalib_cli.estimate.model.state import Chain, State, felt_gravity
+from imucalib_cli.estimate.model.state import Chain, State, mean_force_of_base
 from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, Reading, Unknown
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
+from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
     NormalEquations,
@@ -43,7 +44,6 @@ from imucalib_cli.estimate.solution.spectrum import (
     Statistics,
     band_frequencies,
     deviance,
-    embedded,
     part_matrices,
     part_numbers,
     statistics,
@@ -152,12 +152,12 @@ class Fit(Answer):
     """Rise of chi-squared at the best other rotation; inf where there is none."""
     settled: bool
     """Whether the last step of all that is determined was small."""
-    beside: tuple[Floats, Floats]
-    """Information (n, n) and score (n,) from other sources than the windows."""
+    of_gravity: tuple[Floats, Floats]
+    """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
         """From [e J] (n + 1, n + 1) and the noise (n,) in J'e, in units of the noise."""
-        information, score = (self.equations.level * each for each in self.beside)
+        information, score = (self.equations.level * each for each in self.of_gravity)
         equations = replace(
             self.equations,
             information=total[1:, 1:] + information,
@@ -220,12 +220,12 @@ class Fit(Answer):
         number = part_numbers(self.centres)
         lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
         differs = lost & (np.append(lost[1:], False) | np.append(False, lost[:-1]))
-        if not differs.any():
-            return self.statistics.parts
-        heard = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
-        weights[differs[number]] = heard[differs[number]]
-        rows = replace(self.linearised, weights=weights).rows()
-        matrices = part_matrices(self.centres, rows, self.layout.size + 1)
+        matrices = self.statistics.uncalibrated_parts
+        if differs.any():
+            huber = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
+            weights[differs[number]] = huber[differs[number]]
+            rows = replace(self.linearised, weights=weights).rows()
+            matrices = part_matrices(self.centres, rows, self.layout.size + 1)
         return turned(matrices, self.statistics.calibration)
 
     @property
@@ -357,7 +357,7 @@ def _state_of(lean: Solution, layout: Layout, time_offset: float) -> State:
     ):
         part = layout.part(name)
         x[part] = value[: part.stop - part.start]
-    held = 0.0 if layout.part("time_offset") != slice(0, 0) else time_offset
+    held = 0.0 if layout.has("time_offset") else time_offset
     return State(lean.R, lean.x[lean_columns.T], lean.x[lean_columns.G], x, held)
 
 
@@ -375,7 +375,7 @@ def transferred(
         x[each.part] = values.get((each.unknown.name, each.labels), 0.0)
     if options.time_offset is not None:
         return replace(state, x=x, held_offset=options.time_offset)
-    if old.part("time_offset") == slice(0, 0):
+    if not old.has("time_offset"):
         x[layout.part("time_offset")] = state.held_offset
     return replace(state, x=x, held_offset=0.0)
 
@@ -433,11 +433,11 @@ def _fitted(
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
         u = layout.bounds[:, 1]  # anew: a wrong split between scales would stay
-        beside = _beside(model, state, options)
+        of_gravity = _gravity_by_base(model, state, options)
         for _ in range(2 if turn else 1):  # noise level and scales in turn; first roughly
             at = replace(at, noise=noise)
             stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
-            A, b = stats.information / level + beside[0], stats.score / level + beside[1]
+            A, b = stats.information / level + of_gravity[0], stats.score / level + of_gravity[1]
             problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
             u = most_likely(problem, u)
             step, inverse = problem.solve(u)
@@ -446,12 +446,12 @@ def _fitted(
             )
             x, white = state.x + embedded(step, layout.free), scales / windowing.plan.noise_gains
             left = levels * (white**2)[:, None]
-            noise = NoiseSpectrum.of(model, x, frequency, left, stats.heard)
+            noise = NoiseSpectrum.of(model, x, frequency, left, stats.passed)
             level = max(_level(stats, layout, levels, inverse), least_level)
         std = np.sqrt(np.diag(inverse))
         settled = _error_after(step, std, curvature[layout.free]) < _SETTLED
-        all_heard = more == 1 or len(centres) == len(every)
-        if turn == _PASSES - 1 or (turn and settled and all_heard):
+        all_used = more == 1 or len(centres) == len(every)
+        if turn == _PASSES - 1 or (turn and settled and all_used):
             break
         if rough and sure and not falls:
             break
@@ -462,9 +462,9 @@ def _fitted(
     equations = NormalEquations(
         layout=layout,
         at=state,
-        information=_symmetric(stats.information + level * beside[0]),
-        score=stats.score + level * beside[1],
-        noise=_symmetric(stats.score_covariance(levels) + level**2 * beside[0]),
+        information=_symmetric(stats.information + level * of_gravity[0]),
+        score=stats.score + level * of_gravity[1],
+        noise=_symmetric(stats.score_covariance(levels) + level**2 * of_gravity[0]),
         level=level,
         motion=_symmetric(_motion(model, stats, scales)),
     )
@@ -481,7 +481,7 @@ def _fitted(
         residual_scales=scales,
         runner_up_rise=rise,
         settled=_error_after(step[known], std[known], curvature[layout.free][known]) < _SETTLED,
-        beside=beside,
+        of_gravity=of_gravity,
     )
 
 
@@ -491,14 +491,14 @@ def _error_after(step: Floats, std: Floats, curvature: Floats) -> float:
     return float((np.abs(step) / std).max(initial=0.0)) * bent
 
 
-def _beside(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
+def _gravity_by_base(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
     """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
     layout = model.layout
     base = Chain.of(model.windowing.trajectory, layout, state).base
     if base is None or options.gravity_norm <= 0.0:
         return np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     placed = ((each.part, reading) for each, reading in layout.of_base(Reading))
-    off, change, std = felt_gravity(base, placed, layout.size, options.gravity_norm)
+    off, change, std = mean_force_of_base(base, placed, layout.size, options.gravity_norm)
     weight = 1.0 / (std**2 + options.gravity_std**2)
     return weight * np.outer(change, change), weight * off * change
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.model.unknowns import Gravity
+from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.solution.spectrum import embedded
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -88,6 +88,11 @@ class Answer:
         """(6, 6), of the mount."""
         return self.covariance[np.ix_(self.layout.pose, self.layout.pose)]
 
+    @property
+    def std(self) -> Floats:
+        """(n,), 1 sigma of the layout's components."""
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
     def value(self, placed: Placed) -> Floats:
         """Value of an entry; of gravity's magnitude, less the nominal one."""
         effect = placed.unknown.effect
@@ -98,7 +103,7 @@ class Answer:
     def of(self, name: str) -> tuple[Floats, Floats]:
         """Value and standard deviation of an entry of the table; empty where it is not free."""
         part = self.layout.part(name)
-        return self.state.x[part], np.sqrt(np.maximum(np.diag(self.covariance)[part], 0.0))
+        return self.state.x[part], self.std[part]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

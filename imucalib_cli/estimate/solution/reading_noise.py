@@ -14,7 +14,8 @@ import numpy as np
 from imucalib_cli.estimate.model.jacobian import plan_nodes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.unknowns import SENSORS, Reading
-from imucalib_cli.estimate.solution.spectrum import inverse_of, one_sided
+from imucalib_cli.estimate.solution.algebra import inverse_of
+from imucalib_cli.estimate.solution.spectrum import one_sided
 from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
@@ -40,16 +41,16 @@ class NoiseSpectrum:
 
     @classmethod
     def of(
-        cls, model: Model, x: Floats, frequency: Floats, left: Floats, heard: Bools
+        cls, model: Model, x: Floats, frequency: Floats, left: Floats, passed: Bools
     ) -> NoiseSpectrum:
         """The noise of a fit's windows, with errors x (n,) removed.
 
-        ``left`` (2, bands) is the power of the residuals at ``frequency`` (bands,), Hz; ``heard``
+        ``left`` (2, bands) is the power of the residuals at ``frequency`` (bands,), Hz; ``passed``
         (2, bands) says which bands the windows let through.
         """
         # Without noise a power may be negative by rounding.
         power = np.maximum(left / _share_left(model, x, frequency), 0.0)
-        accel, gyro = heard
+        accel, gyro = passed
         return cls((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
     def between(self, sensor: int, edges: Floats) -> Floats:

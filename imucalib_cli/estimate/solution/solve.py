@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 SAME_ROTATION = 0.02
 """rad: rotations closer than this are one minimum; noise moves it by a tenth of that."""
-_WEAKEST_STD = {each.name: each.std for each in LEAN}
+WEAKEST_STD = {each.name: each.std for each in LEAN}
 """Keeps from running away what the motion does not determine."""
 _V = np.r_[columns.ONE, np.arange(columns.COUNT)[columns.R]]
 """Columns of v."""
@@ -66,7 +66,7 @@ class Known:
             ("accel_bias", columns.BA, options.accel_bias_std),
             ("gyro_bias", columns.BG, options.gyro_bias_std),
         ):
-            std[part] = np.minimum(given, _WEAKEST_STD[name])
+            std[part] = np.minimum(given, WEAKEST_STD[name])
         norm = options.gravity_norm if options.has_gravity else 0.0
         tilts = options.gravity == "tilt" and options.has_gravity
         std[columns.G] = norm * options.tilt_std if tilts else 0.0

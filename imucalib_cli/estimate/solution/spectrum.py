@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -36,7 +35,7 @@ _FIRST_BAND_BINS: Final = 4
 """Bins of the lowest band, of which the unknowns take their share."""
 _BAND_RATIO: Final = 1.5
 """Of a band's edges: within it a kernel's response is nearly constant."""
-_HEARD: Final = 0.03
+_PASSED: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
 
@@ -103,20 +102,15 @@ class Statistics:
     response: Floats
     """(2, bands), mean of |K(f)|² in each band."""
     freedom: Floats
-    """(2, bands), residual components in each band."""
+    """(bands,), residual components of either sensor in each band."""
     uncalibrated_parts: Floats
-    """(PARTS, n + 1, n + 1): sum of [e J]' [e J] of parts of the log, over bands and sensors."""
+    """(PARTS, n + 1, n + 1): of parts of the log, over bands and sensors, always of [e J]."""
     windows: float
     """Their number by weights."""
     calibration: Floats
     """(n + 1, n + 1), T, where ``normal`` is of [e J] T'."""
     noise_score: Floats
     """(n,), the part of J'e from noise of readings, which is in column and residual alike."""
-
-    @cached_property
-    def parts(self) -> Floats:
-        """(PARTS, n + 1, n + 1), of [e J] T' of parts of the log, over all bands and sensors."""
-        return turned(self.uncalibrated_parts, self.calibration)
 
     @property
     def information(self) -> Floats:
@@ -155,15 +149,15 @@ class Statistics:
         return np.asarray(np.einsum("sb,sbpq->pq", weights, self.normal[:, :, 1:, 1:]))
 
     @property
-    def heard(self) -> Bools:
+    def passed(self) -> Bools:
         """(2, bands), whether the window's kernel lets a band through."""
-        return np.asarray(self.response > _HEARD * self.response.max(axis=1, keepdims=True))
+        return np.asarray(self.response > _PASSED * self.response.max(axis=1, keepdims=True))
 
     def whiteness(self, levels: Floats) -> tuple[float, float]:
         """Loudest band over the median one, accelerometer and gyroscope; 1 is white."""
         accel, gyro = (
-            float(each[heard].max() / max(float(np.median(each[heard])), 1e-300))
-            for each, heard in zip(levels, self.heard, strict=True)
+            float(each[passed].max() / max(float(np.median(each[passed])), 1e-300))
+            for each, passed in zip(levels, self.passed, strict=True)
         )
         return accel, gyro
 
@@ -193,11 +187,10 @@ def statistics(
 
     parts = part_matrices(centres, through_bands(), size)
     response = np.stack([bands.response(pair.average, plan.hop) for pair in plan.filters])
-    freedom = bands.freedom(windows)
     return Statistics(
         normal=bands.finished(),
         response=np.maximum(response, 1e-3 * response.max(axis=1, keepdims=True)),
-        freedom=np.stack([freedom, freedom]),
+        freedom=bands.freedom(windows),
         uncalibrated_parts=parts,
         windows=windows,
         calibration=np.eye(size),
@@ -234,10 +227,10 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
     total = 0.0
     for sensor, pair in enumerate(plan.filters):
         response = sums.response(pair.average, hop)
-        heard = response > _HEARD * response.max()
+        passed = response > _PASSED * response.max()
         least = SCALE_FLOOR[sensor] ** 2 / float(pair.average @ pair.average)
-        level = power[sensor, heard] / (freedom * response)[heard] + least
-        total += float(freedom[heard] @ np.log(level))
+        level = power[sensor, passed] / (freedom * response)[passed] + least
+        total += float(freedom[passed] @ np.log(level))
     return total / len(centres)
 
 
@@ -275,62 +268,3 @@ def _bands(length: int) -> list[slice]:
     if len(edges) > 2 and edges[-1] - edges[-2] < _FIRST_BAND_BINS:
         del edges[-2]
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
-
-
-def inverse_of(A: Floats) -> Floats:
-    """(..., n, n), inverse of positive matrices of mixed units; positive where A is singular."""
-    diagonal = np.diagonal(A, axis1=-2, axis2=-1)
-    least = np.maximum(1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0), 1e-300)
-    scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
-    units = scale[..., :, None] * scale[..., None, :]
-    in_units = A * units
-    if _far_from_singular(in_units):  # several times faster
-        return np.asarray(np.linalg.inv(in_units) * units)
-    values, vectors = np.linalg.eigh(in_units)
-    scaled = vectors * scale[..., :, None]
-    kept = np.maximum(values, 1e-14 * values[..., -1:])[..., None, :]
-    return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
-
-
-def _far_from_singular(matrices: Floats) -> bool:
-    """Whether positive matrices of unit diagonal keep at least four digits when inverted."""
-    try:
-        roots = np.linalg.cholesky(matrices)
-    except np.linalg.LinAlgError:
-        return False
-    return bool((np.diagonal(roots, axis1=-2, axis2=-1) > 1e-6).all())
-
-
-def inverse_with_priors(A: Floats, std: Floats) -> Floats:
-    """(n, n), inverse of information A (n, n) and priors of 1 sigma (n,).
-
-    Noise may have been subtracted from A: negative information counts as none.
-    """
-    values, vectors = np.linalg.eigh(A * np.outer(std, std))
-    scaled = vectors * std[:, None]
-    return np.asarray((scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T)
-
-
-def embedded(values: Floats, kept: Bools) -> Floats:
-    """(n,), values of the components that are kept, the others zero."""
-    full = np.zeros(len(kept))
-    full[kept] = values
-    return full
-
-
-def squared_distance(d: Floats, C: Floats) -> Floats:
-    """(...), squares d' C^-1 d, for covariances that may be singular and of mixed units."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(C, axis1=-2, axis2=-1), 1e-300))
-    values, vectors = np.linalg.eigh(C * scale[..., :, None] * scale[..., None, :])
-    along = ((d * scale)[..., None, :] @ vectors)[..., 0, :]
-    return np.asarray((along**2 / np.maximum(values, 1e-9)).sum(axis=-1))
-
-
-def chance_of_six(square: float, freedom: float) -> float:
-    """Chance of a larger square of six components, for a covariance with some degrees of freedom.
-
-    Tail of Fisher's F of 6 and these degrees, in closed form: scipy.special takes a quarter of a
-    second to import.
-    """
-    half, x = 0.5 * freedom, freedom / (freedom + square)
-    return float(x**half * (1.0 + half * (1.0 - x) * (1.0 + 0.5 * (half + 1.0) * (1.0 - x))))

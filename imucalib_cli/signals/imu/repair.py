@@ -13,7 +13,6 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning
-from imucalib_cli.robot.path import JointStep
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
 from imucalib_cli.signals.imu.faults import sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
@@ -319,8 +318,8 @@ def _most_angle(path: KinematicPath) -> float:
     """Largest range of a revolute joint's positions on a path, rad."""
     positions = (
         path.tracks[step.track].values[:, step.column]
-        for step in path.steps
-        if isinstance(step, JointStep) and step.kind == "revolute"
+        for step in path.joint_steps.values()
+        if step.kind == "revolute"
     )
     finite = (each[np.isfinite(each)] for each in positions)
     return max((float(np.ptp(each)) for each in finite if len(each)), default=0.0)

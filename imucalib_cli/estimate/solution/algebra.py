@@ -1,0 +1,59 @@
+"""Inverses and distances for matrices of mixed units, which may be singular."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from imucalib_cli.arrays import Bools, Floats
+
+
+def inverse_of(A: Floats) -> Floats:
+    """(..., n, n), inverse of positive matrices of mixed units; positive where A is singular."""
+    diagonal = np.diagonal(A, axis1=-2, axis2=-1)
+    least = np.maximum(1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0), 1e-300)
+    scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
+    units = scale[..., :, None] * scale[..., None, :]
+    in_units = A * units
+    if _far_from_singular(in_units):  # several times faster
+        return np.asarray(np.linalg.inv(in_units) * units)
+    values, vectors = np.linalg.eigh(in_units)
+    scaled = vectors * scale[..., :, None]
+    kept = np.maximum(values, 1e-14 * values[..., -1:])[..., None, :]
+    return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
+
+
+def _far_from_singular(matrices: Floats) -> bool:
+    """Whether positive matrices of unit diagonal keep at least four digits when inverted."""
+    try:
+        roots = np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return False
+    return bool((np.diagonal(roots, axis1=-2, axis2=-1) > 1e-6).all())
+
+
+def inverse_with_priors(A: Floats, std: Floats) -> Floats:
+    """(n, n), inverse of information A (n, n) and priors of 1 sigma (n,).
+
+    Noise may have been subtracted from A: negative information counts as none.
+    """
+    values, vectors = np.linalg.eigh(A * np.outer(std, std))
+    scaled = vectors * std[:, None]
+    return np.asarray((scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T)
+
+
+def embedded(values: Floats, kept: Bools) -> Floats:
+    """(n,), values of the components that are kept, the others zero."""
+    full = np.zeros(len(kept))
+    full[kept] = values
+    return full
+
+
+def squared_distance(d: Floats, C: Floats) -> Floats:
+    """(...), squares d' C^-1 d, for covariances that may be singular and of mixed units."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(C, axis1=-2, axis2=-1), 1e-300))
+    values, vectors = np.linalg.eigh(C * scale[..., :, None] * scale[..., None, :])
+    along = ((d * scale)[..., None, :] @ vectors)[..., 0, :]
+    return np.asarray((along**2 / np.maximum(values, 1e-9)).sum(axis=-1))
