@@ -278,8 +278,9 @@ def test_axis_errors_are_those_that_no_zero_replaces() -> None:
 def test_moving_base_makes_first_joint_zero_observable() -> None:
     layout = case("mixed").layout
     joints = owners(layout, JointCurve)
-    # Sliding joints have no zero: it is an origin. The mimic follows the joint that drives it.
-    assert joint_names(joints["joint_zero"]) == ["turn"]
+    # Sliding joints have no zero: it is an origin. The mimic joint follows the one that drives it,
+    # but where it stands then is its own.
+    assert joint_names(joints["joint_zero"]) == ["turn", "mimic"]
     assert joint_names(joints["joint_lag"]) == ["turn", "slide", "last"]
     assert [each.index for each in owners(layout, Origin)["origin"]] == [1, 3, 5, 7]
     assert layout.part("pose_scale") != slice(0, 0)

@@ -56,6 +56,8 @@ class Joint:
     column: int
     steps: tuple[int, ...]
     sliding: bool
+    follows: bool = False
+    """Whether it is one of these steps by itself, which follows another joint."""
 
     def of(self, motion: TrackMotion, loads: Mapping[str, Floats]) -> JointMotion:
         """Its part of the motion of all tracks."""
@@ -276,7 +278,7 @@ class _Chain:
         if isinstance(effect, JointCurve):
             for joint in self._shown(effect):
                 labels = _named(joint.name, unknown.labels)
-                hidden = max(joint.steps) >= self._last and not effect.every
+                hidden = min(joint.steps) >= self._last and not effect.every
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
         elif isinstance(effect, PayloadMass):
             if any(joint.name in self._moving and not joint.sliding for joint in self._joints):
@@ -302,7 +304,8 @@ class _Chain:
 
     def _shown(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints whose error of this kind the log can determine."""
-        for joint in self._joints:
+        followers = self._followers() if curve.followers else ()
+        for joint in (*self._joints, *followers):
             seen = (
                 joint.name in self._moving
                 if curve.every
@@ -310,6 +313,18 @@ class _Chain:
             )
             if seen and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
+
+    def _followers(self) -> Iterator[Joint]:
+        """Joints that follow another one of the path, each by itself."""
+        path_steps = self._path.joint_steps
+        for joint in self._joints:
+            own = (index for index in joint.steps if path_steps[index].name == joint.name)
+            leader = next(own, joint.steps[0])
+            for index in joint.steps:
+                step = path_steps[index]
+                sliding = step.kind == "prismatic"
+                if index != leader:
+                    yield Joint(step.name, joint.track, joint.column, (index,), sliding, True)
 
     def _origins(self, origin: Origin) -> Iterator[tuple[int, Floats, Floats]]:
         """Constant steps behind the first that moves: index, directions (k, 3) and R."""

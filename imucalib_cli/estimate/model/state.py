@@ -20,7 +20,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Samples,
     with_ends,
 )
-from imucalib_cli.robot.path import FixedStep
+from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import (
     cross,
     matrix_from_quaternion,
@@ -102,18 +102,6 @@ class Chain:
     def of(cls, trajectory: Trajectory, layout: Layout, state: State) -> Chain:
         """The chain for given values of the unknowns."""
         x = state.x
-        steps: list[Step] = list(trajectory.path.steps)
-        for each, origin in layout.of(Origin):
-            step, size = steps[each.index], x[each.part] @ each.directions
-            if isinstance(step, FixedStep) and size.any():
-                if origin.what == "translation":
-                    steps[each.index] = replace(step, p=step.p + size)
-                else:
-                    steps[each.index] = replace(step, R=matrix_from_rotvec(size) @ step.R)
-        for each, mount in layout.of_base(Mount):
-            step, size = steps[each.index], x[each.part]
-            if isinstance(step, FixedStep) and size.any():
-                steps[each.index] = _remounted(step, mount, size)
         streams: dict[str, dict[int, float]] = {"scale": {}, "delay": {}}
         for each, stream in layout.of(PoseStream):
             if x[each.part].any():
@@ -122,11 +110,11 @@ class Chain:
         return cls(
             trajectory=trajectory.earlier(late) if late else trajectory,
             base=_base_imu(trajectory, layout, x),
-            path=replace(trajectory.path, steps=tuple(steps)),
+            path=replace(trajectory.path, steps=_corrected_steps(trajectory.path, layout, x)),
             curves=tuple(
                 (each.joint, curve, x[each.part])
                 for each, curve in layout.of(JointCurve)
-                if each.joint is not None and x[each.part].any()
+                if each.joint is not None and not each.joint.follows and x[each.part].any()
             ),
             scales=tuple(streams["scale"].items()),
             loads=Loads.of(trajectory, layout, state.gravity, x),
@@ -162,6 +150,29 @@ class Chain:
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m."""
         return self.path.poses(self.values(t))
+
+
+def _corrected_steps(path: KinematicPath, layout: Layout, x: Floats) -> tuple[Step, ...]:
+    """With errors removed of constant steps, and of joints that follow others."""
+    steps: list[Step] = list(path.steps)
+    for each, origin in layout.of(Origin):
+        step, size = steps[each.index], x[each.part] @ each.directions
+        if isinstance(step, FixedStep) and size.any():
+            if origin.what == "translation":
+                steps[each.index] = replace(step, p=step.p + size)
+            else:
+                steps[each.index] = replace(step, R=matrix_from_rotvec(size) @ step.R)
+    for each, _ in layout.of(JointCurve):
+        if each.joint is not None and each.joint.follows:
+            (index,) = each.joint.steps
+            step, (zero,) = steps[index], x[each.part]
+            if isinstance(step, JointStep):
+                steps[index] = replace(step, offset=step.offset + step.multiplier * zero)
+    for each, mount in layout.of_base(Mount):
+        step, size = steps[each.index], x[each.part]
+        if isinstance(step, FixedStep) and size.any():
+            steps[each.index] = _remounted(step, mount, size)
+    return tuple(steps)
 
 
 def _remounted(step: FixedStep, mount: Mount, size: Floats) -> FixedStep:

@@ -137,6 +137,8 @@ class JointCurve:
     """For every joint that moves; else for those after the first that moves, without the last."""
     sliding: bool = True
     """For sliding joints too."""
+    followers: bool = False
+    """Whether joints that follow another (<mimic>) have one of their own; then it is constant."""
     only: str | None = None
     """The one joint that it is for; None: all."""
 
@@ -556,7 +558,9 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_zero",
         healthy=0.02,
-        effect=JointCurve(lambda m: np.ones((1, len(m.position))), every=False, sliding=False),
+        effect=JointCurve(
+            lambda m: np.ones((1, len(m.position))), every=False, sliding=False, followers=True
+        ),
         words="zero of a joint: true less reported position",
     ),
     Unknown(
