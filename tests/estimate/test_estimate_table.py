@@ -39,7 +39,7 @@ from imucalib_cli.robot.path import (
 )
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
-from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, windowing_of
+from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, solve, windowing_of
 from tests.estimate.estimate_walk import readings_of
 from tests.slow import slow_after
 
@@ -284,6 +284,19 @@ def test_moving_base_makes_first_joint_zero_observable() -> None:
     assert joint_names(joints["joint_lag"]) == ["turn", "slide", "last"]
     assert [each.index for each in owners(layout, Origin)["origin"]] == [1, 3, 5, 7]
     assert layout.part("pose_scale") != slice(0, 0)
+
+
+def test_zero_of_a_joint_that_follows_another_is_its_own() -> None:
+    log = _mixed_log().noisy(1)
+    (index,) = (i for i, step in log.path.joint_steps.items() if step.name == "mimic")
+    steps, step = list(log.path.steps), log.path.joint_steps[index]
+    steps[index] = replace(step, offset=step.offset + 5e-3)
+    found = solve(replace(log, path=replace(log.path, steps=tuple(steps))))
+    assert found.covered
+    (zero,) = (each for each in found.parameters if each.label == "mimic")
+    # In the position of the joint that it follows, of which it makes minus a half.
+    assert zero.value == pytest.approx(0.01, abs=4.0 * zero.std)
+    assert zero.std < 2e-3
 
 
 def test_still_joint_is_treated_as_a_link() -> None:

@@ -57,7 +57,7 @@ class Joint:
     steps: tuple[int, ...]
     sliding: bool
     follows: bool = False
-    """Whether it is one of these steps by itself, which follows another joint."""
+    """Whether it is a step by itself that follows another joint: in that one's position."""
 
     def of(self, motion: TrackMotion, loads: Mapping[str, Floats]) -> JointMotion:
         """Its part of the motion of all tracks."""

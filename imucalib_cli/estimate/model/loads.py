@@ -61,14 +61,16 @@ class Loads:
     def of(cls, trajectory: Trajectory, layout: Layout, gravity: Floats, x: Floats) -> Loads:
         """The loads of a layout's joints that may bend, by a payload of components x (n,)."""
         joints = [e.joint for e, curve in layout.of(JointCurve) if curve.loaded and e.joint]
-        payload = Payload.of(layout, x)
         if not joints:
+            payload = Payload(np.zeros(4))
             none, no_breaks = np.empty((0, 0, 4)), np.empty(0, dtype=np.intp)
             return cls(np.empty(0), none[..., 0], none, payload, no_breaks, ())
         t, breaks, carried = _carried(trajectory)
         torque = np.array(
             [sum(carried[step].torque(gravity) for step in joint.steps) for joint in joints]
         ).transpose(2, 0, 1)
+        masses = np.array([max(carried[step].mass for step in joint.steps) for joint in joints])
+        payload = Payload.of(layout, x, masses)
         names = tuple(joint.name for joint in joints)
         return cls(t, torque[..., 0], torque[..., 1:], payload, breaks, names)
 
@@ -105,14 +107,16 @@ class Payload:
     """(J,), how they shrink, each by its share, with the components of the joints."""
 
     @classmethod
-    def of(cls, layout: Layout, x: Floats) -> Payload:
-        """By components x (n,); nothing where no joint bends."""
+    def of(cls, layout: Layout, x: Floats, masses: Floats) -> Payload:
+        """By components x (n,) and masses (J,) behind the joints; nothing where no joint bends."""
         sags, own = x[layout.sags], x[layout.part("payload")]
-        square = float(sags @ sags)
+        # A light last link says little of how far the others bend.
+        weights = masses / masses.sum()
+        square = float(weights @ sags**2)
         if not len(own) or square == 0.0:
             return cls(np.zeros(4), 0.0, np.zeros(len(sags)))
-        by_own = _SHARE / np.sqrt(square / len(sags))
-        return cls(by_own * own, by_own, sags / square)
+        by_own = _SHARE / np.sqrt(square)
+        return cls(by_own * own, by_own, weights * sags / square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,6 +127,8 @@ class _Carried:
     """(5, K, 3), m/rad."""
     inertia: Floats
     """(5, K), torque by its acceleration, Nm/kg."""
+    mass: float
+    """Of the links behind the step."""
 
     def torque(self, gravity: Floats) -> Floats:
         """(5, K), Nm/kg of the links behind the step."""
@@ -173,7 +179,8 @@ def _carried(trajectory: Trajectory) -> tuple[Floats, Indices, dict[int, _Carrie
             share[0, :-4], share[1:, -4:] = masses[number:], masses.sum() * np.eye(4)
             share /= masses[number:].sum()
             inertia = np.einsum("sp,pki,pki->sk", share, arms, pushes[number:], optimize=True)
-            found[index] = _Carried(np.tensordot(share, arms, axes=1), inertia)
+            lever, mass = np.tensordot(share, arms, axes=1), float(masses[number:].sum())
+            found[index] = _Carried(lever, inertia, mass)
         _KNOWN[trajectory] = t, breaks, found
     return _KNOWN[trajectory]
 

@@ -252,7 +252,7 @@ class Unknown:
     @property
     def of_robot(self) -> bool:
         """Whether it is the same for all IMUs on a robot; else each IMU has its own."""
-        return isinstance(self.effect, (JointCurve, PayloadMass, Origin, PoseStream, OfBase))
+        return isinstance(self.effect, (JointCurve, Origin, PoseStream, OfBase))
 
     @property
     def needs_gravity(self) -> bool:
@@ -333,7 +333,7 @@ SCALES: Final[dict[str, Scale]] = {
     "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}),
     "joint_axis": Scale(low=2e-6, high=5e-3, like={"length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
-    "joint_second_harmonic": Scale(low=5e-7, high=2e-3),
+    "joint_second_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_harmonic": 0.5}),
     "joint_gain": Scale(low=5e-7, high=2e-2),
     "joint_lag": Scale(low=5e-7, high=4e-3),
     "joint_filter": Scale(low=3e-8, high=3e-4),
@@ -358,7 +358,9 @@ Zeros and lengths are found by one measurement, whose error goes into either: at
 of half a metre they count alike. Axes come from the machine that makes the lengths: some hundredths
 of a millimetre over the width of a bearing. A zero is set at one position of the joint, where the
 error once a turn is a part of it. The same teeth make that error and the play: catalogues of strain
-wave gears give one arc minute for either."""
+wave gears give one arc minute for either. An encoder's disk that is off its axis errs once a turn,
+one that is not round errs twice; over half a turn the one looks like the other, and the first is
+the larger."""
 
 
 def measured_over_true(error: Floats, std: Floats) -> tuple[Floats, Floats]:
@@ -631,7 +633,6 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="rad/(Nm/kg)",
         scale="joint_sag",
         effect=PayloadMass(),
-        of_log=True,
         words="bending of the joints by what the parent link carries",
     ),
     Unknown(
@@ -734,6 +735,9 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
 )
 """Whatever may be wrong with one IMU may be wrong with the other, by the same priors."""
+
+UNLOADED: Final = tuple(each for each in TABLE if not isinstance(each.effect, PayloadMass))
+"""For joints that do not bend: there a payload has no effect."""
 
 LEAN: Final = tuple(
     each

@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State, mean_force_of_base
-from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, UNLOADED, Reading, Unknown
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import (
@@ -72,9 +72,11 @@ _FEW: Final = 480
 """Windows that are enough for a first solution."""
 _MORE: Final = 8
 """Factor by which windows grow from one solution to the next, until all are used."""
-_PASSES: Final = 12
+_PASSES: Final = 8
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
+_CLEAR: Final = 5.0
+"""Sigmas: by chance in one sound log in two million."""
 WRONG: Final = 50.0
 """Ratio of residuals to the known noise from which the equations, not their parameters, are
 wrong."""
@@ -164,6 +166,12 @@ class Fit(Answer):
             score=total[1:, 0] - noise_score + score,
         )
         return equations.problem(self.layout, self.options)
+
+    @property
+    def bends(self) -> bool:
+        """Whether a joint bends, clear of its sigma."""
+        sags = self.layout.sags
+        return bool((self.state.x[sags] > _CLEAR * self.std[sags]).any())
 
     @cached_property
     def seen_noise(self) -> SeenNoise:
@@ -309,10 +317,17 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     Raises:
         InputError: The streams overlap for too few windows.
     """
-    windowing = lean.model.windowing
-    layout = lay_out(windowing.trajectory, options)
+    windowing, rise = lean.model.windowing, lean.runner_up_rise
+    layout = lay_out(windowing.trajectory, options, UNLOADED)
     state = transferred(lean, layout, options)
-    return _fitted(Model(windowing, layout), options, state, lean.runner_up_rise, more=_MORE)
+    fit = _fitted(Model(windowing, layout), options, state, rise, more=_MORE)
+    if not fit.bends:
+        return fit
+    layout = lay_out(windowing.trajectory, options)
+    state, every = transferred(fit, layout, options), len(fit.centres)
+    # What bends upwards is the payload, which was missing.
+    state.x[layout.sags] = np.maximum(state.x[layout.sags], 0.0)
+    return _fitted(Model(windowing, layout), options, state, rise, more=1, few=every)
 
 
 def _globally(
@@ -399,23 +414,19 @@ def _fitted(
     rise: float,
     more: int,
     *,
+    few: int = _FEW,
     rough: bool = False,
 ) -> Fit:
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
     layout, windowing = model.layout, model.windowing
     seconds = windowing.seconds
-    # Steps at which the model is bent, by their unit: a radian, a metre; for stamps a tenth of a
-    # window; for joints that bend what the softest do.
-    bends = {"s": 0.1 * seconds, "rad/(Nm/kg)": SCALES["joint_sag"].high}
-    curvature = np.ones(layout.size)
-    for each in layout.placed:
-        curvature[each.part] = bends.get(each.unknown.unit, 1.0)
+    curvature = _curvature(layout, seconds)
     clock = layout.part("time_offset")
     scales = np.full(2, np.inf)
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
-        centres = thinned(every, _FEW * more**turn)
+        centres = thinned(every, few * more**turn)
         (residuals,) = model.residuals(state, centres)
         # A log without noise is no reason to doubt the priors.
         own, before = residual_scales(residuals.values), scales
@@ -483,6 +494,21 @@ def _fitted(
         settled=_error_after(step[known], std[known], curvature[layout.free][known]) < _SETTLED,
         of_gravity=of_gravity,
     )
+
+
+def _curvature(layout: Layout, seconds: float) -> Floats:
+    """(n,), steps at which the model is bent.
+
+    A radian, a metre; of stamps a tenth of a window; what the softest joints bend, where a payload
+    acts by that.
+    """
+    by_unit = {"s": 0.1 * seconds}
+    if layout.has("payload"):
+        by_unit["rad/(Nm/kg)"] = SCALES["joint_sag"].high
+    found = np.ones(layout.size)
+    for each in layout.placed:
+        found[each.part] = by_unit.get(each.unknown.unit, 1.0)
+    return found
 
 
 def _error_after(step: Floats, std: Floats, curvature: Floats) -> float:
