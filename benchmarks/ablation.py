@@ -33,7 +33,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "joint axes": ("joint_axis",),
     "joint curves": (
         *("joint_harmonic", "joint_second_harmonic", "joint_gain"),
-        *("joint_lag", "joint_filter", "joint_play", "joint_sag"),
+        *("joint_lag", "joint_filter", "joint_play", "joint_sag", "payload"),
     ),
     "sensor scales": ("accel_scale", "gyro_scale"),
     "gyroscope's axes": ("gyro_misalignment",),
@@ -50,12 +50,12 @@ GROUPS["all of these"] = tuple(name for names in GROUPS.values() for name in nam
 
 def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float, float]:
     """Squared errors of translation, m², and rotation, rad², and NEES of one log."""
-    kept = tuple(each for each in TABLE if each.name not in GROUPS[group])
 
     def laid_out(
-        trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = kept
+        trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE
     ) -> Layout:
-        return lay_out(trajectory, options, table)
+        kept = tuple(each for each in table if each.name not in GROUPS[group])
+        return lay_out(trajectory, options, kept)
 
     fit.lay_out = laid_out  # no option leaves out entries one by one
     line = sweeps.run(sweeps.Job(robot=robot, row=row, seed=seed))
