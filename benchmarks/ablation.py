@@ -50,12 +50,16 @@ GROUPS["all of these"] = tuple(name for names in GROUPS.values() for name in nam
 
 def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float, float]:
     """Squared errors of translation, m², and rotation, rad², and NEES of one log."""
+    kept = tuple(each for each in TABLE if each.name not in GROUPS[group])
 
     def laid_out(
-        trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE
+        trajectory: Trajectory,
+        options: MatchedOptions,
+        table: tuple[Unknown, ...] = kept,
+        *,
+        payload: bool = True,
     ) -> Layout:
-        kept = tuple(each for each in table if each.name not in GROUPS[group])
-        return lay_out(trajectory, options, kept)
+        return lay_out(trajectory, options, table, payload=payload)
 
     fit.lay_out = laid_out  # no option leaves out entries one by one
     line = sweeps.run(sweeps.Job(robot=robot, row=row, seed=seed))

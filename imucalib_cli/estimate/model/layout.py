@@ -191,13 +191,21 @@ def places_of(parts: Iterable[slice]) -> Indices:
 
 
 def lay_out(
-    trajectory: Trajectory, options: MatchedOptions, table: tuple[Unknown, ...] = TABLE
+    trajectory: Trajectory,
+    options: MatchedOptions,
+    table: tuple[Unknown, ...] = TABLE,
+    *,
+    payload: bool = True,
 ) -> Layout:
-    """Place every entry of a table that this robot and this request have."""
+    """Place every entry of a table that this robot and this request have.
+
+    ``payload`` says whether one may bend the joints: where they do not bend, it has no effect.
+    """
     chain = _Chain(trajectory)
     placed = [
         place
         for unknown in table
+        if payload or not isinstance(unknown.effect, PayloadMass)
         if isinstance(unknown.effect, Mount) or np.any(options.prior_std(unknown) != 0.0)
         for place in chain.places(unknown)
     ]

@@ -736,9 +736,6 @@ TABLE: Final[tuple[Unknown, ...]] = (
 )
 """Whatever may be wrong with one IMU may be wrong with the other, by the same priors."""
 
-UNLOADED: Final = tuple(each for each in TABLE if not isinstance(each.effect, PayloadMass))
-"""For joints that do not bend: there a payload has no effect."""
-
 LEAN: Final = tuple(
     each
     for each in TABLE

@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State, mean_force_of_base
-from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, UNLOADED, Reading, Unknown
+from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, Reading, Unknown
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import (
@@ -318,7 +318,7 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
         InputError: The streams overlap for too few windows.
     """
     windowing, rise = lean.model.windowing, lean.runner_up_rise
-    layout = lay_out(windowing.trajectory, options, UNLOADED)
+    layout = lay_out(windowing.trajectory, options, payload=False)
     state = transferred(lean, layout, options)
     fit = _fitted(Model(windowing, layout), options, state, rise, more=_MORE)
     if not fit.bends:
