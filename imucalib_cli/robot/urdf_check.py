@@ -196,7 +196,7 @@ def _add_mass(link: ET.Element, inertial: Element | None) -> None:
         return
     mass, centre = inertial.value("mass", "value"), inertial.value("origin", "xyz") or "0 0 0"
     numbers = [*_numbers(mass), *_numbers(centre)]
-    if len(numbers) == 4 and numbers[0] > 0.0 and max(map(abs, numbers)) < _FARTHEST:
+    if len(numbers) == 4 and numbers[0] > 0.0 and all(abs(n) < _FARTHEST for n in numbers):
         kept = ET.SubElement(link, "inertial")
         ET.SubElement(kept, "mass", value=mass)
         ET.SubElement(kept, "origin", xyz=centre)

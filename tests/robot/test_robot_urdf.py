@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio
 import pytest
 import trimesh
 import yourdfpy
@@ -153,6 +154,34 @@ def test_elements_without_kinematics_are_ignored() -> None:
     assert loaded.links == ("a", "b", "c", "d")
     assert [joint.name for joint in loaded.joints] == ["ab", "bc", "cd"]
     assert loaded.root == "a"
+
+
+@pytest.mark.parametrize(
+    ("mass", "centre"),
+    [("0", "0 0 0"), ("-1", "0 0 0"), ("inf", "0 0 0"), ("1", "0 nan 0"), ("1", "0 1e9 0")],
+)
+def test_mass_that_cannot_be_is_left_out(mass: str, centre: str) -> None:
+    inertial = f'<inertial><mass value="{mass}"/><origin xyz="{centre}"/></inertial>'
+    heavy = f'<link name="d">{inertial}</link>' + joint("cd", "fixed", "c", "d")
+    assert read(f'<robot name="r">{LINKS + AB + BC + heavy}</robot>').masses == {}
+
+
+def test_joints_carry_the_masses_of_pinocchio() -> None:
+    """What is fixed to a link belongs to it, and so does what hangs on joints off the path."""
+    text = (Path(__file__).parents[2] / "sample_data" / "rihibot.urdf").read_text("utf-8")
+    camera = '<inertial><mass value="0.4"/><origin xyz="0.02 -0.01 0.03"/></inertial>'
+    empty = '<link name="camera_link" />'
+    text = text.replace(empty, f'<link name="camera_link">{camera}</link>')
+    assert camera in text
+    robot, model = read(text), pinocchio.buildModelFromXML(text)
+    moving = {each for each in robot.joints if each.kind != "fixed"}
+    for each in moving:
+        there = model.inertias[model.getJointId(each.name)]
+        mass, centre = robot.carried(each, moving)
+        assert mass == pytest.approx(there.mass)
+        np.testing.assert_allclose(centre, there.lever, atol=1e-12)
+    whole, _ = robot.carried(robot.joint_by_name["shoulder_pan_joint"], ())
+    assert whole == pytest.approx(sum(each.mass for each in model.inertias))
 
 
 def test_defaults_and_values_follow_the_specification() -> None:
