@@ -40,8 +40,7 @@ def with_zero(path: KinematicPath, joint: str, zero: float) -> KinematicPath:
     """The same path with a constant, rad, added to the reported position of a joint."""
 
     def change(step: JointStep) -> JointStep:
-        its = path.reported(step) == joint
-        return replace(step, offset=step.offset + step.multiplier * zero) if its else step
+        return step.with_zero(zero) if path.reported(step) == joint else step
 
     return edited(path, JointStep, change)
 

@@ -22,7 +22,7 @@ from imucalib_cli.estimate.estimate import (
 from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin, measured_over_true
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
+from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.solution.robust import residual_scales
 from imucalib_cli.estimate.window_choice import choose_window, is_drowned, own_noise
@@ -336,7 +336,7 @@ def _corrections(answer: Answer, *, clock_stepped: bool) -> tuple[Correction, ..
         if name not in _RECORDED or (clock_stepped and name == "clock_drift"):
             continue
         value, std = answer.value(each), answer.of(name)[1]
-        if not (np.abs(value) > judge.DISTRUST_SIGMAS * std).any():
+        if not (np.abs(value) > DISTRUST_SIGMAS * std).any():
             continue
         if each.unknown.is_sensor_scale:
             value, std = measured_over_true(value, std)

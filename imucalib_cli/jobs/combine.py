@@ -16,6 +16,7 @@ from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals, Window
 from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.estimate.model.unknowns import TABLE
+from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.input.request import recorded_estimator
@@ -349,7 +350,7 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
     poses, variances = np.array(known).reshape(count, 2, 2, 3).swapaxes(0, 1)
     sizes = np.linalg.norm(poses[:, None] - poses, axis=3)
     sigmas = np.sqrt((variances[:, None] + variances).sum(axis=3))
-    clear = (sizes > judge.SLIP) & (sizes > judge.DISTRUST_SIGMAS * sigmas)
+    clear = (sizes > judge.SLIP) & (sizes > DISTRUST_SIGMAS * sigmas)
     if clear.any():
         slips = np.where(clear.any(axis=2), (sizes / judge.SLIP).max(axis=2), 0.0)
         translation, rotation = sizes.reshape(-1, 2)[np.argmax(slips)]

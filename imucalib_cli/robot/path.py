@@ -7,7 +7,7 @@ the same product; only the steps differ.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -68,6 +68,11 @@ class JointStep:
     """(3,), of that mass, in the frame behind the joint, m."""
     multiplier: float = 1.0
     """With offset: position = multiplier * value + offset, as in <mimic>."""
+
+    def with_zero(self, zero: float) -> JointStep:
+        """The step with a constant added to its reported position, rad or m."""
+        return replace(self, offset=self.offset + self.multiplier * zero)
+
     offset: float = 0.0
 
 

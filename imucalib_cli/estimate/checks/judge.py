@@ -24,7 +24,7 @@ from imucalib_cli.estimate.model.unknowns import (
     measured_over_true,
 )
 from imucalib_cli.estimate.solution.algebra import inverse_of
-from imucalib_cli.estimate.solution.fit import WRONG
+from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, WRONG
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -48,8 +48,6 @@ Sign = Literal["as read", "reversed", "in doubt"]
 
 WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
-DISTRUST_SIGMAS: Final = 5.0
-"""One sound log in two million: such an error stands clear of its own sigma."""
 UNEXPLAINED_GYRO: Final = 0.3
 """Share of the measured rotation left in the residuals from which model and log do not match."""
 UNEXPLAINED_ACCEL: Final = 1.0

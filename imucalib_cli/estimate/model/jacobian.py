@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.state import BaseNodes, State
     from imucalib_cli.estimate.model.unknowns import Samples
     from imucalib_cli.estimate.model.windows import WindowPlan
-    from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
 
@@ -149,7 +148,6 @@ class _Nodes:
     chain: Chain
     t: Floats
     """(M,), s, robot stamps."""
-    path: KinematicPath
     gravity: Floats
     """(3,), m/s², world axes."""
     base: BaseNodes | None = None
@@ -163,7 +161,7 @@ class _Nodes:
     def joint_twists(self) -> dict[int, tuple[Floats, Floats, Floats]]:
         """As :meth:`twist`, by a unit of reported position, for each joint's step."""
         found = {}
-        for index, step in self.path.joint_steps.items():
+        for index, step in self.chain.path.joint_steps.items():
             R, p = self.frames[index]
             axis = step.multiplier * np.matmul(step.axis, R)
             turn, shift = (
@@ -183,7 +181,7 @@ class _Nodes:
     def bent_by_payload(self) -> Floats:
         """(3, 4, 3, M): as :meth:`twist`, by a unit of each mass of the payload."""
         by_mass = self.chain.loads.by_payload_at(self.t)
-        bent = np.zeros((3, 4, *self.p.shape))
+        bent = np.zeros((3, len(self.chain.loads.payload.masses), *self.p.shape))
         for joint, curve, size in self.chain.curves:
             if curve.loaded:
                 bending = size * by_mass[joint.name].T[:, None]
@@ -205,9 +203,9 @@ class _Nodes:
         By the joints' twists, behind the last pose stream: the column of a late IMU is then exactly
         that of all joints being early.
         """
-        behind = max(self.path.pose_steps, default=-1) + 1
+        behind = max(self.chain.path.pose_steps, default=-1) + 1
         turning, moving = self.velocity_with(behind)
-        for index, step in self.path.joint_steps.items():
+        for index, step in self.chain.path.joint_steps.items():
             if index >= behind:
                 turn, shift, _ = self.joint_twists[index]
                 rate = self.motion.rates[step.track][:, step.column]
@@ -222,7 +220,7 @@ class _Nodes:
 
     def steps_of(self, stream: Placed) -> list[int]:
         """Steps that a pose stream moves."""
-        steps = self.path.pose_steps.items()
+        steps = self.chain.path.pose_steps.items()
         return [index for index, step in steps if step.track == stream.index]
 
     def as_mount(self, placed: Placed) -> Floats:
@@ -446,7 +444,6 @@ def _nodes(model: Model, plan: NodePlan, chain: Chain, state: State, centres: In
         motion=motion,
         chain=chain,
         t=t,
-        path=chain.path,
         gravity=state.gravity,
         base=base,
     )

@@ -50,7 +50,7 @@ class Loads:
     torque: Floats
     """(K, J), Nm/kg."""
     by_payload: Floats
-    """(K, J, 4 or 0), Nm/kg, by a mass as large as that of the links in each place of a payload."""
+    """(K, J, P), Nm/kg, by a mass as large as that of the links in each of the payload's places."""
     payload: Payload
     """What the parent link carries."""
     breaks: Indices
@@ -63,19 +63,17 @@ class Loads:
         """The loads of a layout's joints that may bend, by a payload of components x (n,)."""
         joints = [e.joint for e, curve in layout.of(JointCurve) if curve.loaded and e.joint]
         if not joints:
-            payload = Payload(np.zeros(4))
-            none, no_breaks = np.empty((0, 0, 4)), np.empty(0, dtype=np.intp)
-            return cls(np.empty(0), none[..., 0], none, payload, no_breaks, ())
-        t, breaks, carried = _carried(trajectory, places=4 if layout.has("payload") else 0)
+            none, no_breaks = np.empty((0, 0, 0)), np.empty(0, dtype=np.intp)
+            return cls(np.empty(0), np.empty((0, 0)), none, Payload(np.empty(0)), no_breaks, ())
+        own = x[layout.part("payload")]
+        t, breaks, carried = _carried(trajectory, len(own))
         each = np.array(
             [sum(carried[step].torque(gravity) for step in joint.steps) for joint in joints]
         ).transpose(2, 0, 1)
         masses = np.array([max(carried[step].mass for step in joint.steps) for joint in joints])
-        payload = Payload.of(layout, x, masses)
+        payload = Payload.of(own, x[layout.sags], masses)
+        torque = each[..., 0] + each[..., 1:] @ payload.masses
         names = tuple(joint.name for joint in joints)
-        torque = each[..., 0]
-        if payload.masses.any():
-            torque = torque + each[..., 1:] @ payload.masses
         return cls(t, torque, each[..., 1:], payload, breaks, names)
 
     def at(self, t: Floats) -> dict[str, Floats]:
@@ -83,7 +81,7 @@ class Loads:
         return self._at(self.torque, t)
 
     def by_payload_at(self, t: Floats) -> dict[str, Floats]:
-        """(M, 4), the part by a unit of each mass of the payload."""
+        """(M, P), the part by a unit of each mass of the payload."""
         return self._at(self.by_payload, t)
 
     def _at(self, torque: Floats, t: Floats) -> dict[str, Floats]:
@@ -104,21 +102,23 @@ class Payload:
     """
 
     masses: Floats
-    """(4,), at the parent link's origin, and aside along x, y and z."""
+    """(P,), at the parent link's origin, and aside along x, y and z: four, or none."""
     by_own: float = 0.0
     """How each changes with its component."""
     by_sags: Floats = field(default_factory=lambda: np.zeros(0))
     """(J,), the relative change of all of them, with opposite sign, by each joint's component."""
 
     @classmethod
-    def of(cls, layout: Layout, x: Floats, masses: Floats) -> Payload:
-        """By components x (n,) and masses (J,) behind the joints; nothing where no joint bends."""
-        sags, own = x[layout.sags], x[layout.part("payload")]
+    def of(cls, own: Floats, sags: Floats, masses: Floats) -> Payload:
+        """By its components (P,), those of the joints (J,) and the masses (J,) behind these.
+
+        Where no joint bends, it does nothing.
+        """
         # A light last link says little of how far the others bend.
         weights = masses / masses.sum()
         square = float(weights @ sags**2)
-        if not len(own) or square == 0.0:
-            return cls(np.zeros(4), 0.0, np.zeros(len(sags)))
+        if square == 0.0:
+            return cls(0.0 * own, 0.0, 0.0 * sags)
         by_own = _SHARE / np.sqrt(square)
         return cls(by_own * own, by_own, weights * sags / square)
 
@@ -128,14 +128,14 @@ class _Carried:
     """How the mass of links and of a payload in each place moves with a joint's step."""
 
     lever: Floats
-    """(5 or 1, K, 3), m/rad."""
+    """(1 + P, K, 3), m/rad."""
     inertia: Floats
-    """(5 or 1, K), torque by its acceleration, Nm/kg."""
+    """(1 + P, K), torque by its acceleration, Nm/kg."""
     mass: float
     """Of the links behind the step."""
 
     def torque(self, gravity: Floats) -> Floats:
-        """(5 or 1, K), Nm/kg of the links behind the step."""
+        """(1 + P, K), Nm/kg of the links behind the step."""
         return self.lever @ gravity - self.inertia
 
 
@@ -148,7 +148,7 @@ _KNOWN: WeakKeyDictionary[Trajectory, dict[int, tuple[Floats, Indices, dict[int,
 def _carried(trajectory: Trajectory, places: int) -> tuple[Floats, Indices, dict[int, _Carried]]:
     """Instants (K,), s, indices of the first ones after gaps, and what each joint's step carries.
 
-    That is the links, and a payload in so many places. A link is a point at its centre of mass by
+    That is the links, and a payload in P places. A link is a point at its centre of mass by
     the URDF; without one, in the middle between joints.
     """
     known = _KNOWN.setdefault(trajectory, {})
@@ -173,7 +173,7 @@ def _carried(trajectory: Trajectory, places: int) -> tuple[Floats, Indices, dict
             R, origins[-1, part] = frames[-1]
             payload[:, part] = origins[-1, part] + np.moveaxis(R @ aside, 2, 0)
         masses = np.array([step.mass for step in steps.values()])
-        if not masses[-1:].all():
+        if not masses[-1:].all():  # behind each joint there must be some
             masses = _LIGHTER ** np.arange(len(steps))
             links[:] = 0.5 * (origins[:-1] + origins[1:])
         pushes = np.array([_accelerations(place, breaks) for place in bodies])

@@ -20,7 +20,7 @@ from imucalib_cli.estimate.model.unknowns import (
     Samples,
     with_ends,
 )
-from imucalib_cli.robot.path import FixedStep, JointStep
+from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import (
     cross,
     matrix_from_quaternion,
@@ -164,10 +164,8 @@ def _corrected_steps(path: KinematicPath, layout: Layout, x: Floats) -> tuple[St
                 steps[each.index] = replace(step, R=matrix_from_rotvec(size) @ step.R)
     for each, _ in layout.of(JointCurve):
         if each.joint is not None and each.joint.follows:
-            (index,) = each.joint.steps
-            step, (zero,) = steps[index], x[each.part]
-            if isinstance(step, JointStep):
-                steps[index] = replace(step, offset=step.offset + step.multiplier * zero)
+            (index,), (zero,) = each.joint.steps, x[each.part]
+            steps[index] = path.joint_steps[index].with_zero(zero)
     for each, mount in layout.of_base(Mount):
         step, size = steps[each.index], x[each.part]
         if isinstance(step, FixedStep) and size.any():

@@ -75,8 +75,8 @@ _MORE: Final = 8
 _PASSES: Final = 8
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
-_CLEAR: Final = 5.0
-"""Sigmas: by chance in one sound log in two million."""
+DISTRUST_SIGMAS: Final = 5.0
+"""One sound log in two million: such an error stands clear of its own sigma."""
 WRONG: Final = 50.0
 """Ratio of residuals to the known noise from which the equations, not their parameters, are
 wrong."""
@@ -171,7 +171,7 @@ class Fit(Answer):
     def bends(self) -> bool:
         """Whether a joint bends, clear of its sigma."""
         sags = self.layout.sags
-        return bool((self.state.x[sags] > _CLEAR * self.std[sags]).any())
+        return bool((self.state.x[sags] > DISTRUST_SIGMAS * self.std[sags]).any())
 
     @cached_property
     def seen_noise(self) -> SeenNoise:
