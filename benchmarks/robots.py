@@ -153,6 +153,7 @@ class Row:
     lag: float = 0.0  # of each joint's reading behind the joint, s
     play: float = 0.0  # of the error that changes sign with the direction of motion, rad
     softness: float = 0.0  # rad/Nm, of each joint by a random factor; weight bends it
+    payload: float = 0.0  # kg that the last link carries beside its own mass
     track_noise: tuple[float, float] = (0.0, 0.0)  # of a tracked base's components, m and rad
     track_scale: float = 0.0  # of the tracker's lengths
     track_delay: float = 0.0  # of its stamps behind those of the joints, s
@@ -386,8 +387,10 @@ class Truth:
             forces.append(own.linear + gravity * place.rotation[2])
         return np.array(forces)
 
-    def torques(self, motion: Motion, t: Floats, rng: np.random.Generator) -> Floats:
-        """(N, joints), Nm, that hold and move the links; the base has no weight."""
+    def torques(
+        self, motion: Motion, t: Floats, rng: np.random.Generator, payload: float
+    ) -> Floats:
+        """(N, joints), Nm, that hold and move links and payload, kg; the base has no weight."""
         model = self._model.copy()
         ends = [model.jointPlacements[j].translation for j in range(self.base + 2, model.njoints)]
         ends.append(model.frames[self._imu].placement.translation)
@@ -396,6 +399,8 @@ class Truth:
             centre = 0.5 * end + OFF_CENTRE * rng.normal(size=3)
             link = pin.Inertia(mass, centre, np.zeros((3, 3)))
             model.appendBodyToJoint(self.base + 1 + place, link, pin.SE3.Identity())
+        carried = pin.Inertia(payload, np.array([0.05, -0.03, 0.1]), np.zeros((3, 3)))
+        model.appendBodyToJoint(model.njoints - 1, carried, pin.SE3.Identity())
         data = model.createData()
         torques = [pin.rnea(model, data, *each).copy() for each in zip(*motion(t), strict=True)]
         return np.array(torques)[:, self.base :]
@@ -596,7 +601,7 @@ def _tracks(
         # A motor's encoder reads more than the joint behind it, which the weight pulls down.
         sag_rng = np.random.default_rng([*key, 2])
         soft = row.softness * np.exp(0.5 * sag_rng.normal(size=count))
-        read += soft * truth.torques(motion, t, sag_rng)
+        read += soft * truth.torques(motion, t, sag_rng, row.payload)
     names = tuple(f"j{index}" for index in range(count))
     joints = Track(name="/joint_states", kind="joints", t=t, values=read, names=names)
     read_tracks, exact = (joints,), (replace(joints, values=q),)

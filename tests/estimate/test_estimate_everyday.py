@@ -3,6 +3,7 @@
 Truth is that of benchmarks/robots.py: analytic motions and pinocchio's accelerations.
 """
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from scipy.signal import butter, lfilter, savgol_filter
 
 import imucalib_cli as ic
 from benchmarks import robots
-from benchmarks.robots import ROBOTS, Case, Row, make_case
+from benchmarks.robots import ROBOTS, ROWS, Case, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
 from tests.estimate.estimate_arm import (
     GRAVITY,
@@ -173,6 +174,16 @@ def test_joints_that_bend_under_load_are_corrected(robot: str, seed: int) -> Non
     found, rigid = solve(log), solve_exact(log)
     assert found.covered
     assert np.linalg.norm(found.error[3:]) < 0.5 * np.linalg.norm(rigid.error[3:])
+
+
+@pytest.mark.parametrize(("robot", "seed"), slow_after(1, [("ur10e", 2), ("panda", 1)]))
+def test_payload_bends_the_joints_too(robot: str, seed: int) -> None:
+    """A third of the arm's own mass, aside of the last link, of which no URDF tells."""
+    found = solve(everyday(robot, replace(ROWS["elastic"], payload=10.0), seed)[0])
+    assert found.trusted
+    assert found.covered
+    masses, std = found.parameter("payload")
+    assert (np.abs(masses) > 5.0 * std).any()
 
 
 @pytest.mark.parametrize("seed", slow_after(1, [401, 407]))
