@@ -335,6 +335,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
     "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
+    "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
+    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount gives way, or "
+    "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
     "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
     + _AT
     + _ONE_SIDE

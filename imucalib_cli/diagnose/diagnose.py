@@ -30,6 +30,7 @@ GENERIC: Final = frozenset(
         "unknown.implausible",
         "bias.unusual",
         "change.mount",
+        "change.drift",
         "change.clock",
         "change.gyro_bias",
         "change.accel_bias",

@@ -240,6 +240,21 @@ def test_clock_step_is_in_sigma_of_partly_fixed_pose() -> None:
     np.testing.assert_array_less(0.5 * solve(stepped).sigma[3:], part.sigma[3:])
 
 
+@BOTH_GRADES
+def test_slow_turn_of_the_mount_is_a_drift_and_no_step(grade: str) -> None:
+    """The pose is that of the middle of the log, and sigma covers both ends."""
+    log = log_of(moves=LONG).noisy(1, grade)
+    share = np.linspace(-0.5, 0.5, len(log.imu.t))
+    axis = np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0)
+    R = Rotation.from_rotvec(4e-3 * np.outer(share, axis))
+    found = solve(log.with_imu(gyro=R.apply(log.imu.gyro), accel=R.apply(log.imu.accel)))
+    assert [each for each in found.codes if "change." in each] == ["change.drift"]
+    drift = found.finding("change.drift")
+    assert abs(drift["rotation"] - 4e-3) < max(4.0 * drift["rotation_std"], 2e-4)
+    assert found.covered
+    assert np.linalg.norm(found.sigma[3:]) > 0.5 * drift["rotation"]
+
+
 def stretched(link: int) -> tuple[tuple[float, float, float], ...]:
     """One link 1 % longer than it is."""
     x, z, turn = LINKS[link]

@@ -205,10 +205,17 @@ def turned_later(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
     return gyro, accel
 
 
-def turned_to_and_fro(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
-    angle = 3e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE))
+def turned_by(angle: Floats, gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
     R = matrix_from_rotvec(np.outer(angle, (1.0, -1.0, 1.0)))
     return np.einsum("nij,nj->ni", R, gyro), np.einsum("nij,nj->ni", R, accel)
+
+
+def turned_to_and_fro(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
+    return turned_by(3e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE)), gyro, accel)
+
+
+def turned_slowly(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
+    return turned_by(np.linspace(0.0, 2.5e-3, len(gyro)), gyro, accel)
 
 
 def dead_axis_without_noise() -> Recording:
@@ -266,6 +273,7 @@ SENSORS: dict[str, Provocation] = {
     "axes-turned-far": changed(lambda w, a: (w @ about_z(5.0).T, a)),
     "accel-bias-large": changed(lambda w, a: (w, a + np.array([0.6, 0.0, 0.0]))),
     "mount-moved": changed(turned_later),
+    "mount-drifts": changed(turned_slowly),
     "mount-sways": changed(turned_to_and_fro),
 }
 

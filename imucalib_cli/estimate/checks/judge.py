@@ -163,8 +163,9 @@ def _differences(evidence: Evidence) -> Iterator[Floats]:
         if below or _turns_too_far(fit, each):
             yield _moves(fit, each)
     if evidence.change is not None:
-        # The truth is with one part or the other, the estimate with one of them or between them.
-        yield evidence.change.moves_pose
+        # The truth is with one part or the other, the estimate with one of them or between them; a
+        # drift is by half of it to either side.
+        yield evidence.change.moves_pose * (0.5 if evidence.change.kind == "drift" else 1.0)
 
 
 def _off_square(answer: Answer) -> float:
@@ -372,22 +373,22 @@ def _parts(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _changed(evidence: Evidence) -> Iterator[Finding]:
-    """An instant at which mount, clock or bias changed."""
+    """An instant at which mount, clock or bias changed, or a drift of the pose."""
     change = evidence.change
     if change is None:
         return
-    lengths, size = _lengths(change.moves_pose), change.size
-    if change.kind == "mount":
-        spread, values = _lengths(size * change.std), dict[str, float]()
+    lengths, size, values = _lengths(change.moves_pose), change.size, dict[str, float]()
+    if change.kind in {"mount", "drift"}:
+        spread = _lengths(size * change.std)
         for name, length in lengths.items():
             values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
     else:
-        values = {"size": float(size[0] if len(size) == 1 else np.linalg.norm(size))}
+        values["size"] = float(size[0] if len(size) == 1 else np.linalg.norm(size))
+    if change.kind != "drift":
+        values |= {"seconds": change.seconds, "uncertainty": change.uncertainty}
     # A mount that gives is in sigma already.
     slipped = (np.array(list(lengths.values())) > SLIP).any()
-    yield (untrusted if slipped else warning)(
-        f"change.{change.kind}", seconds=change.seconds, uncertainty=change.uncertainty, **values
-    )
+    yield (untrusted if slipped else warning)(f"change.{change.kind}", **values)
 
 
 def _lengths(pose: Floats) -> dict[str, float]:

@@ -40,33 +40,34 @@ MEDIAN_CHI2: Final = 0.455
 _APART: Final = PARTS // 8
 """Parts over which the walk of a bias is measured: far enough to stand clear of the noise, near
 enough that a step lies between fewer than half of all pairs."""
-Kind = Literal["mount", "clock", "gyro_bias", "accel_bias"]
+Kind = Literal["mount", "drift", "clock", "gyro_bias", "accel_bias"]
 _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "mount": ("translation", "rotation"),
     "clock": ("time_offset",),
     "gyro_bias": ("gyro_bias",),
     "accel_bias": ("accel_bias",),
 }
-"""What may change at an instant, by entries of the table, the gravest first."""
+"""What may change at an instant, by entries of the table, the gravest first. Clocks and biases
+that drift have entries of their own; a mount that does so is told as a drift."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change:
-    """An instant at which mount, clock or a bias changed."""
+    """An instant at which mount, clock or a bias changed, or a drift of the pose over the log."""
 
     kind: Kind
     seconds: float
-    """Of the log."""
+    """Of the log: its middle for a drift."""
     uncertainty: float
-    """s: half a segment."""
+    """s: half a segment, or half the log for a drift."""
     size: Floats
     """In the units of the table."""
     std: Floats
     evidence: float
     """Fall of the information criterion."""
     moves_pose: Floats
-    """(6,), m and rad: of a mount from before to after; else the pose by a model with the change
-    less the pose without."""
+    """(6,), m and rad: of a mount from before to after, or over the log; else the pose by a model
+    with the change less the pose without."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,8 +246,14 @@ class Segments:
                 continue
             wander = self._wander(part) if kind.endswith("bias") else np.zeros((len(part),) * 2)
             cut = self._likeliest_cut(part, wander)
-            if cut is not None:
-                best[kind] = self._change(kind, part, cut, wander)
+            if cut is None:
+                continue
+            parts = np.arange(len(self._A))
+            found = self._change(kind, part, (parts >= cut).astype(float), wander)
+            if kind == "mount":
+                drift = self._change("drift", part, (parts + 0.5) / len(parts) - 0.5, wander)
+                found = found if found.evidence > drift.evidence + DECISIVE else drift
+            best[kind] = found
         most = max((each.evidence for each in best.values()), default=0.0)
         alike = (each for each in best.values() if most - each.evidence < DECISIVE)
         return next(alike) if most > DECISIVE else None
@@ -256,17 +263,17 @@ class Segments:
         windows = self._fit.statistics.windows / WINDOWS_PER_LENGTH
         return len(part) * math.log(6.0 * windows)
 
-    def _step(self, part: Indices, cut: slice | int) -> tuple[Floats, Floats, Floats]:
-        """Columns, information and size of a change of some components at each cut.
+    def _sizes(
+        self, part: Indices, cross: Floats, own: Floats, score: Floats
+    ) -> tuple[Floats, Floats]:
+        """Information (..., k, k) and size (..., k) of changes of k components.
 
-        Columns of the change are those of its components, from the instant on.
+        From their columns' products with those of all (..., n, k), their own and their score.
         """
-        cross = self._A_after[cut][..., part]
         # A change is no larger than its components may be.
-        own = cross[..., part, :] + self._P[np.ix_(part, part)]
+        own = own + self._P[np.ix_(part, part)]
         left = own - np.swapaxes(cross, -1, -2) @ self._inverse @ cross
-        size = -(inverse_of(left) @ self._b_after[cut][..., part, None])[..., 0]
-        return cross, left, size
+        return left, -(inverse_of(left) @ score[..., None])[..., 0]
 
     def _likeliest_cut(self, part: Indices, wander: Floats) -> int | None:
         """Where a change explains most; None where it explains less than it costs everywhere."""
@@ -274,7 +281,8 @@ class Segments:
         cuts = slice(least, len(self._A) - least + 1)
         if cuts.start >= cuts.stop:
             return None
-        cross, left, size = self._step(part, cuts)
+        cross, score = self._A_after[cuts][..., part], self._b_after[cuts][..., part]
+        left, size = self._sizes(part, cross, cross[:, part], score)
         # Components that only one part of the log shows do not count as changed: their information
         # beside the other unknowns is rounding.
         own = np.diagonal(cross[:, part], axis1=1, axis2=2)
@@ -291,39 +299,47 @@ class Segments:
             return None
         return least + int(np.argmax(np.where(gainful, gain, 0.0)))
 
-    def _change(self, kind: Kind, part: Indices, cut: int, wander: Floats) -> Change:
-        """A change of some components at a cut."""
-        later, inverse = slice(cut, None), self._inverse
-        cross, left, size = self._step(part, cut)
+    def _change(self, kind: Kind, part: Indices, weights: Floats, wander: Floats) -> Change:
+        """A change of some components, of which each part of the log has a share (P,)."""
+        inverse, over = self._inverse, weights[:, None]
+        cross = np.tensordot(weights, self._A[..., part], axes=1)
+        own = np.tensordot(weights**2, self._A[:, part][..., part], axes=1)
+        left, size = self._sizes(part, cross, own, weights @ self._b[:, part])
         C = inverse_of(left)
         # Noise of real logs is louder in some motions: by how the residuals scatter with the change
         # in the model.
         moved = -(inverse @ cross @ size)
-        b = self._b + self._A @ moved
-        b[later] += self._A[later][:, :, part] @ size
-        each = -(b @ inverse @ cross)
-        each[later] += b[later][:, part]
+        b = self._b + self._A @ moved + over * (self._A[..., part] @ size)
+        each = over * b[:, part] - b @ inverse @ cross
         scatter = C @ self._sum_of_squares(each) @ C * len(each) / (len(each) - 1.0)
         C = _larger(scatter, C) + wander
         evidence = squared_distance(size, C) - self._price(part)
-        pose = self._places("translation", "rotation")
-        low = high = cut  # in a gap the instant is unknown
-        while low > 1 and self._empty[low - 1]:
-            low -= 1
-        while high < len(self._A) - 1 and self._empty[high]:
-            high += 1
         std, seen = np.sqrt(np.diag(C)), self._fit.layout.free[self._fit.layout.pose]
-        if kind == "mount":  # components that are held have not changed
+        pose = self._places("translation", "rotation")
+        of_pose = kind in {"mount", "drift"}
+        if of_pose:  # components that are held have not changed
             size, std = embedded(size, seen), embedded(std, seen)
+        seconds, uncertainty = self._when(weights)
         return Change(
             kind=kind,
-            seconds=float(self.edges[[low, high]].mean()),
-            uncertainty=float(self.edges[high + 1] - self.edges[low - 1]) / 2.0,
+            seconds=seconds,
+            uncertainty=uncertainty,
             size=size,
             std=std,
             evidence=float(evidence),
-            moves_pose=size if kind == "mount" else embedded(moved[pose], seen),
+            moves_pose=size if of_pose else embedded(moved[pose], seen),
         )
+
+    def _when(self, weights: Floats) -> tuple[float, float]:
+        """When the share of a change grows, and half of how long that may take, s."""
+        grows = np.flatnonzero(np.diff(weights)) + 1
+        low, high = int(grows[0]), int(grows[-1])
+        while low > 1 and self._empty[low - 1]:  # in a gap the instant is unknown
+            low -= 1
+        while high < len(self._A) - 1 and self._empty[high]:
+            high += 1
+        around = self.edges[high + 1] - self.edges[low - 1]
+        return float(self.edges[[low, high]].mean()), float(around) / 2.0
 
     def _sum_of_squares(self, each: Floats) -> Floats:
         """(k, k), of contributions of the parts (p, k); parts that share a window are alike.
