@@ -6,12 +6,13 @@ the logarithms u of the learnt scales, the marginal likelihood of u is
     log p(data | u) = b' H^-1 b / 2 - log|H| / 2 + log|P| / 2,    H = A + P(u).
 
 The answer at its mode would be too sure of itself where few components inform a scale. So the
-answer is the mean over u, by importance points around the mode, or over a Markov chain where few of
-these points have weight, as with the correlated scales of an IMU as moving base.
+answer is the mean over u, by importance points around the mode: many, whose likelihood is computed,
+and of these as many as are likely, at which the answer is.
 
 Source: variance components, Searle, Casella and McCulloch 1992; integration after the idea of
-INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009; the chain, Metropolis et al.,
-J. Chem. Phys. 21(6), 1953.
+INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009; the choice of few points from many,
+Rubin, J. Am. Stat. Assoc. 82(398), 1987; at even steps, Kitagawa, J. Comput. Graph. Stat. 5(1),
+1996.
 """
 
 from __future__ import annotations
@@ -28,17 +29,19 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
 
-_POINTS: Final = 64
-"""Importance points: thirty times as many move the mean by a tenth of sigma, and sigma by some per
-cent. At least an eighth of them must count: eight give sigma to a quarter."""
+_POINTS: Final = (64, 512, 4096)
+"""Importance points: more where few of them count, as where scales are correlated. Thirty times as
+many as the first move the mean by a tenth of sigma, and sigma by some per cent."""
+_COUNT: Final = 8.0
+"""Equally likely points that they must be worth at least: eight give sigma to a quarter."""
+_KEPT: Final = 64
+"""Points at which the answer is computed."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
 """Where the likelihood of a scale's logarithm is evaluated: at best it is some tenths wide."""
 _FINE: Final = 200
 """Points of its interpolation."""
 _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales are correlated, and tails must be covered."""
-_SWEEPS: Final = 128
-"""Of the chain over all scales: some dozen of them are independent."""
 _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
 _ALIKE: Final = math.log(3.0)
@@ -75,17 +78,17 @@ class Prior:
             return np.array(self.std)
         return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
 
-    def log_density(self, u: Floats, newest: int | None = None) -> Floats:
-        """(...), of logarithms of the scales (..., k), within their bounds and up to a constant.
+    def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
+        """Of logarithms of the scales, k arrays, within their bounds and up to a constant.
 
         It is flat but for the ratios of scales that are alike. With ``newest`` only those between
         this scale and the ones before it count.
         """
-        total = np.zeros(u.shape[:-1])
+        total = np.zeros(1)
         for one, other, ratio in self.alike:
             if newest in {None, max(one, other)}:
                 # Cauchy's: a log that shows another ratio is believed.
-                total -= np.log1p(((u[..., one] - u[..., other] - math.log(ratio)) / _ALIKE) ** 2)
+                total = total - np.log1p(((u[one] - u[other] - math.log(ratio)) / _ALIKE) ** 2)
         return total
 
 
@@ -407,20 +410,11 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    k = len(mode)
-    points, log_density = np.zeros((1, 0)), np.zeros(1)
-    if k:
-        points, log_density = _proposal(problem, mode)
-    values = np.array([problem.likelihood(u) for u in points])
-    log_weight = values + problem.prior.log_density(points) - log_density
-    weights = np.exp(log_weight - log_weight.max())
-    log_likelihood = float(log_weight.max() + np.log(weights.mean()))
-    weights /= weights.sum()
-    if (weights**2).sum() * len(weights) / 8.0 > 1.0:
-        points = _chain(problem, points[weights.argmax()])
-        weights = np.full(len(points), 1.0 / len(points))
-    counts = weights > 1e-6  # others add nothing
-    points, weights = points[counts], weights[counts] / weights[counts].sum()
+    points, weights, log_likelihood = _weighted(problem, mode)
+    if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
+        place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
+        place, times = np.unique(np.minimum(place, len(points) - 1), return_counts=True)
+        points, weights = points[place], times / _KEPT
     steps, covariance = problem.posterior(points, weights)
     mean = weights @ steps
     away = steps - mean
@@ -430,27 +424,19 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     )
 
 
-def _chain(problem: Marginal, start: Floats) -> Floats:
-    """(m, k), points as dense as they are likely: each sweep moves every scale once."""
-    rng = np.random.default_rng(0)
-    low, high = problem.bounds.T
-
-    def height(u: Floats) -> float:
-        return problem.likelihood(u) + float(problem.prior.log_density(u))
-
-    u, value = start, height(start)
-    points = []
-    for _ in range(_SWEEPS):
-        # About half of the moves are taken.
-        for index, move in enumerate(rng.normal(size=len(u)) * 0.2 * (high - low)):
-            tried = u.copy()
-            tried[index] += move
-            if low[index] <= tried[index] <= high[index]:
-                its_value = height(tried)
-                if its_value - value > -rng.exponential():
-                    u, value = tried, its_value
-        points.append(u)
-    return np.array(points)
+def _weighted(problem: Marginal, mode: Floats) -> tuple[Floats, Floats, float]:
+    """Points (m, k), how likely each is (m,), and the log marginal likelihood."""
+    if not len(mode):
+        return np.zeros((1, 0)), np.ones(1), problem.likelihood(mode)
+    for count in _POINTS:
+        points, log_density = _proposal(problem, mode, count)
+        values = np.array([problem.likelihood(u) for u in points])
+        log_weight = values + problem.prior.log_density(points.T) - log_density
+        weights = np.exp(log_weight - log_weight.max())
+        total = float(weights.sum())
+        if total**2 > _COUNT * float((weights**2).sum()):
+            break
+    return points, weights / total, float(log_weight.max()) + math.log(total / len(points))
 
 
 def _even_points(count: int, dimensions: int) -> Floats:
@@ -462,7 +448,7 @@ def _even_points(count: int, dimensions: int) -> Floats:
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
-def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
+def _proposal(problem: Marginal, mode: Floats, count: int) -> tuple[Floats, Floats]:
     """Points and the logarithm of the density they are drawn from.
 
     Each scale is drawn from its likelihood with the others at the mode, over its whole range: where
@@ -470,9 +456,9 @@ def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     drawn one after the other, each by its prior given those before.
 
     Returns:
-        (_POINTS, k) and (_POINTS,).
+        (count, k) and (count,).
     """
-    even = _even_points(_POINTS, len(mode))
+    even = _even_points(count, len(mode))
     points, log_density = np.empty_like(even), np.zeros(len(even))
     tried = [
         np.unique(np.clip([low, at, high, *(at + _FROM_MODE)], low, high))
@@ -481,18 +467,18 @@ def _proposal(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     heights = problem.along(mode, tried)
     for index, (low, high) in enumerate(problem.bounds):
         fine = np.linspace(low, high, _FINE)
-        drawn = np.repeat(points[:, None], _FINE, axis=1)
-        drawn[..., index] = fine
+        drawn = [*points.T[:index, :, None], fine]
         height = heights[index] - heights[index].max()
         log_height = np.interp(fine, tried[index], height) / _FLATTER
-        density = np.exp(log_height + problem.prior.log_density(drawn, newest=index))
+        # One row for all points where no scale before is alike.
+        density = np.exp(log_height + np.atleast_2d(problem.prior.log_density(drawn, newest=index)))
         steps = 0.5 * (density[:, 1:] + density[:, :-1])
-        cumulative = np.concatenate([np.zeros((len(even), 1)), steps.cumsum(axis=1)], axis=1)
+        cumulative = np.concatenate([np.zeros((len(steps), 1)), steps.cumsum(axis=1)], axis=1)
         total = cumulative[:, -1].copy()
         cumulative /= total[:, None]
         # The linear interpolation of each row by itself.
         after = np.argmax(cumulative > even[:, index, None], axis=1)
-        rows = np.arange(len(even))
+        rows = np.arange(count) % len(density)
         below, above = cumulative[rows, after - 1], cumulative[rows, after]
         share = (even[:, index] - below) / (above - below)
         points[:, index] = fine[after - 1] + share * (fine[after] - fine[after - 1])
