@@ -193,7 +193,7 @@ def frames_of(
 def _joint_values(tracks: Sequence[Track], t: Floats) -> dict[str, Floats]:
     """Positions (M,) of each joint at instants (M,), s; tracks that are too short have none."""
     values: dict[str, Floats] = {}
-    for track in tracks:
+    for track in (each.whole for each in tracks):
         with suppress(InputError):
             path = KinematicPath(world="", parent="", steps=(), tracks=(track,))
             trajectory = Trajectory.of(path)

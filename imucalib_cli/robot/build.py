@@ -36,7 +36,7 @@ def joint_path(
     Each publisher of joint positions has its own track. Each joint on the path uses the column of
     its name, a mimic joint that of the joint it follows. If several tracks have a joint, the track
     with most of the needed joints is used, then the one with most samples. Tracks that are not
-    needed are dropped.
+    needed are dropped, and joints without an encoder.
 
     Raises:
         InputError: A link is not in the URDF, joints are missing in the log or not finite, or
@@ -50,10 +50,14 @@ def joint_path(
                 f"{robot.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
                 "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
             )
-    logged = {name for track in tracks for name in track.names}
+    whole = [track.whole for track in tracks]
+    logged = {name for track in whole for name in track.names}
     drives = {joint: _drive(robot, joint, logged) for joint, _ in route if joint.kind != "fixed"}
     needed = tuple(dict.fromkeys(name for name, _, _ in drives.values()))
-    columns = _columns(robot, needed, tracks)
+    columns = _columns(needed, whole)
+    missing = [name for name in needed if name not in columns]
+    if missing:
+        _raise_missing(robot, missing, tracks)
     used = sorted({track for track, _ in columns.values()})
     steps: list[Step] = []
     for joint, upwards in route:
@@ -82,7 +86,7 @@ def joint_path(
         world=world,
         parent=parent,
         steps=merge_fixed(steps),
-        tracks=tuple(tracks[index] for index in used),
+        tracks=tuple(whole[index] for index in used),
     )
 
 
@@ -225,10 +229,8 @@ def _drive(robot: Robot, joint: Joint, logged: set[str]) -> tuple[str, float, fl
     return joint.name, multiplier, offset
 
 
-def _columns(
-    robot: Robot, needed: tuple[str, ...], tracks: Sequence[Track]
-) -> dict[str, tuple[int, int]]:
-    """Track and column of each needed joint."""
+def _columns(needed: tuple[str, ...], tracks: Sequence[Track]) -> dict[str, tuple[int, int]]:
+    """Track and column of each needed joint that is there."""
 
     def by_use(index: int) -> tuple[int, int]:
         return -len(set(needed) & set(tracks[index].names)), -len(tracks[index].t)
@@ -238,19 +240,17 @@ def _columns(
         for column, name in enumerate(tracks[index].names):
             if name in needed:
                 columns.setdefault(name, (index, column))
-    missing = [name for name in needed if name not in columns]
-    if missing:
-        _raise_missing(robot, missing, tracks)
-    for name, (index, column) in columns.items():
-        if not np.isfinite(tracks[index].values[:, column]).all():
-            raise InputError(
-                f"{tracks[index].name}: joint '{name}' has positions that are not finite: "
-                "repair the recording or choose another --joint-topic"
-            )
     return columns
 
 
 def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) -> None:
+    for track in tracks:
+        for name in missing:
+            if name in track.names:
+                raise InputError(
+                    f"{track.name}: joint '{name}' has positions that are not finite: "
+                    "repair the recording or choose another --joint-topic"
+                )
     known = tuple(dict.fromkeys(name for track in tracks for name in track.names))
     listed = f"joint{'s' if len(missing) > 1 else ''} " + ", ".join(f"'{name}'" for name in missing)
     if not known:

@@ -8,6 +8,8 @@ the same product; only the steps differ.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import compress
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -39,6 +41,15 @@ class Track:
     readings of an IMU whose motion they tell, rad/s and m/s²."""
     names: tuple[str, ...] = ()
     """The joint of each column; empty for a pose."""
+
+    @cached_property
+    def whole(self) -> Track:
+        """The track without joints that lack positions, which have no encoder."""
+        sound = np.isfinite(self.values).all(axis=0)
+        if self.kind != "joints" or sound.all():
+            return self
+        names = tuple(compress(self.names, sound))
+        return replace(self, values=self.values[:, sound], names=names)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -115,6 +115,23 @@ def test_publisher_with_most_needed_joints_is_used() -> None:
     assert [track.name for track in path.tracks] == ["/all"]
 
 
+NO_ENCODER = np.array([0.1, np.nan, np.nan, np.inf])
+
+
+def test_a_joint_without_encoder_is_as_if_not_logged() -> None:
+    unused = joints("/j", wheel=NO_ENCODER, shoulder=SHOULDER, slide=T)
+    path = joint_path(ROBOT, "plate", [unused])
+    assert path.tracks[0].names == ("shoulder", "slide")
+    assert joint_path(ROBOT, "plate", [unused]).tracks == path.tracks  # each is cleaned once
+    assert_path_is(path, arm_plate(SHOULDER))
+    elsewhere = [joints("/j", slide=T, shoulder=NO_ENCODER), joints("/k", shoulder=SHOULDER)]
+    assert_path_is(joint_path(ROBOT, "plate", elsewhere), arm_plate(SHOULDER))
+    mimic = joint_path(
+        ROBOT, "lower", [joints("/j", shoulder=NO_ENCODER, elbow=SHOULDER)], world="upper"
+    )
+    assert_path_is(mimic, shift(0.4, 0, 0) * turn("y", SHOULDER))
+
+
 @pytest.mark.parametrize(
     ("tracks", "said"),
     [
