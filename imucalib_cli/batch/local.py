@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import tempfile
 import threading
 import time
 from collections import deque
@@ -82,13 +83,13 @@ class LocalProcesses:
                 while waiting and len(running) < self.workers:
                     log, tries = waiting.popleft()
                     with interrupted_afterwards():
-                        process, ours = _started(context, task, log, self.memory)
-                        running[ours] = _Running(process, log, tries, time.monotonic())
+                        ours, each = _started(context, task, log, self.memory, tries)
+                        running[ours] = each
                 ready: list[Any] = connection.wait(list(running), self._left(running.values()))
                 for ours in ready:
                     each = running.pop(ours)
                     done = _received(ours)
-                    each.process.join()
+                    each.join()
                     if done is None and each.tries < _TRIES:
                         waiting.append((each.log, each.tries + 1))
                     else:
@@ -98,13 +99,13 @@ class LocalProcesses:
                         del running[ours]
                         ours.close()
                         each.process.kill()
-                        each.process.join()
+                        each.join()
                         yield each.log, task.late(each.log, self.timeout)
         finally:
             for each in running.values():
                 each.process.terminate()
             for each in running.values():
-                each.process.join()
+                each.join()
 
     def _left(self, running: Iterable[_Running]) -> float | None:
         """Time until the first of some processes exceeds its limit, s; None without a limit."""
@@ -122,6 +123,13 @@ class _Running:
     tries: int
     begun: float
     """s of the monotonic clock."""
+    temporary: tempfile.TemporaryDirectory[str]
+    """For its temporary files, which a process that is killed cannot remove."""
+
+    def join(self) -> None:
+        """Wait for its end, and remove what it has left."""
+        self.process.join()
+        self.temporary.cleanup()
 
 
 def preloaded(task: Task) -> list[str]:
@@ -130,20 +138,22 @@ def preloaded(task: Task) -> list[str]:
 
 
 def _started(
-    context: BaseContext, task: Task, log: BatchLog, memory: int
-) -> tuple[BaseProcess, Connection]:
-    """A started process, and the connection for its answer, closed if it dies."""
+    context: BaseContext, task: Task, log: BatchLog, memory: int, tries: int
+) -> tuple[Connection, _Running]:
+    """A started process, and before it the connection for its answer, closed if it dies."""
+    temporary = tempfile.TemporaryDirectory(prefix="imucalib-", ignore_cleanup_errors=True)
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(  # type: ignore[attr-defined]
-        target=_work, args=(task, log, memory, theirs), daemon=True
+        target=_work, args=(task, log, memory, temporary.name, theirs), daemon=True
     )
     process.start()
     theirs.close()
-    return process, ours
+    return ours, _Running(process, log, tries, time.monotonic(), temporary)
 
 
-def _work(task: Task, log: BatchLog, memory: int, answer: Connection) -> None:
+def _work(task: Task, log: BatchLog, memory: int, temporary: str, answer: Connection) -> None:
     prepare_worker()
+    tempfile.tempdir = temporary
     # a dead thread, perhaps without memory, would leave its part of the work undone
     threading.excepthook = lambda _: os._exit(1)
     _limit_memory(memory)

@@ -64,7 +64,7 @@ def names_in(data: bytes) -> list[str]:
 
 @contextmanager
 def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
-    """Remove temporary copies of remote files at the end, and say what was read of each."""
+    """Remove temporary copies at the end, and say what was read of each remote file."""
     with discarding_copies(files) as remote:
         try:
             yield

@@ -6,20 +6,42 @@ import atexit
 import os
 import shutil
 import tempfile
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, warning
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 _STEP = 1 << 20
 _MOST_RATIO, _ALWAYS = 1000, 1 << 28
 """A file that unpacks to more than this ratio and this size is a decompression bomb."""
 _TABLE_RATIO, _TABLE_ALWAYS = 100, 1 << 26
 """The same for a table, all of whose numbers are in memory at once."""
+_removals: ContextVar[ExitStack | None] = ContextVar("_removals", default=None)
+"""What removes the copies that are made, at the end of a context; None outside one."""
+
+
+@contextmanager
+def removing_copies() -> Iterator[None]:
+    """Remove at the end the copies that are made meanwhile.
+
+    A process that makes many, is a worker or is interrupted never gets to what is left to its end.
+    """
+    with ExitStack() as removals:
+        token = _removals.set(removals)
+        try:
+            yield
+        finally:
+            _removals.reset(token)
 
 
 def unpack(path: Path) -> tuple[Path, Finding | None]:
-    """Unpack a zstd file into a temporary one, which is removed when the process ends.
+    """Unpack a zstd file into a temporary one, which is removed as :func:`removing_copies` says.
 
     Returns:
         The temporary file, and what was lost, if anything.
@@ -84,7 +106,9 @@ def copy(path: Path, *, companions: bool) -> Path:
 
 
 def _folder() -> Path:
-    """A folder that is removed when the process ends."""
+    """A folder that is removed at the end of :func:`removing_copies`, or of the process."""
     folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    removals = _removals.get()
+    at_end = atexit.register if removals is None else removals.callback
+    at_end(shutil.rmtree, folder, ignore_errors=True)
     return folder

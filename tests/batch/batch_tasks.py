@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tempfile
 import time
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -59,6 +60,8 @@ class Copying(Task):
         trace = self.traces / f"{log.name or log.paths[0].stem}.{time.monotonic_ns()}"
         trace.write_text(str(os.getpid()))
         tries = len(list(self.traces.glob(f"{log.name or log.paths[0].stem}.*")))
+        with (self.traces.parent / "temporary").open("a") as file:
+            file.write(tempfile.mkdtemp() + "\n")  # which a process that is killed cannot remove
         if text == "die" or (text == "die once" and tries == 1):
             os.kill(os.getpid(), signal.SIGKILL)
         if text == "sleep":

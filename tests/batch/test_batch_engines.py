@@ -51,6 +51,9 @@ def test_log_of_killed_worker_is_retried_once(tmp_path: Path) -> None:
     done = records(batch(tmp_path / "results", logs, task=task, engine=engine))
     told = {"a": "ok", "b": "ok", "c": "failed", "d": "ok", "e": "failed"}
     assert statuses(done) == told
+    temporary = (tmp_path / "temporary").read_text().split()
+    assert len(temporary) == 7
+    assert not any(Path(each).exists() for each in temporary)
     assert "ended 2 times without a result (SIGKILL)" in done["c"].errors[0]
     assert "with a larger --memory or fewer --workers" in done["c"].errors[0]
     assert "not enough memory for this log: raise --memory" in done["e"].errors[0]

@@ -22,6 +22,7 @@ from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.logs import unpacked
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import decode
+from imucalib_cli.logs.remote.file import discarding_copies
 from tests.logs.logs_samples import (
     CHUNKED,
     Said,
@@ -453,6 +454,23 @@ def test_memory_is_bounded_by_log_size(
     data = open_log([path]).read(["/imu"])
     assert 0 < len(data.imus["/imu"]) < 40_000
     assert any("which no log does: the part before them is used" in loss for loss in data.losses)
+
+
+def test_temporary_copies_are_removed_when_reading_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(temporary))
+    whole = one_file(write_log(tmp_path / "log", said_on("/imu", count=50), "db3")).read_bytes()
+    packed, cut = tmp_path / "log.db3.zstd", tmp_path / "cut.db3"
+    packed.write_bytes(zstandard.compress(whole))
+    cut.write_bytes(whole[:-4096])
+    for path in (packed, cut):
+        with discarding_copies([path]):
+            assert open_log([path]).read(["/imu"]).imus
+            assert len(list(temporary.iterdir())) == 1
+        assert list(temporary.iterdir()) == []
 
 
 def test_decompression_bomb_table_is_truncated(

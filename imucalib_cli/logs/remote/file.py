@@ -17,6 +17,7 @@ from urllib.parse import unquote
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.remote.store import AnyStore, NoRangesError, RemoteError, Traffic
 from imucalib_cli.logs.remote.url import file_name, is_url, protocol_of
+from imucalib_cli.logs.unpacked import removing_copies
 from imucalib_cli.optional import optional
 from imucalib_cli.shown import without_secrets
 
@@ -310,10 +311,11 @@ class RangedReader(io.RawIOBase):
 
 @contextmanager
 def discarding_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[RemoteFile]]:
-    """The remote ones among some files; their temporary copies are removed at the end."""
+    """The remote ones among some files; temporary copies of all are removed at the end."""
     remote = [each for each in files if isinstance(each, RemoteFile)]
     try:
-        yield remote
+        with removing_copies():
+            yield remote
     finally:
         for each in remote:
             each.discard()
