@@ -2,16 +2,19 @@
 
 import json
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from google.protobuf import descriptor_pb2
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages import wire
 from imucalib_cli.logs.messages.columns import joint_columns
+from imucalib_cli.logs.messages.definitions import DefinitionError, fields_of
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import select_topics
@@ -357,6 +360,43 @@ def test_arrays_of_empty_structs_terminate(tmp_path: Path) -> None:
     assert open_log([path]).topics[0].kinds == {}
 
 
+def _nested(encoding: str, depth: int = 11, width: int = 12) -> str:
+    """A small definition of structs within structs, the innermost without fields."""
+    names, inner = [f"S{k}" for k in range(depth + 1)], range(width)
+    if encoding == "ros1":
+        bodies = ["\n".join(f"{name} f{k}" for k in inner) for name in names[1:]]
+        others = (
+            f"{_SEPARATOR}MSG: acme/{name}\n{body}\n"
+            for name, body in zip(names[1:], [*bodies[1:], ""], strict=True)
+        )
+        return f"{bodies[0]}\n" + "".join(others)
+    if encoding == "json":
+        structs: dict[str, Any] = {
+            name: {"type": "object", "properties": {f"f{k}": {"$ref": f"#/{later}"} for k in inner}}
+            for name, later in pairwise(names)
+        }
+        return json.dumps(
+            {**structs, names[-1]: {"type": "object", "properties": {}}, **structs["S0"]}
+        )
+    files = descriptor_pb2.FileDescriptorSet()
+    file = files.file.add(name="nested.proto", package="acme", syntax="proto3")
+    for name, later in pairwise([*names, ""]):
+        struct = file.message_type.add(name=name)
+        for k in inner if later else ():
+            struct.field.add(
+                name=f"f{k}", number=k + 1, label=1, type=11, type_name=f".acme.{later}"
+            )
+    return str(files.SerializeToString(), "latin-1")
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "json", "protobuf"])
+def test_deep_definitions_of_empty_structs_are_refused(encoding: str) -> None:
+    name = "acme.S0" if encoding == "protobuf" else "acme/S0"
+    with pytest.raises(DefinitionError, match="too large"):
+        fields_of(name, encoding, _nested(encoding))
+    assert fields_of(name, encoding, _nested(encoding, depth=2)) == ()
+
+
 def test_dynamic_joint_state_with_changing_joints_is_read(tmp_path: Path) -> None:
     kind, value = "control_msgs/msg/DynamicJointState", "control_msgs/msg/InterfaceValue"
 
@@ -381,7 +421,6 @@ def test_dynamic_joint_state_with_changing_joints_is_read(tmp_path: Path) -> Non
 
 def test_every_definition_reads_rosbags_serialisation() -> None:
     """The fields of a definition take as many bytes as rosbags writes, whatever they mean."""
-    from imucalib_cli.logs.messages.definitions import fields_of
     from imucalib_cli.logs.messages.table import MessageType
 
     kinds = [*shapes.DEFINITIONS, "std_msgs/msg/Float64MultiArray", "nav_msgs/msg/Odometry"]
