@@ -19,7 +19,7 @@ from imucalib_cli.robot.rotations import matrix_from_quaternion
 if TYPE_CHECKING:
     from collections.abc import Container, Sequence
 
-    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.arrays import Floats
 
 _PARALLEL = np.cos(1e-3)
 """Axes are meant to be parallel: angles of a URDF are rounded to a milliradian or better."""
@@ -45,7 +45,7 @@ class Track:
     @cached_property
     def whole(self) -> Track:
         """The track without joints that lack positions, which have no encoder."""
-        sound: Bools = np.isfinite(self.values).all(axis=0)
+        sound = np.asarray(np.isfinite(self.values).all(axis=0))
         if self.kind != "joints" or sound.all():
             return self
         names = tuple(compress(self.names, sound))
