@@ -63,9 +63,15 @@ class ResultFolder:
         """Make, lock and read the folder; write its summary at the end.
 
         Raises:
-            ChoiceError: Another batch writes to it.
+            ChoiceError: Another batch writes to it, or its summary is not of a batch.
             InputError: It cannot be made.
         """
+        summary = self._folder / SUMMARY
+        if not _is_free(summary):
+            raise ChoiceError(
+                f"{summary} is not of a batch and would be overwritten: move it, or name another "
+                "folder with -o"
+            )
         try:
             self._records.mkdir(parents=True, exist_ok=True)
             held = (self._records / _LOCK).open("ab")
@@ -84,7 +90,7 @@ class ResultFolder:
                 yield
             finally:
                 records = sorted(self.records.values(), key=lambda record: record.log)
-                write_whole(self._folder / SUMMARY, csv_table(records))
+                write_whole(summary, csv_table(records))
 
     def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
         """The name of a finished log; None if it must be done.
@@ -168,6 +174,15 @@ class ResultFolder:
         except OSError:
             return False
         return hashes == record.written_sha256
+
+
+def _is_free(summary: Path) -> bool:
+    """Whether a summary may be written: nothing is there, or a summary of any version."""
+    if not summary.is_file():
+        return True
+    start = f"{csv_table(()).partition(',status,')[0]},".encode()
+    with summary.open("rb") as file:
+        return file.read(len(start)) == start
 
 
 def _decoded(path: Path, kind: type[T]) -> T | None:

@@ -199,6 +199,7 @@ def test_each_log_gets_a_report(logs: Logs, monkeypatch: Patch) -> None:
         (["a.mcap", "-o", "a.mcap"], "a.mcap"),
         (["a.mcap", "--junit", "a.mcap"], "a.mcap is an input and would be overwritten"),
         (["a.mcap", "--junit", "x", "--markdown", "x"], "x would be written twice"),
+        (["a.mcap", "-o", "r", "--markdown", "r/summary.csv"], "would be written twice"),
         (["a.mcap", "--memory", "2"], "--memory 2: expected an amount of memory"),
         (["a.mcap", "--dask", ""], "--dask is empty"),
         (["a.mcap", "--dask", "tcp://x:1", "--workers", "2"], "leave both options out"),

@@ -158,6 +158,19 @@ def test_foreign_files_are_not_overwritten(scene: Scene) -> None:
     assert sorted(scene.results_of()) == ["a.2.a.yaml", "a.2.b.yaml", "a.mine.yaml", "a.txt"]
 
 
+@pytest.mark.parametrize("earlier", [True, False])
+def test_foreign_summary_is_not_overwritten(scene: Scene, earlier: bool) -> None:
+    scene.log("a", "1")
+    if earlier:
+        assert scene.run() == ["a"]
+        assert scene.run() == []  # its own summary is renewed
+    scene.results.mkdir(exist_ok=True)
+    (scene.results / "summary.csv").write_text("precious")
+    with pytest.raises(ChoiceError, match="summary.csv is not of a batch and would be overwritten"):
+        scene.run()
+    assert scene.files()["summary.csv"] == "precious"
+
+
 @pytest.mark.parametrize("content", [None, "", "2", "1 and more"])
 def test_modified_result_is_computed_again(scene: Scene, content: str | None) -> None:
     """None was removed."""

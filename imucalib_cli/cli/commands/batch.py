@@ -211,7 +211,7 @@ def _check_places(
     written = [path for path in files if path is not None]
     if output is not None:
         check_folder_writable(output)
-        written += [output / SUMMARY] if output.is_dir() else []
+        written.append(output / SUMMARY)
     check_places(read=read, written=written, folder=output)
 
 
