@@ -13,7 +13,6 @@ import typer
 
 from imucalib_cli.cli import complete, parsers
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.logs.remote.file import path_or_url
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.robot.names import frame_name
 
@@ -160,7 +159,7 @@ Logs = Annotated[
     list[LogPath],
     typer.Argument(
         metavar="LOG...",
-        parser=path_or_url,
+        parser=parsers.path_or_url,
         help="One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP file, or tables; a path "
         "or URL, or all files of a split recording.",
     ),
@@ -169,6 +168,7 @@ ResultFiles = Annotated[
     list[str],
     typer.Argument(
         metavar="RESULT|FOLDER...",
+        parser=parsers.named,
         help="Results of `imucalib run`, folders of them, or - for stdin.",
     ),
 ]
@@ -243,7 +243,7 @@ class RecordingOptions:
     urdf: LogPath | None = _robot(
         None,
         metavar="FILE|URL",
-        parser=path_or_url,
+        parser=parsers.path_or_url,
         help="The robot's URDF, - for stdin, or a .xacro (pip install 'imucalib\\[xacro]'); "
         "without it the log's /robot_description or its frames must give the motion.",
     )

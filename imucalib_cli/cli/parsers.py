@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.options import WindowChoice
     from imucalib_cli.logs.messages.columns import JointColumns
+    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -289,18 +290,32 @@ def joint_columns(text: str) -> JointColumns:
         raise WrongValue(str(error)) from error
 
 
+def named(text: str) -> str:
+    """A name of an input or output: an empty one would be that of the current folder."""
+    if not text:
+        raise WrongValue("is empty, perhaps because a variable is not set: name a file")
+    return text
+
+
+def path_or_url(text: str) -> LogPath:
+    """The path or the file behind a URL."""
+    from imucalib_cli.logs.remote.file import path_or_url
+
+    return path_or_url(named(text))
+
+
 def local_file(text: str) -> Path:
     """A path; a URL is refused."""
     if is_url(text):
         raise WrongValue(f"{text}: is a URL; name a file on disk")
-    return Path(text)
+    return Path(named(text))
 
 
 def output_file(text: str) -> Path | None:
     """The file of ``-o``; None for stdout."""
     if text == "-":
         return None
-    path = Path(_not_empty(text))
+    path = local_file(text)
     if is_folder(text):
         raise WrongValue(f"{text}: is a folder; name the file to write")
     return path
@@ -310,7 +325,7 @@ def file_ending(*suffixes: str) -> Callable[[str], Path]:
     """A parser of names of files that have one of some suffixes."""
 
     def parse(text: str) -> Path:
-        path = Path(_not_empty(text))
+        path = local_file(text)
         if path.suffix.lower() not in suffixes:
             raise WrongValue(f"{text}: expected a file ending in {' or '.join(suffixes)}")
         return path
@@ -320,14 +335,14 @@ def file_ending(*suffixes: str) -> Callable[[str], Path]:
 
 def log_file(text: str) -> Path:
     """The log of ``-o``, which may be a folder."""
-    if text in {"", "-"}:
-        raise WrongValue(f"{text or 'is empty'}: a log is written to a file or a folder: name one")
+    if text == "-":
+        raise WrongValue("-: a log is written to a file or a folder: name one")
     return local_file(text)
 
 
 def file_or_folder(text: str) -> str | None:
     """The file or folder of ``-o``; None for stdout."""
-    return None if text == "-" else _not_empty(text)
+    return None if text == "-" or not local_file(text) else text
 
 
 def output_folder(text: str) -> Path:
@@ -336,19 +351,12 @@ def output_folder(text: str) -> Path:
         raise WrongValue(
             "-: results are written to a folder: name one; --format writes tables to stdout"
         )
-    return Path(_not_empty(text))
+    return local_file(text)
 
 
 def is_folder(output: str) -> bool:
     """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
     return bool(output) and (output.endswith("/") or Path(output).is_dir())
-
-
-def _not_empty(text: str) -> str:
-    if not text:
-        raise WrongValue("is empty, perhaps because a variable is not set: name the file to write")
-    local_file(text)
-    return text
 
 
 def _components(text: str, whole: str) -> list[int]:

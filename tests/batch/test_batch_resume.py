@@ -166,7 +166,7 @@ def test_foreign_summary_is_not_overwritten(scene: Scene, earlier: bool) -> None
         assert scene.run() == []  # its own summary is renewed
     scene.results.mkdir(exist_ok=True)
     (scene.results / "summary.csv").write_text("precious")
-    with pytest.raises(ChoiceError, match="summary.csv is not of a batch and would be overwritten"):
+    with pytest.raises(ChoiceError, match="is not of a batch and would be overwritten"):
         scene.run()
     assert scene.files()["summary.csv"] == "precious"
 

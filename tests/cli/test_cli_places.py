@@ -1,6 +1,7 @@
 """No command costs its user a file: not one that it reads, not a log, not another result."""
 
 import os
+import shlex
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -195,6 +196,29 @@ def test_inputs_are_recognised_under_any_path(tmp_path: Path) -> None:
     for name in (source, soft, hard, tmp_path / "." / "source.yaml", log):
         with pytest.raises(ChoiceError, match="is an input"):
             check_places(read=[source, tmp_path / "a.db3"], written=[name])
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "run ''",
+        "run x.mcap --urdf ''",
+        "inspect ''",
+        "inspect x.mcap --urdf ''",
+        "apply '' --urdf x",
+        "apply x --urdf ''",
+        "verify x ''",
+        "report ''",
+        "trend ''",
+        "diff x ''",
+        "compare x --kalibr '' --urdf x",
+        "simulate --config '' -o x.mcap",
+        "study methods --config ''",
+    ],
+)
+def test_empty_name_is_not_the_current_folder(arguments: str, imucalib: Imucalib) -> None:
+    said = imucalib(*shlex.split(arguments), code=2).err
+    assert "is empty, perhaps because a variable is not set" in said
 
 
 @pytest.mark.parametrize("command", [["verify"], ["apply", "--force"]])

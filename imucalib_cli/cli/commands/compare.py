@@ -10,15 +10,19 @@ from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import WORDS_OR_YAML, OutputFile, Quiet, output_option
 from imucalib_cli.cli.output import chosen_format, deliver, say
-from imucalib_cli.cli.parsers import local_file
+from imucalib_cli.cli.parsers import local_file, named
 from imucalib_cli.cli.tables import deliver_blocks
 
 
 def compare_command(
-    result: str = typer.Argument(metavar="RESULT", help="Result of `imucalib run`; - reads stdin."),
+    result: str = typer.Argument(
+        metavar="RESULT", parser=named, help="Result of `imucalib run`; - reads stdin."
+    ),
     *,
     kalibr: str = typer.Option(
-        metavar="FILE", help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin."
+        metavar="FILE",
+        parser=named,
+        help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin.",
     ),
     urdf: Path = typer.Option(
         metavar="FILE",

@@ -7,13 +7,17 @@ import typer
 from imucalib_cli.cli.commands.verify import give_answers
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within
-from imucalib_cli.cli.parsers import local_file
+from imucalib_cli.cli.parsers import local_file, named
 
 
 def diff_command(
-    first: str = typer.Argument(metavar="FIRST", help="Result of `imucalib run`; - reads stdin."),
+    first: str = typer.Argument(
+        metavar="FIRST", parser=named, help="Result of `imucalib run`; - reads stdin."
+    ),
     others: list[str] = typer.Argument(
-        metavar="LATER...", help="Later results, each compared with the first; - reads stdin."
+        metavar="LATER...",
+        parser=named,
+        help="Later results, each compared with the first; - reads stdin.",
     ),
     *,
     urdf: Path | None = typer.Option(

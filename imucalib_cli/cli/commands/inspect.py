@@ -4,12 +4,11 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
-from imucalib_cli.cli import options
+from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.cli.output import deliver
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.cli.tables import deliver_blocks
-from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
@@ -28,7 +27,7 @@ def inspect_command(
     urdf: LogPath | None = typer.Option(
         None,
         metavar="FILE|URL",
-        parser=path_or_url,
+        parser=parsers.path_or_url,
         help="Also compare the log's joints and frames with this URDF.",
     ),
     fmt: Literal["text", "json"] = options.output_option(

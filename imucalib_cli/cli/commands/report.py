@@ -7,12 +7,15 @@ import typer
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import OutputFile, Quiet
 from imucalib_cli.cli.output import deliver, is_terminal
+from imucalib_cli.cli.parsers import named
 from imucalib_cli.errors import ChoiceError
 
 
 def report_command(
     result: str = typer.Argument(
-        metavar="RESULT", help="Result of `imucalib run`, or its statistics; - reads stdin."
+        metavar="RESULT",
+        parser=named,
+        help="Result of `imucalib run`, or its statistics; - reads stdin.",
     ),
     *,
     output: OutputFile = None,

@@ -17,7 +17,16 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet, given_fields
 from imucalib_cli.cli.output import say
-from imucalib_cli.cli.parsers import imu_name, log_file, names, seconds, tilt, unix_time, vector
+from imucalib_cli.cli.parsers import (
+    imu_name,
+    local_file,
+    log_file,
+    names,
+    seconds,
+    tilt,
+    unix_time,
+    vector,
+)
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
@@ -165,7 +174,10 @@ class SimulateOptions:
         help="Move in front of an AprilGrid; also write images and the files that Kalibr needs.",
     )
     camera_config: Path | None = _camera(
-        None, help="File with your own camera, like those in configs/cameras.", readable=False
+        None,
+        metavar="FILE",
+        parser=local_file,
+        help="File with your own camera, like those in configs/cameras.",
     )
     camera_offset: float | None = _camera(
         None,
@@ -193,7 +205,10 @@ def simulate_command(
         help="Log to write: .mcap, .bag, .db3, or a name without suffix for a folder.",
     ),
     config: Path | None = typer.Option(
-        None, help="File with your own system, like those in configs/.", readable=False
+        None,
+        metavar="FILE",
+        parser=local_file,
+        help="File with your own system, like those in configs/.",
     ),
     urdf: Path | None = typer.Option(
         None, help="Also write the URDF, with the IMU's nominal pose.", readable=False

@@ -11,6 +11,7 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
@@ -38,8 +39,8 @@ def study_command(
     config: Path | None = typer.Option(
         None,
         metavar="FILE",
+        parser=local_file,
         help="File with your own parameters, like those in configs/studies/.",
-        readable=False,
     ),
     folder: Path = typer.Option(
         FOLDER,

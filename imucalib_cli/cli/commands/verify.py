@@ -33,6 +33,7 @@ def verify_command(
     ctx: typer.Context,
     logs: list[str] = typer.Argument(
         metavar="LOG|RESULT...",
+        parser=parsers.named,
         help="One recording, as for `imucalib run`; or results of `imucalib run`, - for stdin.",
     ),
     *,
