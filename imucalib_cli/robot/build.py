@@ -48,7 +48,8 @@ def joint_path(
         if joint.kind in ("floating", "planar"):
             raise InputError(
                 f"{robot.source}: joint '{joint.name}' is {joint.kind}, its position is not one "
-                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf)"
+                "number: give the pose of what it carries as a pose stream (--pose-topic or /tf), "
+                f"or --world {joint.child} if that stands still"
             )
     whole = [track.whole for track in tracks]
     logged = {name for track in whole for name in track.names}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imucalib_cli.errors import ImucalibError, UntrustedError
+from imucalib_cli.errors import ImucalibError, InputError, UntrustedError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import read_recording
@@ -171,6 +171,15 @@ def test_duplicate_pose_is_used_once_and_noted(log_writer: LogWriter) -> None:
     assert find_motion(recording.sources, "imu_link", request).mount.parent == "body"
     message = "/tf_static also gives the pose of body in map"
     assert any(message in each.message for each in recording.findings)
+
+
+def test_static_frames_do_not_hide_a_joint_without_positions(
+    log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    arm_urdf.write_text(arm_urdf.read_text().replace('"revolute"', '"floating"', 1))
+    log = log_writer.imu().joints().tf("hand", "imu_link", moving=False).write()
+    with pytest.raises(InputError, match=r"is floating, .*, or --world \w+ if that stands still"):
+        motion_of(log, urdf=arm_urdf)
 
 
 def test_leading_slash_of_link_name_is_ignored(log_writer: LogWriter, arm_urdf: Path) -> None:

@@ -262,9 +262,11 @@ def _robot_path(
             )
         return joint_path(robot, parent, sources.joints, world=request.world)
     except InputError as error:
-        # joint states of other joints only, while /tf has all frames
+        # joint states of other joints only, while /tf has all frames; static ones hide the error
         if any(parent in (edge.parent, edge.child) for edge in edges):
-            return frame_path(edges, parent, world=request.world, robot=robot)
+            path = frame_path(edges, parent, world=request.world, robot=robot)
+            if path.tracks:
+                return path
         if sources.prefixes:
             raise ChoiceError(
                 f"the log's joints have the names of {robot.source} with several prefixes: "
