@@ -96,7 +96,9 @@ def lock(file: IO[bytes]) -> bool:
 
 
 def _target(path: Path) -> Path:
-    """The file to write, with links followed."""
+    """The file to write, with links followed; those to a pipe lead to no name."""
+    if path.exists() and not path.is_file() and not path.is_dir():
+        return path
     target = path.resolve()
     if target.is_dir():
         raise InputError(f"{path}: is a folder; name a file in it")
