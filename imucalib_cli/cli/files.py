@@ -27,7 +27,13 @@ _LONGEST_LIST = 1 << 26
 
 
 def files_of(*named: LogPath | str | None) -> list[Path]:
-    """Paths of the inputs that the user named; ``-`` is the file that stdin comes from."""
+    """Paths of the inputs that the user named; ``-`` is the file that stdin comes from.
+
+    Raises:
+        ChoiceError: Several are standard input, which can be read once.
+    """
+    if list(map(str, named)).count("-") > 1:
+        raise ChoiceError("standard input can be one of the files, not two: name the others")
     local = [each for each in named if each is not None and not isinstance(each, RemoteFile)]
     paths = [_STDIN if str(each) == "-" else Path(each) for each in local]
     return [path for path in paths if path != _STDIN or path.exists()]

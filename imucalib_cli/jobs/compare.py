@@ -45,11 +45,8 @@ def compare_files(
 
     Raises:
         InputError: A file cannot be used.
-        ChoiceError: A frame, a camera or an IMU is not there or must be named; or more than one
-            file is standard input.
+        ChoiceError: A frame, a camera or an IMU is not there or must be named.
     """
-    if [result, kalibr, truth].count("-") > 1:
-        raise ChoiceError("standard input can be one of the files, not two: name the others")
     wanted = () if imu is None else (imu,)
     name, kalibr_name = display_name(result), display_name(kalibr)
     found = [(name, each) for each in read_result_file(result)]

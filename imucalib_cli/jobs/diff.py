@@ -36,10 +36,7 @@ def diff_results(
 
     Raises:
         InputError: The first file or the URDF cannot be used.
-        ChoiceError: Several are standard input.
     """
-    if (first, *others).count("-") > 1:
-        raise ChoiceError("standard input can be one of the results, not two: name a file")
     before = read_result_file(first)
     robot = None if urdf is None else load_robot(urdf)
     answers: list[DiffAnswer] = []

@@ -201,6 +201,8 @@ def read_urdf(path: Path) -> bytes:
     """
     try:
         if str(path) == "-":
+            if sys.stdin is None:
+                raise InputError("standard input is closed: name a file with --urdf")
             return sys.stdin.buffer.read(SIZE_LIMIT + 1)
         with path.open("rb") as file:
             return file.read(SIZE_LIMIT + 1)  # a device may be endless

@@ -82,7 +82,7 @@ def test_one_result_can_come_from_stdin(write: Any, imucalib: Imucalib) -> None:
     assert document["first"]["file"] == "standard input"
     assert "warning: standard input and " in err
     assert "were computed from the same log" in err
-    assert "one of the results, not two" in imucalib("diff", "-", "-", code=2).err
+    assert "one of the files, not two" in imucalib("diff", "-", "-", code=2).err
 
 
 def test_imus_are_paired_by_frame_and_topic(write: Any, imucalib: Imucalib) -> None:

@@ -11,6 +11,7 @@ import yaml
 
 from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.places import check_places
 from tests.cli.stand_in import Estimator
@@ -219,6 +220,25 @@ def test_inputs_are_recognised_under_any_path(tmp_path: Path) -> None:
 def test_empty_name_is_not_the_current_folder(arguments: str, imucalib: Imucalib) -> None:
     said = imucalib(*shlex.split(arguments), code=2).err
     assert "is empty, perhaps because a variable is not set" in said
+
+
+@pytest.mark.parametrize(
+    "command", ["apply - --urdf -", "verify - --urdf -", "compare x --kalibr - --urdf -"]
+)
+def test_stdin_is_one_of_the_inputs(command: str, imucalib: Imucalib) -> None:
+    said = imucalib(*command.split(), stdin=b"x", code=2).err
+    assert "standard input can be one of the files, not two" in said
+
+
+def test_output_may_be_a_pipe_behind_a_link() -> None:
+    """A resolved link to a pipe, such as /dev/stdout, names no file."""
+    read, write = os.pipe()
+    path = Path(f"/dev/fd/{write}")
+    check_places(read=(), written=[path])
+    write_whole(path, "here")
+    assert os.read(read, 9) == b"here"
+    os.close(read)
+    os.close(write)
 
 
 @pytest.mark.parametrize("command", [["verify"], ["apply", "--force"]])

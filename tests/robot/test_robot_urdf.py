@@ -291,6 +291,12 @@ def test_missing_xacro_error_names_its_command(
         load_robot(path)
 
 
+def test_a_closed_stdin_is_no_urdf(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", None)
+    with pytest.raises(InputError, match="standard input is closed"):
+        load_robot(Path("-"))
+
+
 def test_a_urdf_may_come_from_stdin(monkeypatch: pytest.MonkeyPatch) -> None:
     text = b"<robot name='r'><link name='a'/></robot>"
     monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=BytesIO(text)))
