@@ -35,8 +35,8 @@ _BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
 _NANOSECONDS = 1e12
 """A stamp beyond this is in ns: in s it would be of the year 33658."""
-_LAST_START = 7_258_118_400
-"""s since 1970: stamps in ns end in 2262."""
+_LAST_START = 2_145_916_800
+"""s since 1970, the beginning of 2038: in its January the stamps of messages end."""
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart share no log; the search needs memory in proportion."""
 
@@ -84,7 +84,7 @@ def unix_time(text: str) -> int:
     """A moment from 1970 on, as whole seconds since then."""
     found = round(moment(text).timestamp())
     if not 0 <= found <= _LAST_START:
-        raise WrongValue(f"{text}: expected a time from 1970 to 2200")
+        raise WrongValue(f"{text}: expected a time from 1970 to 2037")
     return found
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.rotations import (
     matrix_from_quaternion,
     matrix_from_rotvec,
@@ -44,7 +44,8 @@ def corrupt(recording: Recording, noise: NoiseOptions, seed: int) -> Recording:
     The same recording, options and seed give the same numbers, bit for bit.
 
     Raises:
-        InputError: An option is out of range, or the recording is corrupted already.
+        ChoiceError: An option is out of range.
+        InputError: The recording is corrupted already.
     """
     if recording.seed is not None:
         raise InputError("this recording has noise already; corrupt the clean one")
@@ -213,14 +214,16 @@ def _check(noise: NoiseOptions) -> None:
     for name, value in values.items():
         if name in {"time_offset", "camera_offset"} or isinstance(value, tuple):
             if not np.isfinite(value).all():
-                raise InputError(f"{name}: must be a finite number")
+                raise ChoiceError(f"{name}: must be a finite number")
         elif value is not None and not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{name} {value:g}: must not be negative")
+            raise ChoiceError(f"{name} {value:g}: must not be negative")
     for name in ("spikes", "dropouts", "robot_dropouts"):
         if values[name] >= 1:
-            raise InputError(f"{name} {values[name]:g}: a share, below 1")
+            raise ChoiceError(f"{name} {values[name]:g}: a share, below 1")
     for name in ("accel_range", "gyro_range"):
         if values[name] == 0:
-            raise InputError(f"{name} 0: must be positive; leave it out for a sensor without limit")
+            raise ChoiceError(
+                f"{name} 0: must be positive; leave it out for a sensor without limit"
+            )
     if noise.coloured_time == 0:
-        raise InputError("coloured_time 0: must be positive; use white noise instead")
+        raise ChoiceError("coloured_time 0: must be positive; use white noise instead")

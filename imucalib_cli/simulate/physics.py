@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.robot.rotations import matrix_from_rotvec, matrix_from_rpy
 from imucalib_cli.simulate.camera.view import camera_mount, see
@@ -65,14 +65,14 @@ class LowPass:
         The rate, Hz, is that of the reports. Inner readings are at most a step, s, apart.
 
         Raises:
-            InputError: The bandwidth is beyond half of the inner rate.
+            ChoiceError: The bandwidth is beyond half of the inner rate.
         """
         from scipy.signal import butter
 
         every = int(np.ceil(1 / (rate * step) - 1e-9))
         inner = rate * every
         if not 0 < bandwidth < inner / 2:
-            raise InputError(
+            raise ChoiceError(
                 f"bandwidth {bandwidth:g} Hz: must be between 0 and {inner / 2:g} Hz, half the "
                 "rate of the steps; 0 measures without a filter"
             )
@@ -105,7 +105,8 @@ def record(
     :func:`imucalib_cli.simulate.camera.config.load_camera`.
 
     Raises:
-        InputError: MuJoCo is not installed, an option is out of range, or the motion blew up.
+        ChoiceError: An option is out of range.
+        InputError: MuJoCo is not installed, or the motion blew up.
     """
     options = options or PhysicsOptions()
     engine = optional("mujoco", "simulation needs", "simulate")
@@ -198,7 +199,7 @@ def _chosen(system: SystemConfig, options: PhysicsOptions) -> dict[str, Any]:
 
 def _positive(value: float, name: str) -> float:
     if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{name} {value:g}: must be positive")
+        raise ChoiceError(f"{name} {value:g}: must be positive")
     return float(value)
 
 
@@ -263,9 +264,9 @@ def _publishers(system: SystemConfig, number: int) -> list[list[int]]:
     """Columns of each publisher's joints."""
     joints = len(system.joints)
     if joints == 0 and number != 1:
-        raise InputError(f"{system.name} has no joints to split over {number} publishers")
+        raise ChoiceError(f"{system.name} has no joints to split over {number} publishers")
     if not 1 <= number <= max(joints, 1):
-        raise InputError(f"{number} publishers: {system.name} has {joints} joints to split")
+        raise ChoiceError(f"{number} publishers: {system.name} has {joints} joints to split")
     return [part.tolist() for part in np.array_split(np.arange(joints), number)]
 
 

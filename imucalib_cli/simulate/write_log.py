@@ -305,4 +305,6 @@ def _ns(seconds: Floats, options: LogOptions) -> Integers:
     ns = np.round(seconds * 1e9).astype(np.int64) + options.start * NS
     if len(ns) and ns.min() < 0:
         raise InputError("stamps before 1970: choose a later start or a smaller time offset")
+    if len(ns) and ns.max() >= NS << 31:  # seconds are int32
+        raise InputError("stamps after January 2038: choose an earlier start")
     return ns

@@ -226,6 +226,8 @@ def test_existing_log_is_replaced_only_by_a_complete_one(arm: Recording, tmp_pat
     path.write_text("old")
     with pytest.raises(InputError, match="before 1970"):
         write_log(arm, path, LogOptions(start=0))
+    with pytest.raises(InputError, match="after January 2038"):
+        write_log(arm, path, LogOptions(start=(1 << 31) - 1))
     assert path.read_text() == "old"
     write_log(arm, path)
     assert "/imu/data" in read(path)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
@@ -235,7 +235,7 @@ def test_adding_noise_twice_is_refused(arm: Recording) -> None:
     ],
 )
 def test_options_out_of_range_are_named(arm: Recording, option: Any, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(ChoiceError, match=words):
         corrupt(arm, NoiseOptions(**option), 0)
 
 

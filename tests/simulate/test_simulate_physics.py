@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.simulate.config import Arm, FreeBody, Move
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.motion import ArmReference, PushPlan
@@ -236,7 +236,7 @@ def test_missing_mujoco_error_names_the_package(monkeypatch: pytest.MonkeyPatch)
     ],
 )
 def test_options_out_of_range_are_named(options: PhysicsOptions, words: str) -> None:
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(ChoiceError, match=words):
         record(load_system("rihibot"), options)
 
 
