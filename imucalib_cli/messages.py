@@ -286,7 +286,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "mount moves between recordings; give more logs, or run on {log} alone",
     "logs.missing": "{missing} of the {logs} logs give no result for this IMU: the result is from "
     "the other {used}; run on each alone to see why",
-    "logs.twice": "{count} of the logs are other copies of the same recording: each counts once",
+    "logs.twice": "among the logs are other copies of the same recording ({count}): each counts once",
     "logs.few": "{logs} logs are too few to estimate how far the mount scatters between "
     "recordings (up to {translation:mm.2g} and {rotation:deg.2g}): sigma includes this scatter; "
     "more logs reduce it",
@@ -312,7 +312,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
     "nearly all between {start:.0f} and {end:.0f} s of the log: check what happened there; the "
     "result is from the rest of the log]",
-    "imu.strikes": "{topic}: {count:many} strikes of up to {largest:.3g} m/s²: {windows} of "
+    "imu.strikes": "{topic}: strikes of up to {largest:.3g} m/s² ({count}): {windows} of "
     "{total} windows contain one; {left_out} of them do not fit the rest and were left out",
     "imu.slow": "{topic}: at {rate:.3g} Hz the accelerometer misses what happens between two "
     "samples: set a rate of {enough:g} Hz or more, and its low-pass to less than half of it",

@@ -32,7 +32,7 @@ _CODES = [f"{code} {each.brief}" for code, each in EXIT_CODES.items() if code < 
 
 NO_MEMORY = (
     "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
-    "--pose-topic), or raise the limit"
+    "--pose-topic), simulate a shorter log by --duration, or raise the limit"
 )
 _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic chooses one"}
 """Former options, and the hint for each."""
