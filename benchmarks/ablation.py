@@ -38,6 +38,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "sensor scales": ("accel_scale", "gyro_scale"),
     "gyroscope's axes": ("gyro_misalignment",),
     "axes off square": ("accel_skew", "gyro_skew"),
+    "square of a reading": ("accel_square",),
     "g-sensitivity": ("gyro_g_sensitivity",),
     "driver filters": ("accel_filter", "gyro_filter"),
     "give of the mount": ("mount_give",),

@@ -17,6 +17,7 @@ import imucalib_cli
 from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app_of, command_of
+from imucalib_cli.estimate.model.unknowns import SCALES, TABLE
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
@@ -24,6 +25,8 @@ from imucalib_cli.sentences import CAUSES, cause
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from imucalib_cli.estimate.model.unknowns import Unknown
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")
@@ -104,6 +107,20 @@ def messages() -> str:
         for code, words in sorted({**told, **causes}.items())
     )
     return _table(("code", "words"), rows)
+
+
+def unknowns() -> str:
+    """The table of unknowns, each with its prior."""
+    rows = ((f"`{u.name}`", u.words, u.unit, _prior(u)) for u in TABLE)
+    return _table(("entry", "what it is", "unit", "prior, 1σ"), rows)
+
+
+def _prior(unknown: Unknown) -> str:
+    if unknown.scale is None:
+        return f"{unknown.std:g}"
+    scale = SCALES[unknown.scale]
+    walking = "" if scale.walking is None else f"; {scale.walking:g} with a base IMU"
+    return f"learnt, {scale.low:g} to {scale.high:g}{walking}"
 
 
 def rooms() -> str:

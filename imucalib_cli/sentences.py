@@ -187,6 +187,7 @@ _REMEDIES: dict[str, str] = {
     "gyro_filter": "a filter in the driver; turn it off, or expect it in use",
     "accel_scale": "calibrate the sensor, or scale its data",
     "gyro_scale": "calibrate the sensor, or scale its data",
+    "accel_square": "calibrate the sensor",
     "accel_skew": "calibrate the sensor's axes",
     "gyro_skew": "calibrate the sensor's axes",
     "gyro_misalignment": "the pose is the accelerometer's; calibrate the sensor's axes",

@@ -157,6 +157,20 @@ def test_turned_gyroscope_of_a_square_sensor_is_in_sigma(seed: int) -> None:
     assert solve(log).covered
 
 
+@pytest.mark.parametrize("seed", slow_after(1, range(3)))
+def test_accelerometer_that_is_not_linear_is_corrected(seed: int) -> None:
+    """By a milligram at 1 g, as data sheets of consumer parts state; else it tilts the mount."""
+    log = make_log(Moves(seconds=24.0))
+    square = 1e-4 * np.random.default_rng(seed).normal(size=3)
+    bent = log.with_imu(accel=log.imu.accel + square * log.imu.accel**2).noisy(seed, "industrial")
+    found = solve(bent)
+    assert found.trusted
+    assert found.covered
+    value, std = found.parameter("accel_square")
+    assert np.all(np.abs(value - square) < 4.0 * std)
+    assert std.max() < 1e-5
+
+
 def test_a_few_windows_do_not_look_like_a_mount_that_moved() -> None:
     row = Row(noise=robots.INDUSTRIAL, encoder=2e-4, zero=1e-3, origin=5e-4, axis=1e-3, scale=5e-3)
     rates = {"seconds": 15.0, "imu_rate": 100.0, "joint_rate": 50.0}

@@ -6,7 +6,6 @@ which other tests compare with pinocchio's truth.
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.unknowns import (
     LEAN,
-    SCALES,
     TABLE,
     JointCurve,
     Origin,
@@ -352,15 +350,3 @@ def test_one_table_entry_adds_an_unknown() -> None:
     off = [np.linalg.norm(each.state.t - log.mount.t) for each in (plain, found)]
     assert off[1] < 0.5 * off[0]
     assert found.evidence_over(plain) > 20.0
-
-
-@pytest.mark.parametrize("unknown", TABLE, ids=lambda each: each.name)
-def test_every_unknown_is_documented_with_its_prior(unknown: Unknown) -> None:
-    method = (Path(__file__).parents[2] / "docs" / "method.md").read_text(encoding="utf-8")
-    (row,) = [line for line in method.splitlines() if line.startswith(f"| `{unknown.name}` |")]
-    assert f"| {unknown.words} | {unknown.unit} |" in row
-    if unknown.scale is None:
-        assert row.endswith(f"| {unknown.std:g} |")
-    else:
-        scale = SCALES[unknown.scale]
-        assert f"learnt, {scale.low:g} to {scale.high:g}" in row

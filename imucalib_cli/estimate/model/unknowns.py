@@ -70,7 +70,7 @@ class Reading:
 
     sensor: Sensor
     error: Callable[[Samples, Floats], Floats]
-    """Of readings and matrices (..., 3, 3), linear in these; gives (..., M, 3), IMU axes."""
+    """Of readings and matrices (..., 3, 3), linear in the latter; gives (..., M, 3), IMU axes."""
     matrices: Floats = field(default_factory=lambda: _EACH_AXIS)
     """(size, 3, 3), one for each component; each axis by itself by default."""
     turns: bool = False
@@ -86,19 +86,19 @@ class Reading:
 
     @lru_cache(maxsize=256)  # noqa: B019 entries of the table live as long as the program
     def own_response(self, dt: float) -> Floats:
-        """(size, 3, 7), the basis along each axis about an instant at which that axis reads 1.
+        """(size, 3, 7), by a unit of that axis, the basis along each axis about an instant.
 
         It says how the reading's noise enters both the column and the residual.
         """
-        quiet, middle = np.zeros((7, 3)), 3
+        quiet, middle, noise = np.zeros((7, 3)), 3, 1e-9
 
         def basis(reading: Floats) -> Floats:
             accel, gyro = (reading, quiet) if self.sensor == "accel" else (quiet, reading)
             return self.basis(Samples(accel=accel, gyro=gyro, age=quiet[:, 0], dt=dt))
 
-        pulses = quiet + np.eye(3)[:, None] * (np.arange(7) == middle)[:, None]
+        pulses = quiet + noise * np.eye(3)[:, None] * (np.arange(7) == middle)[:, None]
         found = [basis(pulse)[:, :, axis] for axis, pulse in enumerate(pulses)]
-        return np.stack(found, axis=1) - np.moveaxis(basis(quiet), 1, 2)
+        return (np.stack(found, axis=1) - np.moveaxis(basis(quiet), 1, 2)) / noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,6 +325,7 @@ SCALES: Final[dict[str, Scale]] = {
     "sensor_scale": Scale(low=5e-7, high=2e-2),
     "sensor_axes": Scale(low=5e-7, high=2e-2),
     "sensor_turn": Scale(low=5e-7, high=2e-2),
+    "accel_square": Scale(low=1e-7, high=3e-4),
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
     "mount_give": Scale(low=3e-8, high=3e-3),
@@ -403,10 +404,10 @@ def _of_each_sensor(
 # Reasons of the numbers below. Priors: quartz keeps 50 ppm; filters of the two sensors of one chip
 # differ by some ms; biases of consumer parts drift by 3 mg and 0.2 deg/s while they warm up; mocap
 # and odometry arrive some ms late and keep lengths to 0.2 %. Limits of the healthy: the MPU-6050, a
-# hobby part, states scales to 3 %, axes to 2 %, and responses to acceleration of 2e-4 rad s/m; its
-# biases reach 0.8 m/s² and 0.35 rad/s, of which 0.5 and 0.2 are worth a word. Clocks ten times
-# worse than quartz are broken. Zeros and axes of one degree, origins of 20 mm and play of 0.3 deg
-# are another robot than the URDF's.
+# hobby part, states scales to 3 %, axes to 2 %, a nonlinearity of 0.5 %, which is 2.5e-4 s²/m at 2
+# g, and responses to acceleration of 2e-4 rad s/m; its biases reach 0.8 m/s² and 0.35 rad/s, of
+# which 0.5 and 0.2 are worth a word. Clocks ten times worse than quartz are broken. Zeros and axes
+# of one degree, origins of 20 mm and play of 0.3 deg are another robot than the URDF's.
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
@@ -515,6 +516,15 @@ _OWN: Final[tuple[Unknown, ...]] = (
         units=("1", "1"),
         scale="sensor_scale",
         healthy=(0.05, 0.05),
+    ),
+    Unknown(
+        name="accel_square",
+        labels=_XYZ,
+        unit="s²/m",
+        scale="accel_square",
+        healthy=5e-4,
+        effect=Reading("accel", lambda s, mixing: s.accel**2 @ mixing),
+        words="error of the accelerometer by the square of its reading",
     ),
     Unknown(
         name="gyro_misalignment",

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
 
-_POINTS: Final = (64, 512, 4096)
+_POINTS: Final = (64, 256, 1024, 4096)
 """Importance points: more where few of them count, as where scales are correlated. Thirty times as
 many as the first move the mean by a tenth of sigma, and sigma by some per cent."""
 _COUNT: Final = 8.0
@@ -371,7 +371,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
         shrinks = np.ones(len(u))
         np.divide(last_change - change, u - last_u, out=shrinks, where=u != last_u)
         last_u, last_change = u, change
-        ahead = np.clip(change / np.clip(shrinks, 0.25, 2.0), -2.0, 2.0)  # no farther in one step
+        ahead = np.clip(change / np.clip(shrinks, 0.15, 2.0), -2.0, 2.0)  # no farther in one step
         u = np.clip(u + ahead, low, high)
     return np.asarray(u)
 
@@ -428,9 +428,12 @@ def _weighted(problem: Marginal, mode: Floats) -> tuple[Floats, Floats, float]:
     """Points (m, k), how likely each is (m,), and the log marginal likelihood."""
     if not len(mode):
         return np.zeros((1, 0)), np.ones(1), problem.likelihood(mode)
+    values = np.zeros(0)
     for count in _POINTS:
         points, log_density = _proposal(problem, mode, count)
-        values = np.array([problem.likelihood(u) for u in points])
+        # The first ones are those of before.
+        new = [problem.likelihood(u) for u in points[len(values) :]]
+        values = np.append(values, new)
         log_weight = values + problem.prior.log_density(points.T) - log_density
         weights = np.exp(log_weight - log_weight.max())
         total = float(weights.sum())
