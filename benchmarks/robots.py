@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
@@ -154,6 +155,7 @@ class Row:
     play: float = 0.0  # of the error that changes sign with the direction of motion, rad
     softness: float = 0.0  # rad/Nm, of each joint by a random factor; weight bends it
     payload: float = 0.0  # kg that the last link carries beside its own mass
+    ground: float = 0.0  # exact tilt of a fixed base under the robot's moment, rad/Nm
     track_noise: tuple[float, float] = (0.0, 0.0)  # of a tracked base's components, m and rad
     track_scale: float = 0.0  # of the tracker's lengths
     track_delay: float = 0.0  # of its stamps behind those of the joints, s
@@ -358,19 +360,34 @@ def _motion(robot: Robot, seed: list[int], seconds: float) -> Motion:
 class Truth:
     """The true robot in pinocchio, with the IMU in its true place."""
 
-    def __init__(self, robot: Robot, R: Floats, t: Floats) -> None:
+    def __init__(
+        self, robot: Robot, R: Floats, t: Floats, row: Row, rng: np.random.Generator
+    ) -> None:
+        """With links whose masses are drawn by ``rng``; the base has no weight."""
         self._model, joint, still = pin.Model(), 0, pin.SE3.Identity()
-        self.base = 0
-        if robot.moving_base:
+        self.moves = robot.moving_base
+        kinds: tuple[Any, ...] = ()
+        if self.moves:
             kinds = (pin.JointModelPX, pin.JointModelPY, pin.JointModelRZ)
-            for kind in (*kinds, pin.JointModelRY, pin.JointModelRX):
-                joint = self._model.addJoint(joint, kind(), still, f"base{joint}")
-            self.base = joint
+        if self.moves or row.ground:
+            kinds += (pin.JointModelRY, pin.JointModelRX)
+        for kind in kinds:
+            joint = self._model.addJoint(joint, kind(), still, f"base{joint}")
+        self.base = joint
         for index, origin in enumerate(robot.origins):
             place = pin.SE3(origin.R, origin.p)
             joint = self._model.addJoint(joint, pin.JointModelRZ(), place, f"j{index}")
         place = pin.SE3(robot.flange.R, robot.flange.p) * pin.SE3(R, t)
         self._imu = self._model.addFrame(pin.Frame("imu", joint, 0, place, pin.FrameType.OP_FRAME))
+        first = self.base + 1
+        places = [self._model.jointPlacements[j] for j in range(first + 1, self._model.njoints)]
+        for link, end in enumerate(each.translation for each in (*places, place)):
+            mass = LINK_MASS * 0.7**link * np.exp(0.3 * rng.normal())
+            centre = 0.5 * end + OFF_CENTRE * rng.normal(size=3)
+            body = pin.Inertia(mass, centre, np.zeros((3, 3)))
+            self._model.appendBodyToJoint(first + link, body, still)
+        carried = pin.Inertia(row.payload, np.array([0.05, -0.03, 0.1]), np.zeros((3, 3)))
+        self._model.appendBodyToJoint(joint, carried, still)
         self._data = self._model.createData()
 
     def gyro(self, motion: Motion, t: Floats) -> Floats:
@@ -387,23 +404,28 @@ class Truth:
             forces.append(own.linear + gravity * place.rotation[2])
         return np.array(forces)
 
-    def torques(
-        self, motion: Motion, t: Floats, rng: np.random.Generator, payload: float
-    ) -> Floats:
-        """(N, joints), Nm, that hold and move links and payload, kg; the base has no weight."""
-        model = self._model.copy()
-        ends = [model.jointPlacements[j].translation for j in range(self.base + 2, model.njoints)]
-        ends.append(model.frames[self._imu].placement.translation)
-        for place, end in enumerate(ends):
-            mass = LINK_MASS * 0.7**place * np.exp(0.3 * rng.normal())
-            centre = 0.5 * end + OFF_CENTRE * rng.normal(size=3)
-            link = pin.Inertia(mass, centre, np.zeros((3, 3)))
-            model.appendBodyToJoint(self.base + 1 + place, link, pin.SE3.Identity())
-        carried = pin.Inertia(payload, np.array([0.05, -0.03, 0.1]), np.zeros((3, 3)))
-        model.appendBodyToJoint(model.njoints - 1, carried, pin.SE3.Identity())
-        data = model.createData()
-        torques = [pin.rnea(model, data, *each).copy() for each in zip(*motion(t), strict=True)]
-        return np.array(torques)[:, self.base :]
+    def torques(self, motion: Motion, t: Floats) -> Floats:
+        """(N, joints of base and robot), Nm, that hold and move links and payload."""
+        moves = zip(*motion(t), strict=True)
+        return np.array([pin.rnea(self._model, self._data, *each).copy() for each in moves])
+
+    def tilting(self, motion: Motion, compliance: float, seconds: float) -> Motion:
+        """With a base that tilts under the robot's moment."""
+
+        def upright(t: Floats) -> tuple[Floats, Floats, Floats]:
+            q, v, a = (np.pad(each, ((0, 0), (2, 0))) for each in motion(t))
+            return q, v, a
+
+        t = np.arange(-LEAD - 1.0, seconds + 1.0, 0.01)
+        tilt = make_interp_spline(t, -compliance * self.torques(upright, t)[:, :2], k=5)
+
+        def at(t: Floats) -> tuple[Floats, Floats, Floats]:
+            q, v, a = (
+                np.hstack([tilt(t, order), each[:, 2:]]) for order, each in enumerate(upright(t))
+            )
+            return q, v, a
+
+        return at
 
     def base_poses(self, motion: Motion, t: Floats) -> tuple[Floats, Floats]:
         """Of a moving base: (N, 3, 3) and (N, 3), m, in the world."""
@@ -464,13 +486,24 @@ def make_case(
     time_offset = float(rng.uniform(-MAX_OFFSET, MAX_OFFSET))
     phase = float(rng.uniform(0.0, 1.0 / imu_rate))
 
-    truth = Truth(true, R, t)
+    sag_rng = np.random.default_rng([*key, 4, 2])
+    soft = sizes.softness * np.exp(0.5 * sag_rng.normal(size=len(true.origins)))
+    truth = Truth(true, R, t, sizes, sag_rng)
+    if sizes.ground and not truth.moves:
+        motion = truth.tilting(motion, sizes.ground, seconds)
     imu, sensor = _imu(
         truth, motion, sizes, [*key, 2], np.arange(-LEAD + phase, seconds, 1 / imu_rate)
     )
     wrong, joints = _described(true, sizes, [*key, 3])
     tracks, exact, reading = _tracks(
-        truth, motion, sizes, [*key, 4], seconds=seconds, rate=joint_rate, zeros=joints["zero"]
+        truth,
+        motion,
+        sizes,
+        [*key, 4],
+        seconds=seconds,
+        rate=joint_rate,
+        zeros=joints["zero"],
+        soft=soft,
     )
     return Case(
         imu=replace(imu, t=imu.t + time_offset),
@@ -576,6 +609,7 @@ def _tracks(
     seconds: float,
     rate: float,
     zeros: Floats,
+    soft: Floats,
 ) -> tuple[tuple[Track, ...], tuple[Track, ...], dict[str, Any]]:
     """Tracks as read, as they were, and what was drawn."""
     rng, noise_rng, more_rng = (np.random.default_rng([*key, each]) for each in (0, 1, 3))
@@ -588,8 +622,8 @@ def _tracks(
         "gain": row.gain * more_rng.normal(size=count),
         "lag": row.lag * rng.normal(size=count),
         "play": row.play * rng.normal(size=count),
-        "track_scale": row.track_scale * rng.normal() if truth.base else 0.0,
-        "track_delay": row.track_delay * rng.normal() if truth.base else 0.0,
+        "track_scale": row.track_scale * rng.normal() if truth.moves else 0.0,
+        "track_delay": row.track_delay * rng.normal() if truth.moves else 0.0,
     }
     eccentric = drawn["gain"] * q
     for angle, (sine, cosine) in ((q, drawn["eccentricity"]), (2 * q, drawn["twice"])):
@@ -599,13 +633,11 @@ def _tracks(
     read += row.encoder * noise_rng.normal(size=q.shape)
     if row.softness:
         # A motor's encoder reads more than the joint behind it, which the weight pulls down.
-        sag_rng = np.random.default_rng([*key, 2])
-        soft = row.softness * np.exp(0.5 * sag_rng.normal(size=count))
-        read += soft * truth.torques(motion, t, sag_rng, row.payload)
+        read += soft * truth.torques(motion, t)[:, truth.base :]
     names = tuple(f"j{index}" for index in range(count))
     joints = Track(name="/joint_states", kind="joints", t=t, values=read, names=names)
     read_tracks, exact = (joints,), (replace(joints, values=q),)
-    if not truth.base:
+    if not truth.moves:
         return read_tracks, exact, drawn
     t = np.arange(0.0, seconds, 1 / TRACK_RATE)
     R, p = truth.base_poses(motion, t)

@@ -26,6 +26,9 @@ _PARALLEL = np.cos(1e-3)
 _BLOCK = 4096
 """Instants computed at a time: their matrices stay in the processor's cache."""
 
+TrackKind = Literal["joints", "pose", "imu", "still"]
+"""``still`` are joints that nobody reports: they do not move, but bend."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
@@ -33,7 +36,7 @@ class Track:
 
     name: str
     """Name in messages: the topic, and joints or frames."""
-    kind: Literal["joints", "pose", "imu"]
+    kind: TrackKind
     t: Floats
     """(N,), s since the log's start, as stamped: may jitter, repeat or have gaps."""
     values: Floats
@@ -119,6 +122,24 @@ class KinematicPath:
     def pose_steps(self) -> dict[int, PoseStep]:
         """Steps of pose streams and of a base IMU, likewise."""
         return {i: step for i, step in enumerate(self.steps) if isinstance(step, PoseStep)}
+
+    def weighs(self, step: JointStep) -> bool:
+        """Whether there is a link behind a joint's step."""
+        return self.tracks[step.track].kind != "still"
+
+    def on_soft_ground(self, t: Floats) -> KinematicPath:
+        """The path with joints about x and y before its first step, still at instants (N,), s.
+
+        A base that tilts under the robot's moment is such a joint that bends. About z the first
+        joint of an arm does, or nothing weighs.
+        """
+        names, number = ("base x", "base y"), len(self.tracks)
+        track = Track(name="base", kind="still", t=t, values=np.zeros((len(t), 2)), names=names)
+        steps = (
+            JointStep(name=name, kind="revolute", axis=axis, track=number, column=column)
+            for column, (name, axis) in enumerate(zip(names, np.eye(2, 3), strict=True))
+        )
+        return replace(self, steps=(*steps, *self.steps), tracks=(*self.tracks, track))
 
     def reported(self, step: JointStep) -> str:
         """Name of the joint whose position moves a step: another one's with <mimic>."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from imucalib_cli.arrays import Bools, Floats, Indices
-    from imucalib_cli.robot.path import KinematicPath, Track
+    from imucalib_cli.robot.path import KinematicPath, Track, TrackKind
     from imucalib_cli.signals.grid import ImuGrid
 
 MIN_TRACK_SAMPLES = 6
@@ -154,7 +154,7 @@ def _reckoned(track: Track) -> CleanTrack:
     )
 
 
-def continuous(kind: Literal["joints", "pose", "imu"], values: Floats) -> Floats:
+def continuous(kind: TrackKind, values: Floats) -> Floats:
     """Values of a track in order of time, without sign changes and wraps.
 
     Quaternions get one sign. Joint positions are unwrapped, if the channel stays within one turn.
@@ -231,6 +231,14 @@ class Trajectory:
         for index, shift in seconds.items():
             tracks[index] = tracks[index].earlier(shift)
         return replace(self, tracks=tuple(tracks))
+
+    def on_soft_ground(self) -> Trajectory:
+        """The same trajectory on a base that may tilt; unless streams measure how it moves."""
+        if self.path.pose_steps:
+            return self
+        path, like = self.path.on_soft_ground(self.tracks[0].t), self.tracks[0]
+        still = replace(like, name="base", values=path.tracks[-1].values, held=False)
+        return replace(self, path=path, tracks=(*self.tracks, still))
 
     def with_ticks(self, use_ticks: bool) -> Trajectory:
         """The same trajectory with constant-rate stamps, or with recorded stamps."""

@@ -200,6 +200,17 @@ def test_payload_bends_the_joints_too(robot: str, seed: int) -> None:
     assert (np.abs(masses) > 5.0 * std).any()
 
 
+@pytest.mark.parametrize(("robot", "seed"), slow_after(1, [("ur10e", 0), ("panda", 1)]))
+def test_base_that_tilts_under_the_arm_is_corrected(robot: str, seed: int) -> None:
+    """As on a table of 3e4 Nm/rad, by a milliradian or two; pinocchio gives the moments."""
+    found = solve(everyday(robot, replace(ROWS["stiffer"], ground=3e-5), seed)[0])
+    assert found.trusted
+    assert found.covered
+    tilts = {each.label: each for each in found.parameters if each.name == "joint_sag"}
+    clear = [each for label, each in tilts.items() if label.startswith("base")]
+    assert max(each.value / each.std for each in clear) > 5.0
+
+
 @pytest.mark.parametrize("seed", slow_after(1, [401, 407]))
 def test_late_tracker_of_the_base_is_found(seed: int) -> None:
     """Its stamps are 7 and 5 ms off those of the joints."""

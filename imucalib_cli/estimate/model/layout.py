@@ -315,7 +315,7 @@ class _Chain:
         followers = self._followers() if curve.followers else ()
         for joint in (*self._joints, *followers):
             seen = (
-                joint.name in self._moving
+                joint.name in self._moving or (curve.loaded and max(joint.steps) < self._last)
                 if curve.every
                 else any(self._inside(step) for step in joint.steps)
             )

@@ -174,7 +174,8 @@ def _carried(trajectory: Trajectory, places: int) -> tuple[Floats, Indices, dict
             payload[:, part] = origins[-1, part] + np.moveaxis(R @ aside, 2, 0)
         masses = np.array([step.mass for step in steps.values()])
         if not masses[-1:].all():  # behind each joint there must be some
-            masses = _LIGHTER ** np.arange(len(steps))
+            weighs = np.array([path.weighs(step) for step in steps.values()])
+            masses = np.where(weighs, _LIGHTER ** np.arange(len(steps)), 0.0)
             links[:] = 0.5 * (origins[:-1] + origins[1:])
         pushes = np.array([_accelerations(place, breaks) for place in bodies])
         found = {}

@@ -135,7 +135,8 @@ class JointCurve:
     loaded: bool = False
     """Whether it is a function of the load."""
     every: bool = True
-    """For every joint that moves; else for those after the first that moves, without the last."""
+    """For every joint that moves, and by load for those that stand still before the last of these;
+    else for those after the first that moves, without the last."""
     sliding: bool = True
     """For sliding joints too."""
     followers: bool = False

@@ -73,6 +73,8 @@ _FEW: Final = 480
 _MORE: Final = 8
 """Factor by which windows grow from one solution to the next, until all are used."""
 _PASSES: Final = 8
+_ANEW: Final = 4
+"""First passes, in which scales are learnt anew; later they might alternate between two splits."""
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
 DISTRUST_SIGMAS: Final = 5.0
@@ -323,9 +325,10 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     fit = _fitted(Model(windowing, layout), options, state, rise, more=_MORE)
     if not fit.bends:
         return fit
+    windowing = replace(windowing, trajectory=windowing.trajectory.on_soft_ground())
     layout = lay_out(windowing.trajectory, options)
     state, every = transferred(fit, layout, options), len(fit.centres)
-    # What bends upwards is the payload, which was missing.
+    # What bends upwards is the payload or the base, which were missing.
     state.x[layout.sags] = np.maximum(state.x[layout.sags], 0.0)
     return _fitted(Model(windowing, layout), options, state, rise, more=1, few=every)
 
@@ -422,7 +425,7 @@ def _fitted(
     seconds = windowing.seconds
     curvature = _curvature(layout, seconds)
     clock = layout.part("time_offset")
-    scales = np.full(2, np.inf)
+    scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
@@ -443,7 +446,8 @@ def _fitted(
         at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
-        u = layout.bounds[:, 1]  # anew: a wrong split between scales would stay
+        if turn < _ANEW:  # a wrong split between scales would stay
+            u = layout.bounds[:, 1]
         of_gravity = _gravity_by_base(model, state, options)
         for _ in range(2 if turn else 1):  # noise level and scales in turn; first roughly
             at = replace(at, noise=noise)
@@ -468,6 +472,10 @@ def _fitted(
             break
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
+        # Steps to and fro overshoot: half of such a step is on the way.
+        bent, last = step / curvature, last_step / curvature
+        back = max(-float(bent @ last) / max(float(last @ last), 1e-300), 0.0)
+        step, last_step = step / (1.0 + back), step
         state = admitted(state.moved(layout, step), layout, options)
     known = std < DETERMINED
     equations = NormalEquations(
