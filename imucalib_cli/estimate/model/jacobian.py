@@ -337,9 +337,17 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
                 channels["shift"].append((part, shift))
             else:
                 _add_twist(part, turn, shift, nodes, channels)
-        case PoseStream(what="scale"):
-            ends = [(nodes.frames[i][1], nodes.frames[i + 1][1]) for i in nodes.steps_of(placed)]
-            channels["shift"].append((part, np.sum([b - a for a, b in ends], axis=0)[None]))
+        case PoseStream(what="scale" | "turn" as what):
+            moved = []
+            for index in nodes.steps_of(placed):
+                (R, before), (R_after, after) = nodes.frames[index : index + 2]
+                reported = (after - before)[None]
+                if what == "turn":  # in the axes of the stream
+                    inverse = nodes.chain.path.pose_steps[index].inverse
+                    axes = np.swapaxes(R_after if inverse else R, 0, 1)
+                    reported = cross(axes, reported, -2)
+                moved.append(reported)
+            channels["shift"].append((part, np.sum(moved, axis=0)))
         case PoseStream():
             # Of the velocity the stream's own part: behind its step, less before it.
             own = [

@@ -300,10 +300,11 @@ class _Chain:
                 yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
         elif isinstance(effect, PoseStream):
             # Without joints beside them late poses are a time offset.
-            there = effect.what == "scale" or bool(self._moving)
+            there = effect.what != "delay" or bool(self._moving)
             used = dict.fromkeys(step.track for step in path.pose_steps.values())
             for track in (each for each in used if there and each != base):
-                yield Placed(unknown, nowhere, (path.tracks[track].name,), index=track)
+                labels = _named(path.tracks[track].name, unknown.labels)
+                yield Placed(unknown, nowhere, labels, index=track)
         elif not isinstance(effect, OfBase):
             yield Placed(unknown, nowhere, unknown.labels)
         # Two IMUs on one body have one mount between them, and no joint has other stamps.

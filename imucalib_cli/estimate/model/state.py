@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -94,19 +95,19 @@ class Chain:
     """Where a joint may bend."""
     curves: tuple[tuple[Joint, JointCurve, Floats], ...] = ()
     """Errors of joint positions."""
-    scales: tuple[tuple[int, float], ...] = ()
-    """Errors of pose streams: track, relative."""
+    positions: tuple[tuple[int, Floats], ...] = ()
+    """Of pose streams: track, and what their positions (M, 3) are multiplied by, (3, 3)."""
     base: ReckonedBase | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory, layout: Layout, state: State) -> Chain:
         """The chain for given values of the unknowns."""
         x = state.x
-        streams: dict[str, dict[int, float]] = {"scale": {}, "delay": {}}
+        streams: dict[str, dict[int, Floats]] = defaultdict(dict)
         for each, stream in layout.of(PoseStream):
             if x[each.part].any():
-                streams[stream.what][each.index] = float(x[each.part][0])
-        late = streams["delay"]
+                streams[stream.what][each.index] = x[each.part]
+        late = {track: float(delay[0]) for track, delay in streams["delay"].items()}
         return cls(
             trajectory=trajectory.earlier(late) if late else trajectory,
             base=_base_imu(trajectory, layout, x),
@@ -116,7 +117,10 @@ class Chain:
                 for each, curve in layout.of(JointCurve)
                 if each.joint is not None and not each.joint.follows and x[each.part].any()
             ),
-            scales=tuple(streams["scale"].items()),
+            positions=(
+                *((track, (1.0 + scale) * np.eye(3)) for track, scale in streams["scale"].items()),
+                *((i, matrix_from_rotvec(turn).T) for i, turn in streams["turn"].items()),
+            ),
             loads=Loads.of(trajectory, layout, state.gravity, x),
         )
 
@@ -141,8 +145,8 @@ class Chain:
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
         """With errors of the pose streams removed."""
-        for track, scale in self.scales:
-            values[track][:, :3] *= 1.0 + scale
+        for track, matrix in self.positions:
+            values[track][:, :3] = values[track][:, :3] @ matrix
         if self.base is not None:
             values[self.base.track][:] = self.base.poses(t)
         return values

@@ -159,11 +159,12 @@ class Origin:
 class PoseStream:
     """Error of a pose stream beside joints.
 
-    Of the scale of its positions, true = reported * (1 + value); or of its stamps, which are later
-    than those of the joints at the same instant by the value.
+    Of the scale of its positions, true = reported * (1 + value); of their axes, which are turned
+    against those of its quaternions; or of its stamps, which are later than those of the joints at
+    the same instant by the value.
     """
 
-    what: Literal["scale", "delay"]
+    what: Literal["scale", "turn", "delay"]
 
 
 @dataclass(frozen=True)
@@ -330,6 +331,7 @@ SCALES: Final[dict[str, Scale]] = {
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
     "mount_give": Scale(low=3e-8, high=3e-3),
+    "pose_turn": Scale(low=1e-5, high=5e-2),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
@@ -672,6 +674,15 @@ _OWN: Final[tuple[Unknown, ...]] = (
         healthy=0.02,
         effect=PoseStream("scale"),
         words="scale of a pose stream's positions",
+    ),
+    Unknown(
+        name="pose_turn",
+        labels=_XYZ,
+        unit="rad",
+        scale="pose_turn",
+        healthy=0.1,
+        effect=PoseStream("turn"),
+        words="rotation of a pose stream's positions: true against reported",
     ),
     Unknown(
         name="pose_delay",

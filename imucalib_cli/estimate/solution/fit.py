@@ -472,10 +472,7 @@ def _fitted(
             break
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
-        # Steps to and fro overshoot: half of such a step is on the way.
-        bent, last = step / curvature, last_step / curvature
-        back = max(-float(bent @ last) / max(float(last @ last), 1e-300), 0.0)
-        step, last_step = step / (1.0 + back), step
+        step, last_step = step / (1.0 + _turned_back(step / curvature, last_step / curvature)), step
         state = admitted(state.moved(layout, step), layout, options)
     known = std < DETERMINED
     equations = NormalEquations(
@@ -523,6 +520,11 @@ def _error_after(step: Floats, std: Floats, curvature: Floats) -> float:
     """Sigmas, largest error after a step: it is of second order, and its ratio to the step bent."""
     bent = float((np.abs(step) / curvature).max(initial=0.0))
     return float((np.abs(step) / std).max(initial=0.0)) * bent
+
+
+def _turned_back(step: Floats, last: Floats) -> float:
+    """How much of the last step another one takes back: steps to and fro meet on half the way."""
+    return max(-float(step @ last) / max(float(last @ last), 1e-300), 0.0)
 
 
 def _gravity_by_base(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
