@@ -200,6 +200,7 @@ _REMEDIES: dict[str, str] = {
     "translation": "measure it on the robot before the URDF is edited",
     "rotation": "measure it on the robot before the URDF is edited",
     "pose_scale": "calibrate the tracker",
+    "pose_age": "stamp positions and attitude when they are measured",
     "pose_turn": "take positions and attitude from one source, or align the two",
     "pose_delay": "stamp poses when they are measured",
 }

@@ -304,9 +304,12 @@ class Trajectory:
 
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of each track at instants (M,), s: (M, J) or (M, 7)."""
-        return tuple(
-            lagrange(track.t, track.values, t, breaks=track.breaks) for track in self._used
-        )
+        return tuple(self.values_of(index, t) for index in range(len(self.tracks)))
+
+    def values_of(self, index: int, t: Floats) -> Floats:
+        """(M, J) or (M, 7), values of one track at instants (M,), s."""
+        track = self._used[index]
+        return lagrange(track.t, track.values, t, breaks=track.breaks)
 
     def motion(self, t: Floats) -> TrackMotion:
         """How each track moves at instants (M,), s."""

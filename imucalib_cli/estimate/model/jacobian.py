@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
@@ -223,6 +223,17 @@ class _Nodes:
         steps = self.chain.path.pose_steps.items()
         return [index for index, step in steps if step.track == stream.index]
 
+    def shift_of_stream(self, index: int, what: Literal["scale", "turn", "age"]) -> Floats:
+        """(k, 3, M): by an error of the positions of a pose stream that moves a step."""
+        (R, before), (R_after, after) = self.frames[index : index + 2]
+        step = self.chain.path.pose_steps[index]
+        axes = np.swapaxes(R_after if step.inverse else R, 0, 1)  # of the stream
+        if what == "age":
+            rate = self.motion.rates[step.track][:, :3] * (-1.0 if step.inverse else 1.0)
+            return np.asarray(np.einsum("mi,ijm->jm", rate, axes)[None])
+        reported = (after - before)[None]
+        return reported if what == "scale" else cross(axes, reported, -2)
+
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), the change of the mount's translation and rotation by hidden components."""
         joint = placed.joint
@@ -337,16 +348,8 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
                 channels["shift"].append((part, shift))
             else:
                 _add_twist(part, turn, shift, nodes, channels)
-        case PoseStream(what="scale" | "turn" as what):
-            moved = []
-            for index in nodes.steps_of(placed):
-                (R, before), (R_after, after) = nodes.frames[index : index + 2]
-                reported = (after - before)[None]
-                if what == "turn":  # in the axes of the stream
-                    inverse = nodes.chain.path.pose_steps[index].inverse
-                    axes = np.swapaxes(R_after if inverse else R, 0, 1)
-                    reported = cross(axes, reported, -2)
-                moved.append(reported)
+        case PoseStream(what="scale" | "turn" | "age" as what):
+            moved = [nodes.shift_of_stream(index, what) for index in nodes.steps_of(placed)]
             channels["shift"].append((part, np.sum(moved, axis=0)))
         case PoseStream():
             # Of the velocity the stream's own part: behind its step, less before it.

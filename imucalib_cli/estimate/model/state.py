@@ -97,6 +97,8 @@ class Chain:
     """Errors of joint positions."""
     positions: tuple[tuple[int, Floats], ...] = ()
     """Of pose streams: track, and what their positions (M, 3) are multiplied by, (3, 3)."""
+    ages: tuple[tuple[int, float], ...] = ()
+    """Of pose streams: track, and age of their positions behind their quaternions, s."""
     base: ReckonedBase | None = None
 
     @classmethod
@@ -121,6 +123,7 @@ class Chain:
                 *((track, (1.0 + scale) * np.eye(3)) for track, scale in streams["scale"].items()),
                 *((i, matrix_from_rotvec(turn).T) for i, turn in streams["turn"].items()),
             ),
+            ages=tuple((track, float(age[0])) for track, age in streams["age"].items()),
             loads=Loads.of(trajectory, layout, state.gravity, x),
         )
 
@@ -145,6 +148,8 @@ class Chain:
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
         """With errors of the pose streams removed."""
+        for track, age in self.ages:
+            values[track][:, :3] = self.trajectory.earlier({track: age}).values_of(track, t)[:, :3]
         for track, matrix in self.positions:
             values[track][:, :3] = values[track][:, :3] @ matrix
         if self.base is not None:

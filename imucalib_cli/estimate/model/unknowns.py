@@ -160,11 +160,12 @@ class PoseStream:
     """Error of a pose stream beside joints.
 
     Of the scale of its positions, true = reported * (1 + value); of their axes, which are turned
-    against those of its quaternions; or of its stamps, which are later than those of the joints at
-    the same instant by the value.
+    against those of its quaternions; of their age: they are those of the value earlier than its
+    quaternions; or of its stamps, which are later than those of the joints at the same instant by
+    the value.
     """
 
-    what: Literal["scale", "turn", "delay"]
+    what: Literal["scale", "turn", "age", "delay"]
 
 
 @dataclass(frozen=True)
@@ -332,6 +333,7 @@ SCALES: Final[dict[str, Scale]] = {
     "driver_filter": Scale(low=3e-8, high=3e-4),
     "mount_give": Scale(low=3e-8, high=3e-3),
     "pose_turn": Scale(low=1e-5, high=5e-2),
+    "pose_age": Scale(low=1e-5, high=0.1),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
@@ -683,6 +685,14 @@ _OWN: Final[tuple[Unknown, ...]] = (
         healthy=0.1,
         effect=PoseStream("turn"),
         words="rotation of a pose stream's positions: true against reported",
+    ),
+    Unknown(
+        name="pose_age",
+        unit="s",
+        scale="pose_age",
+        healthy=0.2,
+        effect=PoseStream("age"),
+        words="age of a pose stream's positions behind its quaternions",
     ),
     Unknown(
         name="pose_delay",
