@@ -153,6 +153,14 @@ def test_other_columns_are_joints(tmp_path: Path) -> None:
     assert joints.names == names
 
 
+@pytest.mark.parametrize("header", ["t_ns,a,b,a", f"{IMU_HEADER},joint.a,joint.a"])
+def test_two_columns_of_a_joint_are_refused(tmp_path: Path, header: str) -> None:
+    """The values of one of them are wrong, and nothing tells which."""
+    table = write(tmp_path / "arm.csv", f"{header}\n1{',0' * header.count(',')}\n")
+    with pytest.raises(InputError, match=r"arm\.csv: two columns name the joint a: remove one"):
+        read(table)
+
+
 def test_one_table_can_contain_everything(tmp_path: Path) -> None:
     """Joined by time: a row holds one sensor, the cells of the others are empty."""
     header = f"{IMU_HEADER},temperature,joint.elbow,joint.wrist"

@@ -124,7 +124,7 @@ class CsvFile:
         unit: Unit of times, if the header does not name it.
 
     Raises:
-        InputError: The unit of its times is not clear.
+        InputError: The unit of its times is not clear, or a joint has two columns.
     """
 
     FORMAT: ClassVar[str] = "a CSV table"
@@ -144,6 +144,8 @@ class CsvFile:
             if layout is None:
                 raise InputError(f"{path}: its columns are not known: {NAMES}")
             time, named_unit, self._groups = layout
+            for group in self._groups:
+                self._check_joints(group.joints)
             self._take(lines, separator, time, named_unit or unit)
 
     @classmethod
@@ -258,6 +260,12 @@ class CsvFile:
             values = {"row": row, "text": line.strip()[:_SHOWN], "comma": comma}
             self.losses.append(warning("log.row_unreadable", **values))
 
+    def _check_joints(self, joints: Sequence[str]) -> None:
+        """Refuse two columns of a joint: which one is right is not known."""
+        twice = next((name for name in joints if joints.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"{self.path}: two columns name the joint {twice}: remove one")
+
     def _check_seconds(self) -> None:
         for group in self._groups:
             steps = np.diff(np.array(group.times, dtype=np.int64))
@@ -310,13 +318,14 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
         wanted = [(each, axis) for each in quantities for axis in range(len(_SPELLINGS[each][0]))]
         if wanted and places.keys() >= set(wanted):
             groups.append(_Group(kind, tuple(places[each] for each in wanted)))
-    joints = {known[1]: k for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))}
+    joints = [(known[1], k) for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))]
     if not groups and not joints:
         named = False
-        further = {name: k for k, name in enumerate(bare) if k not in times}
-        joints = {name: k for name, k in further.items() if name.strip("-")}
+        further = [(name, k) for k, name in enumerate(bare) if k not in times]
+        joints = [(name, k) for name, k in further if name.strip("-")]
     if joints:
-        groups.append(_Group("joints", tuple(joints.values()), tuple(joints), named))
+        known_as, at = zip(*joints, strict=True)
+        groups.append(_Group("joints", at, known_as, named))
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))
