@@ -100,6 +100,15 @@ def test_static_transforms_do_not_affect_the_clock() -> None:
     assert clock.origin_ns == START
 
 
+def test_times_of_a_table_may_be_negative() -> None:
+    """They count from the start of a motion; only zero says that nobody set a stamp."""
+    table = stream(header=lambda t: t - 10 * SECOND)
+    table = Stream(topic="/table", header_ns=table.header_ns, log_ns=table.header_ns)
+    clock = choose_clock([table])
+    assert clock.warnings == ()
+    assert clock.seconds(table)[0] == 0.0
+
+
 def test_two_bad_clocks_keep_headers_with_a_warning() -> None:
     imu = stream(header=np.zeros_like)
     broken = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
