@@ -25,6 +25,7 @@ from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
+from imucalib_cli.signals.imu.checks import refuse_dead
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.timing.stamps import usual_interval
@@ -147,6 +148,7 @@ def _estimate_one(
     except ChoiceError as error:
         if error.option != "--parent":
             raise
+        refuse_dead(samples)  # zeros would look like an IMU that stands still
         raise with_carriers(error, imu, sources, request)[0] from error
     path = motion.path
     check_joint_topics(recording.joints, set(map(path.reported, path.joint_steps.values())))

@@ -164,6 +164,13 @@ def test_frozen_joint_states_are_no_robot_at_rest(
     assert str(failure).startswith(message)
 
 
+def test_zeros_are_no_imu_that_stands_still(log_writer: LogWriter, arm_urdf: Path) -> None:
+    log = log_writer.imu(frame="", accel=0.0, gyro=0.0).joints().write()
+    (error,) = calibrate(CalibrationRequest(logs=(log,), urdf=arm_urdf)).failures
+    assert isinstance(error, InputError)
+    assert "gyro and accel are zero in all 400 messages" in str(error)
+
+
 def test_duplicate_pose_is_used_once_and_noted(log_writer: LogWriter) -> None:
     log = log_writer.imu().tf("map", "body").tf("map", "body", moving=False).write()
     request = CalibrationRequest(logs=(log,))
