@@ -145,7 +145,7 @@ def _estimate_one(
     request = replace(request, parent=named_parent(imu, request) or request.parent)
     try:
         motion = find_motion(sources, imu.frame_id, request, samples)
-    except ChoiceError as error:
+    except (ChoiceError, InputError) as error:
         if error.option != "--parent":
             raise
         refuse_dead(samples)  # zeros would look like an IMU that stands still

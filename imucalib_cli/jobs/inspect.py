@@ -382,13 +382,14 @@ def _imu(
         motion = find_motion(sources, imu.frame_id, request, samples)
         check_overlap(samples, motion)
     except ImucalibError as error:
-        asks = isinstance(error, ChoiceError)
-        found = replace(found, needs_choice=asks, solved_by=error.option)
-        if error.option == "--parent":
+        solution = error.option
+        if solution == "--parent":
             error, carriers = with_carriers(error, imu, sources, request)
             links = tuple(each.frame for each in carriers.links)
             found = replace(found, moves_like=links, still=carriers.still)
-        found = replace(found, problem=str(error))
+        asks = isinstance(error, ChoiceError)
+        solution = solution if asks else None
+        found = replace(found, problem=str(error), needs_choice=asks, solved_by=solution)
         return found, (*units.findings, *check_alone(samples))
     found = replace(
         found,

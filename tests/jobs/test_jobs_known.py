@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -115,6 +116,20 @@ def test_inspect_names_the_link_that_carries_the_imu(tmp_path: Path, maker_urdf:
     found = asked(log, maker_urdf)
     assert found.command == f"imucalib run {log} --urdf {maker_urdf} --parent wrist_3_link"
     assert found.placeholders == ""
+
+
+def test_link_that_moves_like_an_imu_of_a_default_frame_is_named(
+    tmp_path: Path, urdf: Path
+) -> None:
+    """Drivers call a frame base_link until told otherwise."""
+    log = log_of(tmp_path, imu_frame="base_link")
+    (error,) = run(log, urdf=urdf).failures
+    assert isinstance(error, ChoiceError)
+    assert str(error).startswith("base_link never moves in base_link according to the URDF")
+    assert "the IMU moves like wrist_3_link" in str(error)
+    assert str(error).endswith(": --parent wrist_3_link")
+    command = f"imucalib run {log} --urdf {urdf} --parent wrist_3_link"
+    assert asked(log, urdf).command == command
 
 
 def test_each_imu_can_have_its_own_parent(tmp_path: Path, maker_urdf: Path) -> None:

@@ -126,7 +126,8 @@ def find_motion(
             raise
         frame = request.parent or frame_id
         is_in_log = any(frame in (edge.parent, edge.child) for edge in sources.edges)
-        if not is_in_log and (sources.joints or error.option != "--parent"):
+        unplaced = isinstance(error, ChoiceError) and error.option == "--parent"
+        if not is_in_log and (sources.joints or not unplaced):
             raise  # frames alone would take the base of an arm for what carries the IMU
         try:
             motion = _checked(_from_frames(frames_alone, frame_id, request), request, samples)
@@ -145,11 +146,15 @@ def _checked(motion: Motion, request: CalibrationRequest, samples: ImuSamples | 
     if _nothing_moves(path, motion.sources):
         raise UntrustedError(_static(motion.sources, request, samples))
     if is_still(path):
-        raise InputError(
+        reason = (
             f"{mount.parent} never moves in {path.world} according to "
-            f"{', '.join(motion.topics) or _urdf_of_fixed(motion.sources)}: "
-            "check --parent and --urdf, record a log in which the robot moves, or give what moves "
-            "it by --pose-topic"
+            f"{', '.join(motion.topics) or _urdf_of_fixed(motion.sources)}"
+        )
+        raise InputError(
+            f"{reason}: check --parent and --urdf, record a log in which the robot moves, or give "
+            "what moves it by --pose-topic",
+            option="--parent",
+            reason=reason,
         )
     return motion
 

@@ -62,7 +62,10 @@ def check_parents(imus: Sequence[ImuStream], request: CalibrationRequest) -> Non
 def with_carriers(
     error: ImucalibError, imu: ImuStream, sources: Sources, request: CalibrationRequest
 ) -> tuple[ImucalibError, Carriers]:
-    """An error that asks for the parent of an IMU, with the links that move as the IMU does."""
+    """An error about the parent of an IMU, with the links that move as the IMU does.
+
+    It asks for one if some do. A parent that never moves stays an InputError otherwise.
+    """
     frames, path_to = other_frames(sources, request)
     samples, options = samples_of(imu, sources.clock), request.estimator
     if not isinstance(options, MatchedOptions):
@@ -82,7 +85,9 @@ def with_carriers(
         moves = " or ".join(map(str, carriers.links))
         several = ", the log cannot tell which" if len(carriers.links) > 1 else ""
         parents = " or ".join(f"--parent {each.frame}" for each in carriers.links)
-        text = f"{reason}; it moves like {moves}{several}: {parents}"
+        text = f"{reason}; the IMU moves like {moves}{several}: {parents}"
+    elif isinstance(error, InputError):
+        return error, carriers
     elif carriers.still:
         text = (
             f"{reason}; it does not move while the robot moves, so this log does not show "
