@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from shlex import quote
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,6 +20,13 @@ def printable(line: str) -> str:
     if line.isprintable():
         return line
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
+
+
+def as_word(path: object) -> str:
+    """A path as a word of a command to copy; ``-`` stays, which is stdin."""
+    text = str(path)
+    is_like_an_option = text.startswith("-") and text != "-"
+    return quote(f"./{text}" if is_like_an_option else text)
 
 
 _COMPARED = 200

@@ -19,6 +19,7 @@ from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
 from imucalib_cli.results.codec import to_document
 from imucalib_cli.results.from_estimate import finding_entry
+from imucalib_cli.shown import as_word
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
@@ -423,7 +424,7 @@ def _commands(
     together what they share. If no IMU can be calibrated without a choice that nothing in the log
     answers, one command that says what is missing.
     """
-    words = ["imucalib", "run", *(quote(str(path)) for path in request.logs)]
+    words = ["imucalib", "run", *map(as_word, request.logs)]
     if request.part is not None:
         words.append(str(request.part))
     if request.csv_columns:
@@ -438,7 +439,7 @@ def _commands(
     ready = [each for each in imus if each.problem is None or each.solved_by == "--parent"]
     floating = ["--gravity none"] if any(each.floats for each in imus) else []
     if request.urdf is not None:
-        words.append(f"--urdf {quote(str(request.urdf))}")
+        words.append(f"--urdf {as_word(request.urdf)}")
     elif any(data.joints.values()) and not ready:
         return [" ".join([*words, "--urdf ROBOT.urdf", *floating])], _URDF
     if not ready:

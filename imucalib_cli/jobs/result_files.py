@@ -13,7 +13,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
-from imucalib_cli.shown import natural_key, without_secrets
+from imucalib_cli.shown import as_word, natural_key, without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -174,8 +174,8 @@ def read_statistics_files(
         others = [file for file in files if _is_foreign(file)]
         if len(others) == len(files):
             raise InputError(
-                f"{path}: no statistics in it: `imucalib batch LOGS -o {path} --statistics` writes "
-                "them"
+                f"{path}: no statistics in it: `imucalib batch LOGS -o {as_word(path)} "
+                "--statistics` writes them"
             )
         foreign += others
         for file in (each for each in files if each not in others):
@@ -208,7 +208,7 @@ def _statistics_of(path: Path) -> list[StoredLog]:
     own = [log for log in logs if log.result in results]
     if not own:
         raise InputError(
-            f"{path}: no statistics of this result beside it: `imucalib run LOG -o {path} "
-            f"--statistics {beside}` writes both"
+            f"{path}: no statistics of this result beside it: `imucalib run LOG -o "
+            f"{as_word(path)} --statistics {as_word(beside)}` writes both"
         )
     return own

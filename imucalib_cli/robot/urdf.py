@@ -26,7 +26,7 @@ from imucalib_cli.robot.names import frame_name
 from imucalib_cli.robot.packages import packages_near
 from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
-from imucalib_cli.shown import near_matches
+from imucalib_cli.shown import as_word, near_matches
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator
@@ -168,7 +168,7 @@ def load_robot(path: Path) -> Robot:
 
 def _expanded(path: Path) -> bytes:
     """The URDF that a xacro file expands to with the defaults of its arguments."""
-    command = f"`xacro {path} > robot.urdf` and give robot.urdf"
+    command = f"`xacro {as_word(path)} > robot.urdf` and give robot.urdf"
     try:
         import xacro
     except ImportError as error:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from xml.parsers import expat
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.shown import as_word
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -101,7 +102,7 @@ class _Reader:
         if xacro:
             raise self._refused(
                 f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
-                f"`xacro {self._path} > robot.urdf` and give robot.urdf"
+                f"`xacro {as_word(self._path)} > robot.urdf` and give robot.urdf"
             )
         self._count += 1
         if self._count > ELEMENT_LIMIT:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain
@@ -23,6 +25,18 @@ def test_every_usable_imu_gets_a_command(log_writer: LogWriter, arm_urdf: Path) 
     assert other == f"imucalib run {log} --urdf {arm_urdf} --imu-topic /imu/b --parent FRAME"
     assert found.placeholders == "FRAME by the link or frame that carries the IMU"
     assert other in plain(found.blocks())
+
+
+def test_path_like_an_option_is_a_path_in_commands(
+    log_writer: LogWriter, arm_urdf: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, urdf = Path("-log"), Path("-my arm.urdf")
+    written = log_writer.imu().joints().write()
+    monkeypatch.chdir(written.parent)
+    written.rename(log)
+    arm_urdf.rename(urdf)
+    found = inspect(CalibrationRequest(logs=(log,), urdf=urdf))
+    assert found.command == "imucalib run ./-log --urdf './-my arm.urdf'"
 
 
 def test_unusable_imu_gets_no_command(
