@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import unicodedata
 from itertools import count
 from typing import TYPE_CHECKING
@@ -75,5 +76,11 @@ def log_name(log: LogPath) -> str:
 
 
 def shortened(name: str, longest: int = _LONGEST) -> str:
-    """The name cut to a length that every file system allows, without bytes that are not UTF-8."""
-    return name.encode(errors="surrogateescape")[:longest].decode(errors="ignore")
+    """The name cut to a length that every file system allows, without bytes that are not UTF-8.
+
+    Letters that this system cannot encode in file names, as with LC_ALL=C, become underscores.
+    """
+    text = name.encode(errors="surrogateescape")[:longest].decode(errors="ignore")
+    coding = sys.getfilesystemencoding()
+    encoded = text.encode(coding, "replace").decode(coding)
+    return "".join(a if a == b else "_" for a, b in zip(text, encoded, strict=True))

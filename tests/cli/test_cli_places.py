@@ -3,6 +3,7 @@
 import os
 import shlex
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from imucalib_cli.configuration import _configs
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_document, to_yaml
+from imucalib_cli.results.names import shortened
 from imucalib_cli.results.places import check_places
 from tests.cli.stand_in import Estimator
 from tests.conftest import Imucalib, LogWriter
@@ -307,6 +309,18 @@ def test_long_frame_name_gets_a_result_file(
     run("-o", f"{tmp_path}/out/")
     assert len(list((tmp_path / "out").iterdir())) == 1
     run("-o", tmp_path / f"{'x' * 250}.yaml")
+
+
+@pytest.mark.parametrize(
+    ("coding", "expected"), [("utf-8", "\u65e5 \u00fc.imu"), ("ascii", "_ _.imu")]
+)
+def test_file_names_are_encodable_in_the_file_system(
+    coding: str, expected: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As with LC_ALL=C, under which Python reads the names on disk as lone surrogates."""
+    monkeypatch.setattr(sys, "getfilesystemencoding", lambda: coding)
+    read = "\u65e5 \u00fc".encode().decode(coding, "surrogateescape")
+    assert shortened(f"{read}.imu\udcff") == expected
 
 
 def test_failed_run_warns_of_older_results_in_folder(
