@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.input.reading import path_text
-from imucalib_cli.logs.open import holds_log, is_own_output
+from imucalib_cli.logs.open import holds_log, is_own_output, kinds_of_table
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.logs.text.tum_euroc import tables_of
 from imucalib_cli.results.atomic import identity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from imucalib_cli.logs.reader import LogPath
 
@@ -69,8 +69,8 @@ class Found:
 def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
     """Find the recordings that paths, patterns and URLs lead to, in their order.
 
-    A folder is one recording where it has the metadata of one or the tables of EuRoC; otherwise
-    its recordings are searched for in it and below. A pattern is expanded if no file has its name.
+    A folder is one recording where it has the metadata of one or the tables of EuRoC, or its only
+    logs are tables that need each other; otherwise its recordings are searched for in it and below. A pattern is expanded if no file has its name.
     A name that leads nowhere stays, so that it is reported as a log that cannot be read. The folder
     ``left_out``, that of the results, is not searched.
     """
@@ -127,7 +127,11 @@ def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
             if not each.startswith(".") and (place / each).resolve() != left_out
         )
         paths = [place / each for each in sorted(names) if not each.startswith(".")]
-        yield from _joined([path for path in paths if _is_log(path)])
+        logs = [path for path in paths if _is_log(path)]
+        if _are_parts(logs) and sum(map(_is_readable, paths)) > 1:
+            yield (place,)
+        else:
+            yield from _joined(logs)
     yield from ((path,) for path in unreadable)
 
 
@@ -136,6 +140,17 @@ def _is_log(path: Path) -> bool:
     if holds_log(path, alone=True):
         return not is_own_output(path)
     return path.suffix.lower() in _SUFFIXES
+
+
+def _is_readable(path: Path) -> bool:
+    return holds_log(path) and not is_own_output(path)
+
+
+def _are_parts(tables: Sequence[Path]) -> bool:
+    """Whether files are tables of which none has both an IMU and what moves it."""
+    kinds = [kinds_of_table(each) for each in tables]
+    complete = any(each is None or ("imu" in each and len(each) > 1) for each in kinds)
+    return {"imu"} in kinds and not complete
 
 
 def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:

@@ -23,6 +23,7 @@ from imucalib_cli.shown import natural_key
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.reader import LogFile, LogPath, Progress
 
     Readers = Sequence[type[LogFile]]
@@ -130,6 +131,18 @@ def holds_log(path: Path, *, alone: bool = False) -> bool:
     if alone and reader is not None and issubclass(reader, CsvFile):
         return bool(reader.named_kinds(head) - {"pose"})
     return reader is not None
+
+
+def kinds_of_table(path: Path) -> set[Kind] | None:
+    """Streams whose columns a table names; None of any other file, or if it cannot be read."""
+    try:
+        head = _head(path)
+    except (OSError, InputError):
+        return None
+    reader = _reader(path, head, READERS)
+    if reader is None or not issubclass(reader, CsvFile):
+        return None
+    return reader.named_kinds(head)
 
 
 def is_own_output(path: Path) -> bool:

@@ -57,7 +57,7 @@ def test_log_files_are_detected_by_content(tmp_path: Path) -> None:
 def test_text_beside_logs_is_no_log(tmp_path: Path) -> None:
     """A table is one if its columns are those of an IMU or of joints, by the documented names."""
     texts = {
-        "imu.csv": "t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n",
+        "imu.csv": "t,gx,gy,gz,ax,ay,az,joint.elbow\n0,0,0,0,0,0,9.8,1\n",
         "joints.csv": "t,joint.elbow\n0,1\n",
         "notes.txt": "time, x, y\nhello\n",
         "replay.py": "import subprocess,signal,time,sys,os\nos.nice(5)\n",
@@ -67,6 +67,22 @@ def test_text_beside_logs_is_no_log(tmp_path: Path) -> None:
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
     assert found(tmp_path, tmp_path) == [["imu.csv"], ["joints.csv"]]
+
+
+@pytest.mark.parametrize(
+    "motion", ["joint.elbow\n0,1", "elbow\n0,1", "x,y,z,qx,qy,qz,qw\n" + "0," * 7 + "1"]
+)
+def test_tables_that_need_each_other_are_one_recording(tmp_path: Path, motion: str) -> None:
+    """As for a run."""
+    day = tmp_path / "day"
+    made(day, "readme.txt", "below/a.mcap")
+    imu = "t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n"
+    (day / "imu.csv").write_text(imu)
+    assert found(day, day) == [["imu.csv"], ["below/a.mcap"]]
+    (day / "motion.csv").write_text(f"t,{motion}\n")
+    assert found(day, day) == [["."], ["below/a.mcap"]]
+    (day / "other.csv").write_text(imu.replace("az", "az,joint.elbow").replace("9.8", "9.8,1"))
+    assert ["other.csv"] in found(day, day)
 
 
 def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:
