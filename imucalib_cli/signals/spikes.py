@@ -10,7 +10,7 @@ from imucalib_cli.signals.noise import MAD_TO_STD, deviation_from_neighbours
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.signals.stretches import Stretches
 
 _THRESHOLD = 6.0
@@ -28,6 +28,9 @@ _FURTHER = 4.0
 samples, as every sensor's filter does: it steps as far between its samples."""
 _SUDDEN = 0.5
 """Least step into and out of a spike, relative to its size."""
+_EVEN = 0.25
+"""Least distance of a leap from its neighbours in the order of recording, relative to that in time:
+stamps may be right, and samples uneven."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Longest span of a sample's neighbours, relative to the median span."""
@@ -100,36 +103,39 @@ def _sudden(channel: Floats, runs: Stretches, size: Floats) -> Bools:
     return found
 
 
-def find_glitches(t: Floats, values: Floats, floor: float) -> Bools:
+def find_glitches(t: Floats, values: Floats, floor: float, rows: Indices | None = None) -> Bools:
     """Mark single samples that jump away and back, for any stamps.
 
-    For joints and poses: one wrong value of an encoder is large in the second derivative.
+    For joints and poses: one wrong value of an encoder is large in the second derivative. So is a
+    wrong stamp; but then the value is near those before and after it in the order of recording.
 
     Args:
         t: (N,), s, strictly increasing.
         values: (N, C).
         floor: Jump below which nothing is marked, in the unit of the values.
+        rows: (N,), places in the order of recording; by default that of the stamps.
 
     Returns:
         (N,), True where any channel jumps.
     """
     found = np.zeros(len(t), dtype=bool)
+    order = np.arange(float(len(t))) if rows is None else rows.astype(np.float64)
     for _ in range(_ROUNDS):
         kept = ~found if found.any() else slice(None)  # a slice copies nothing
-        new = _leaps(t[kept], values[kept], floor)
+        new = _leaps(t[kept], order[kept], values[kept], floor)
         if not new.any():
             break
         found[np.flatnonzero(~found)[new]] = True
     return found
 
 
-def _leaps(t: Floats, values: Floats, floor: float) -> Bools:
+def _leaps(t: Floats, order: Floats, values: Floats, floor: float) -> Bools:
     """The worst of each neighbourhood, by the cubic across it and the parabolas on both sides."""
     found = np.zeros(len(t), dtype=bool)
     if len(t) < _BLOCK // 4:
         return found
     for channel in values.T:  # one channel at a time, to save memory
-        found |= _channel_leaps(t, channel, floor)
+        found |= _channel_leaps(t, order, channel, floor)
     # Across a gap polynomials are meaningless.
     span = t[6:] - t[:-6]
     found[3:-3] &= span < _MOST_SPREAD * float(np.median(span))
@@ -137,7 +143,7 @@ def _leaps(t: Floats, values: Floats, floor: float) -> Bools:
     return found
 
 
-def _channel_leaps(t: Floats, values: Floats, floor: float) -> Bools:
+def _channel_leaps(t: Floats, order: Floats, values: Floats, floor: float) -> Bools:
     size = _off_polynomial(t, values, _SIDES)
     far = size > max(_THRESHOLD * MAD_TO_STD * float(np.median(size)), floor)
     if not far.any():
@@ -152,7 +158,11 @@ def _channel_leaps(t: Floats, values: Floats, floor: float) -> Bools:
         np.roll(_off_polynomial(t, values, (-3, -2, 1, 2)), -1),
         np.roll(_off_polynomial(t, values, (-2, -1, 2, 3)), 1),
     )
-    return np.asarray(far & worst & (apart > 0.5 * size) & (bends < 0.5 * size))
+    # A wrong stamp: the order of recording shows smooth motion, perhaps with a message lost.
+    sides = (_SIDES, (-3, -2, -1), (1, 2, 3))
+    even = np.minimum.reduce([_off_polynomial(order, values, each) for each in sides])
+    real = (apart > 0.5 * size) & (bends < 0.5 * size) & (even > _EVEN * size)
+    return np.asarray(far & worst & real)
 
 
 def _off_polynomial(t: Floats, values: Floats, sides: tuple[int, ...]) -> Floats:

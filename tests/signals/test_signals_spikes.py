@@ -136,6 +136,22 @@ def test_only_jumps_are_found(rate: float, jitter: float) -> None:
         np.testing.assert_array_equal(np.flatnonzero(find_glitches(t, spoilt, 0.01)), placed)
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.01])
+def test_wrong_stamps_are_not_jumps(lost: float) -> None:
+    """Stamps of 125 Hz that jitter by 3 ms: some swap, and the values are right."""
+    rng = np.random.default_rng(2)
+    t, values = _moving(125.0)
+    kept = rng.random(len(t)) >= lost
+    t, values = (t + rng.normal(0.0, 3e-3, len(t)))[kept], values[kept]
+    rows = np.argsort(t)
+    assert not find_glitches(t[rows], values[rows], 0.01, rows).any()
+    placed = np.arange(100, len(t) - 100, 50)
+    values[placed, 0] += 2 * np.pi
+    found = rows[find_glitches(t[rows], values[rows], 0.01, rows)]
+    assert set(found) <= set(placed)
+    assert len(found) > 0.5 * len(placed)
+
+
 def test_gaps_corners_and_steps_are_not_jumps() -> None:
     t, values = _moving(50.0)
     keep = np.ones(len(t), dtype=bool)

@@ -280,7 +280,7 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
     track = replace(track, t=t)
     if track.kind == "imu":  # it is repaired already, and its readings may leap
         return track, findings
-    leaps = find_glitches(tidy.of(t), values, _LEAP)
+    leaps = find_glitches(tidy.of(t), values, _LEAP, tidy.rows)
     if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
         return track, findings
     count = np.count_nonzero(leaps)
