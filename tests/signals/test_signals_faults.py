@@ -10,7 +10,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.signals.imu.checks import refuse_impossible
 from imucalib_cli.signals.imu.faults import Fault, dead_axes, flat_tops, sensor_faults
 from imucalib_cli.signals.imu.repair import rows_at_fault
-from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.samples import ImuSamples, Sensor
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import gap_breaks
 from imucalib_cli.signals.trajectory import Trajectory
@@ -121,6 +121,21 @@ def test_saturated_accelerometer_is_found(clean: Log) -> None:
     (fault,) = sensor_faults(replace(imu, accel=accel), _turning(clean))
     assert (fault.sensor, fault.kind, fault.axes) == ("accel", "saturated", "x")
     assert fault.rows.sum() == (np.abs(accel[:, 0]) == limit).sum()
+
+
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_one_flat_top_is_not_a_frozen_axis(sensor: Sensor) -> None:
+    """A slow swing at 50 Hz: a dozen samples at the limit, and other peaks just below it."""
+    t = np.arange(1500) / 50.0
+    swings = np.cos(np.outer(t, (0.9, 1.4, 0.7)))
+    swings[(t > 12.0) & (t < 16.0), 0] *= 1.01
+    noisy = swings + np.random.default_rng(3).normal(scale=1e-3, size=swings.shape)
+    cut = np.minimum(noisy, (1.0035, 9.0, 9.0))
+    readings = {"gyro": 2.0 * noisy, "accel": 9.8 * noisy}
+    readings[sensor] = {"gyro": 2.0, "accel": 9.8}[sensor] * cut
+    (fault,) = sensor_faults(ImuSamples(t=t, **readings), None)
+    assert (fault.sensor, fault.kind, fault.axes) == (sensor, "saturated", "x")
+    assert fault.rows.sum() == (cut[:, 0] == 1.0035).sum() < 20
 
 
 def _struck(quantum: float = 0.0, seed: int = 4) -> Floats:

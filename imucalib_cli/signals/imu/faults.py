@@ -358,6 +358,9 @@ def _flat_top(axis: str, channel: Floats, limit: float, noise: float) -> FlatTop
     if noisy and len(rows) >= _PILED * near:
         return certain
     runs = repeats(at[1:] & at[:-1])
+    # Where a noisy sensor holds a value for so long, a driver may repeat itself; not at the limit.
+    if noisy and (runs.lengths >= FROZEN_SAMPLES).any():
+        return certain
     runs = runs.where((runs.lengths >= _TOP_RUN) & (runs.first >= 3))
     if not len(runs) or np.mean(at[np.minimum(rows + 1, len(at) - 1)]) < _TOP_STAY:
         return None
