@@ -209,6 +209,18 @@ def test_invalid_messages_are_skipped_and_counted(storage: str, written: Write) 
     )
 
 
+@pytest.mark.parametrize("storage", ["bag-none", "mcap-zstd"])
+def test_frame_of_joint_states_may_be_anything(storage: str, written: Write) -> None:
+    """It is not used; whatever its bytes, the positions are sound."""
+    joints = said_on("/joint_states")
+    for each in joints:
+        header = replace(each.message.header, frame_id="a\tframe")
+        each.message = replace(each.message, header=header)
+    data = read_all(one_file(written(joints, storage)))
+    assert sum(map(len, data.joints["/joint_states"])) == len(joints)
+    assert data.losses == ()
+
+
 def test_damaged_chunk_loses_only_its_messages(tmp_path: Path, damaged: Path) -> None:
     """A wrong byte among wanted messages is found by the chunk's checksum."""
     said, content = mcap(tmp_path, "none", index=True, chunk_size=20_000)

@@ -227,7 +227,7 @@ def _recognised(fields: Fields, *, is_binary: bool) -> MessageType | None:
         at = _with_joints_of_structs(at, found)
     if not found.kinds:
         return None
-    if "frame_id" not in found.names.values():
+    if found.kinds.keys() != {"joints"} and "frame_id" not in found.names.values():
         frames = (path for path in _FRAMES if isinstance(at.get(path), Text))
         frame = next(frames, "")
         found.names |= {frame: "frame_id"} if frame else {}
@@ -366,8 +366,7 @@ def _with_columns(
     if not isinstance(leaves.get(columns.path), (Numbers, NumberList)):
         return None
     if known is None or "imu" not in known.kinds:
-        names = {"header.frame_id": "frame_id"} if is_binary else {}
-        known = MessageType({}, _taken(fields, leaves, names, is_binary=is_binary), {})
+        known = MessageType({}, _taken(fields, leaves, {}, is_binary=is_binary), {})
     kept = tuple(_without_joints(each, columns.path, "") for each in known.fields)
     if not is_binary:
         kept = (*kept, NumberList(columns.path, "position"))

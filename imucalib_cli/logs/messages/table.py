@@ -220,7 +220,7 @@ MESSAGE_TYPES: dict[str, MessageType] = {
     "sensor_msgs/JointState": MessageType(
         {"joints": 0},
         (
-            *_HEADER,
+            *header("header", is_stamp=True),
             Texts("name", "name"),
             NumberList("position", "position"),
             NumberList("velocity"),
