@@ -44,6 +44,8 @@ _OF_ANSWER: Final = CODES | judge.OF_ANSWER | {SOLVED_TOGETHER}
 """Codes of findings that rest on the answer of the run, not on its data."""
 _SHARED: Final = ("robot", "sensor_model", "pose", "sensor_scale_most", "sensor_axes_most")
 """Options about what logs share."""
+_SAME_POSE: Final = 1e-8
+"""m and rad: poses of two recordings differ by more, even if they begin at the same time."""
 _FEW: Final = 3
 """Logs, below which the scatter between them is hardly known."""
 
@@ -108,10 +110,10 @@ def _of_imu(
     logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None, asked: int
 ) -> tree.Result:
     given = len(logs)
-    once: dict[tuple[str, ...], StoredLog] = {}  # whatever their files are called
+    every: list[StoredLog] = []
     for log in logs:
-        once.setdefault(log.result.provenance.log_identity or (log.name,), log)
-    every = [*once.values()]
+        if not any(_is_copy(log, other) for other in every):
+            every.append(log)
     logs, left_out = _usable(every)
     twice = given - len(logs) - len(left_out)
     _require_one_robot(logs)
@@ -143,6 +145,18 @@ def _of_imu(
     return structs.replace(
         result, diagnostics=structs.replace(result.diagnostics, combined=combined, **kept)
     )
+
+
+def _is_copy(log: StoredLog, other: StoredLog) -> bool:
+    """Whether two logs are one recording, whatever the names and the formats of their files."""
+    one, same = log.result, other.result
+    files = [each.result.provenance.log_identity or (each.name,) for each in (log, other)]
+    if files[0] == files[1]:
+        return True
+    if one.recorded_at is None or one.provenance.recording != same.provenance.recording:
+        return False
+    apart = pose_error(one.pose.R, one.pose.t, same.pose.R, same.pose.t)  # no two noises agree
+    return apart.translation < _SAME_POSE and apart.rotation < _SAME_POSE
 
 
 def _usable(logs: Sequence[StoredLog]) -> tuple[list[StoredLog], list[tree.LeftOut]]:

@@ -95,6 +95,18 @@ def test_duplicate_log_counts_once_and_untrusted_log_is_excluded(logs: list[Stor
     assert isinstance(failure, UntrustedError)
 
 
+def test_converted_copy_counts_once(logs: list[StoredLog]) -> None:
+    """Its bytes are others, as if the MCAP file had become a bag; begin and length say nothing."""
+    first, *_ = (log.result.provenance for log in logs)
+    files = [structs.replace(each, sha256="0" * 64) for each in first.files]
+    result = structs.replace(logs[0].result, provenance=structs.replace(first, files=files))
+    assert first.recording == logs[1].result.provenance.recording
+    (found,), _ = combine([*logs, replace(logs[0], name="log.bag", result=result)], as_it_was)
+    assert "logs.twice" in codes(found)
+    assert found.diagnostics.combined is not None
+    assert [each.name for each in found.diagnostics.combined.logs] == [log.name for log in logs]
+
+
 def test_only_log_left_is_untrusted_with_the_distance_of_the_other(logs: list[StoredLog]) -> None:
     """What the mount does between recordings is unknown then."""
     wrong = _moved(_untrusted(logs[1]), np.array([0.0, 4e-3, 0.0]))
