@@ -49,14 +49,13 @@ def with_static_frames(robot: Robot, edges: Sequence[Edge]) -> Robot:
     Frames of the URDF do not change. Frames that move, or whose poses differ, are left out.
     """
     links, joints = list(robot.links), list(robot.joints)
-    attached = {
-        child: found[0]
-        for child, found in _tree(edges, None).items()
-        if child not in links and len(found) == 1 and _is_repeated(found[0], found[0])
-    }
-    while fitting := [edge for edge in attached.values() if edge.parent in links]:
-        for edge in fitting:
-            del attached[edge.child]
+    own = set(links)
+    below: dict[str, list[Edge]] = {}
+    for child, found in _tree(edges, None).items():
+        if child not in own and len(found) == 1 and _is_repeated(found[0], found[0]):
+            below.setdefault(found[0].parent, []).append(found[0])
+    for link in links:  # grows
+        for edge in below.get(link, ()):
             links.append(edge.child)
             joints.append(
                 Joint(

@@ -42,12 +42,14 @@ def prefixes(names: Collection[str], known: Collection[str], hints: str = "") ->
     contains one of them; none if the names need no prefix or none helps.
     """
     scores: Counter[str] = Counter()
-    for name in set(names).difference(known):
-        for other in set(known).difference(names):
-            longer, shorter = (name, other) if len(name) > len(other) else (other, name)
-            prefix = longer[: len(longer) - len(shorter)]
-            if shorter and prefix.endswith(_SEPARATORS) and longer.endswith(shorter):
-                scores[prefix] += 1
+    ours, theirs = set(names).difference(known), set(known).difference(names)
+    for longer, shorter in ((ours, theirs), (theirs, ours)):
+        lengths = set(map(len, shorter)) - {0}
+        for name in longer:
+            for place, letter in enumerate(name, 1):
+                is_prefix = letter in _SEPARATORS and len(name) - place in lengths
+                if is_prefix and name[place:] in shorter:
+                    scores[name[:place]] += 1
     most = max(scores.values(), default=0)
     best = sorted(prefix for prefix, count in scores.items() if count == most)
     hinted = [prefix for prefix in best if _words(prefix) & _words(hints)]

@@ -1,6 +1,8 @@
 """Paths from joints, frames and a moving base; expected poses by scipy and by hand."""
 
+import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.build import find_base, is_still, joint_path, moving_base_path
-from imucalib_cli.robot.frames import Edge, frame_path
+from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, PoseStep, Track
 from imucalib_cli.robot.urdf import parse_robot
 
@@ -262,6 +264,16 @@ def test_motion_capture_of_any_link_can_be_the_base() -> None:
     path = moving_base_path(edges, ROBOT, "base", [joints("/j", shoulder=SHOULDER)], base="upper")
     base_upper = shift(0, 0, 0.5) * turn("x", 0.1) * turn("z", SHOULDER)
     assert_path_is(path, T_mocap_marker * T_marker_upper * base_upper.inv())
+
+
+def test_long_chains_of_static_frames_take_no_time() -> None:
+    """Published from the tip to the base."""
+    names = [ROBOT.links[-1], *(f"frame{k}" for k in range(1500))]
+    edge, _ = standing("a", "b", 1)
+    edges = [replace(edge, parent=a, child=b) for a, b in pairwise(names)][::-1]
+    begin = time.process_time()
+    assert with_static_frames(ROBOT, edges).links == (*ROBOT.links, *names[1:])
+    assert time.process_time() - begin < 2.0
 
 
 def test_standing_robot_has_no_moving_base() -> None:

@@ -1,5 +1,7 @@
 """Prefixes by which names of a log differ from those of a URDF; expected ones are by hand."""
 
+import time
+
 import pytest
 
 from imucalib_cli.robot.names import names_in_urdf, prefixes
@@ -31,6 +33,13 @@ def test_joint_names_match_with_prefixes(
     names: tuple[str, ...], known: tuple[str, ...], hints: str, expected: tuple[str, ...]
 ) -> None:
     assert prefixes(names, known, hints) == expected
+
+
+def test_thousands_of_names_take_no_time() -> None:
+    known = [f"link_{k}" for k in range(5000)]
+    begin = time.process_time()
+    assert prefixes([f"r1/{name}" for name in known], known) == ("r1/",)
+    assert time.process_time() - begin < 2.0
 
 
 def test_prefix_may_be_on_either_side() -> None:
