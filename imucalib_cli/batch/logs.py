@@ -70,9 +70,10 @@ def find_logs(names: Iterable[str], *, left_out: Path | None = None) -> Found:
     """Find the recordings that paths, patterns and URLs lead to, in their order.
 
     A folder is one recording where it has the metadata of one or the tables of EuRoC, or its only
-    logs are tables that need each other; otherwise its recordings are searched for in it and below. A pattern is expanded if no file has its name.
-    A name that leads nowhere stays, so that it is reported as a log that cannot be read. The folder
-    ``left_out``, that of the results, is not searched.
+    logs are tables that need each other; otherwise its recordings are searched for in it and below.
+    A pattern is expanded if no file has its name. A name that leads nowhere stays, so that it is
+    reported as a log that cannot be read. The folder ``left_out``, that of the results, is not
+    searched.
     """
     logs: dict[object, BatchLog] = {}
     findings = []
