@@ -155,6 +155,8 @@ def _is_copy(log: StoredLog, other: StoredLog) -> bool:
         return True
     if one.recorded_at is None or one.provenance.recording != same.provenance.recording:
         return False
+    if _robot(log) != _robot(other):
+        return False
     apart = pose_error(one.pose.R, one.pose.t, same.pose.R, same.pose.t)  # no two noises agree
     return apart.translation < _SAME_POSE and apart.rotation < _SAME_POSE
 
@@ -193,10 +195,15 @@ def _one_left(left: StoredLog, other: StoredLog) -> Finding:
     )
 
 
+def _robot(log: StoredLog) -> str | None:
+    """The content of a log's URDF."""
+    urdf = log.result.provenance.urdf
+    return None if urdf is None else urdf.identity
+
+
 def _require_one_robot(logs: Sequence[StoredLog]) -> None:
     """Raise ChoiceError if errors of the robot are about different URDFs."""
-    urdfs = [log.result.provenance.urdf for log in logs]
-    robots = [None if urdf is None else urdf.identity for urdf in urdfs]
+    robots = [_robot(log) for log in logs]
     for log, robot in zip(logs, robots, strict=True):
         if robot != robots[0]:
             raise ChoiceError(
