@@ -199,6 +199,8 @@ _REMEDIES: dict[str, str] = {
     "joint_axis": "the arm's own calibration should say the same before the URDF is edited",
     "translation": "measure it on the robot before the URDF is edited",
     "rotation": "measure it on the robot before the URDF is edited",
+    "pose_frame_place": "align the tracked frame with the robot's",
+    "pose_frame_turn": "align the tracked frame with the robot's",
     "pose_scale": "calibrate the tracker",
     "pose_age": "stamp positions and attitude when they are measured",
     "pose_turn": "take positions and attitude from one source, or align the two",

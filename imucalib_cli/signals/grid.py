@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,6 +51,12 @@ class ImuGrid:
     def t(self) -> Floats:
         """(N,), s."""
         return np.asarray(self.t0 + self.dt * np.arange(len(self.usable)), dtype=np.float64)
+
+    @cached_property
+    def level(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Mean readings (3,) of accelerometer and gyroscope, m/s² and rad/s."""
+        accel, gyro = (each[self.usable].mean(axis=0) for each in (self.accel, self.gyro))
+        return tuple(accel.tolist()), tuple(gyro.tolist())
 
 
 def imu_grid(imu: ImuSamples, refine: int = 1) -> ImuGrid:

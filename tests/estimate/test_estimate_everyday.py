@@ -3,6 +3,7 @@
 Truth is that of benchmarks/robots.py: analytic motions and pinocchio's accelerations.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,15 +11,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, savgol_filter
+from scipy.spatial.transform import Rotation
 
 import imucalib_cli as ic
 from benchmarks import robots
 from benchmarks.robots import ROBOTS, ROWS, Case, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
+from imucalib_cli.robot.path import Track
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Flaws,
+    Floats,
     Log,
     Mount,
     Moves,
@@ -209,6 +214,46 @@ def test_base_that_tilts_under_the_arm_is_corrected(robot: str, seed: int) -> No
     tilts = {each.label: each for each in found.parameters if each.name == "joint_sag"}
     clear = [each for label, each in tilts.items() if label.startswith("base")]
     assert max(each.value / each.std for each in clear) > 5.0
+
+
+def turned_positions(track: Track) -> Floats:
+    R = Rotation.from_rotvec([0.0, 0.0, 0.02])
+    return np.hstack([R.apply(track.values[:, :3]), track.values[:, 3:]])
+
+
+def old_positions(track: Track) -> Floats:
+    at = CubicSpline(track.t, track.values[:, :3])(track.t - 0.02)
+    return np.hstack([at, track.values[:, 3:]])
+
+
+def turned_frame(track: Track) -> Floats:
+    """Markers whose body is 1 degree and 6 mm off the robot's."""
+    place, turn = np.array([5e-3, -3e-3, 2e-3]), Rotation.from_rotvec([0.01, -0.012, 0.008])
+    R = Rotation.from_quat(track.values[:, 3:])
+    return np.hstack([track.values[:, :3] + R.apply(place), (R * turn).as_quat()])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        (turned_positions, "pose_turn"),
+        (old_positions, "pose_age"),
+        (turned_frame, "pose_frame_turn"),
+    ],
+)
+def test_pose_stream_of_several_sources_is_corrected(
+    wrong: Callable[[Track], Floats], name: str
+) -> None:
+    """As positions by satellites and attitude by a compass, or markers that were glued on."""
+    log, _ = everyday("mobile", "quiet", 401)
+    joints, track = log.path.tracks
+    tracks = (joints, replace(track, values=wrong(track)))
+    found = solve(replace(log, path=replace(log.path, tracks=tracks)))
+    assert found.trusted
+    assert found.covered
+    assert np.linalg.norm(found.sigma[3:]) < 3e-4
+    value, std = found.parameter(name)
+    assert (np.abs(value) > 5.0 * std).any()
 
 
 @pytest.mark.parametrize("seed", slow_after(1, [401, 407]))

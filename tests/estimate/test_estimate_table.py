@@ -94,8 +94,8 @@ def _mixed_path(t: Floats) -> KinematicPath:
     return KinematicPath(world="room", parent="tool", steps=steps, tracks=tracks)
 
 
-def _mixed_log() -> Log:
-    t = np.arange(0.0, SECONDS, 1 / RATE)
+def _mixed_log(seconds: float = SECONDS) -> Log:
+    t = np.arange(0.0, seconds, 1 / RATE)
     path = _mixed_path(t)
     mount = FixedStep(R=MOUNT.R, p=MOUNT.t)
     gyro, accel = readings_of(lambda t: path.poses(_mixed_values(t)), mount, t)
@@ -265,7 +265,10 @@ def test_axis_errors_are_those_that_no_zero_replaces() -> None:
     oblique = case("mixed")
     path = oblique.model.windowing.trajectory.path
     found = owners(oblique.layout, Origin)["joint_axis"]
-    assert [len(each.directions) for each in found] == [2, 2, 2, 2]
+    assert [len(each.directions) for each in found] == [2, 2, 2]
+    # A tracker's frame may be turned about any axis, also that of the joint behind it.
+    (frame,) = owners(oblique.layout, Origin)["pose_frame_turn"]
+    assert len(frame.directions) == 3
     for each in found:
         joint, step = path.steps[each.index + 1], path.steps[each.index]
         assert isinstance(joint, JointStep)
@@ -280,12 +283,13 @@ def test_moving_base_makes_first_joint_zero_observable() -> None:
     # but where it stands then is its own.
     assert joint_names(joints["joint_zero"]) == ["turn", "mimic"]
     assert joint_names(joints["joint_lag"]) == ["turn", "slide", "last"]
-    assert [each.index for each in owners(layout, Origin)["origin"]] == [1, 3, 5, 7]
+    assert [each.index for each in owners(layout, Origin)["origin"]] == [3, 5, 7]
+    assert [each.index for each in owners(layout, Origin)["pose_frame_place"]] == [1]
     assert layout.part("pose_scale") != slice(0, 0)
 
 
 def test_zero_of_a_joint_that_follows_another_is_its_own() -> None:
-    log = _mixed_log().noisy(1)
+    log = _mixed_log(3.0 * SECONDS).noisy(1)
     (index,) = (i for i, step in log.path.joint_steps.items() if step.name == "mimic")
     steps, step = list(log.path.steps), log.path.joint_steps[index]
     steps[index] = replace(step, offset=step.offset + 5e-3)

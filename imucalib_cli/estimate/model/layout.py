@@ -342,10 +342,12 @@ class _Chain:
         base = self._path.base_step if self._path.base_imu is not None else len(steps)
         for index, step in enumerate(steps):
             of_base = base < index <= base + 2
+            of_stream = index - 1 in self._path.pose_steps
             if isinstance(step, FixedStep) and self._inside(index) and not of_base:
-                own = (
-                    np.eye(3) if origin.what == "translation" else self._not_of_joints(index, step)
-                )
+                if of_stream != origin.of_stream:
+                    continue
+                whole = origin.what == "translation" or of_stream
+                own = np.eye(3) if whole else self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index, own) if index < self._last else own
                 if len(directions):

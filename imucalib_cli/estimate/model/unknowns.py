@@ -85,20 +85,22 @@ class Reading:
         return self.error(samples, np.tensordot(size, self.matrices, axes=1))
 
     @lru_cache(maxsize=256)  # noqa: B019 entries of the table live as long as the program
-    def own_response(self, dt: float) -> Floats:
-        """(size, 3, 7), by a unit of that axis, the basis along each axis about an instant.
+    def own_response(self, dt: float, level: tuple[float, ...]) -> Floats:
+        """(size, 3, 7), change of the basis along each axis by noise of that axis at one instant.
 
-        It says how the reading's noise enters both the column and the residual.
+        It says how the reading's noise enters both the column and the residual. The sensor reads a
+        level (3,) otherwise.
         """
-        quiet, middle, noise = np.zeros((7, 3)), 3, 1e-9
+        quiet, middle, noise = np.zeros((7, 3)), 3, 1e-4
 
         def basis(reading: Floats) -> Floats:
             accel, gyro = (reading, quiet) if self.sensor == "accel" else (quiet, reading)
             return self.basis(Samples(accel=accel, gyro=gyro, age=quiet[:, 0], dt=dt))
 
-        pulses = quiet + noise * np.eye(3)[:, None] * (np.arange(7) == middle)[:, None]
+        still = quiet + level
+        pulses = still + noise * np.eye(3)[:, None] * (np.arange(7) == middle)[:, None]
         found = [basis(pulse)[:, :, axis] for axis, pulse in enumerate(pulses)]
-        return (np.stack(found, axis=1) - np.moveaxis(basis(quiet), 1, 2)) / noise
+        return (np.stack(found, axis=1) - np.moveaxis(basis(still), 1, 2)) / noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,8 @@ class Origin:
     """
 
     what: Literal["translation", "rotation"]
+    of_stream: bool = False
+    """Whether it is that of steps behind a pose stream, from its frame to the first joint."""
 
 
 @dataclass(frozen=True)
@@ -668,6 +672,24 @@ _OWN: Final[tuple[Unknown, ...]] = (
         healthy=0.02,
         effect=Origin("rotation"),
         words="direction of a joint's axis: true minus URDF",
+    ),
+    Unknown(
+        name="pose_frame_place",
+        labels=_XYZ,
+        unit="m",
+        scale="base_place",
+        healthy=0.05,
+        effect=Origin("translation", of_stream=True),
+        words="place of what a pose stream tells in the robot: true minus URDF",
+    ),
+    Unknown(
+        name="pose_frame_turn",
+        labels=_XYZ,
+        unit="rad",
+        scale="base_turn",
+        healthy=0.2,
+        effect=Origin("rotation", of_stream=True),
+        words="rotation of what a pose stream tells in the robot: true minus URDF",
     ),
     Unknown(
         name="pose_scale",

@@ -120,14 +120,20 @@ def _of_columns(
     own = list(layout.of(Reading))
     of_base = list(layout.of_base(Reading))
     tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
-    for (sensor, name), (errors, white) in itertools.product(
-        enumerate(SENSORS), ((own, np.array(windowing.grid.noise)), (of_base, windowing.base_noise))
+    base = windowing.trajectory.base_readings or windowing.grid
+    for (sensor, name), (errors, white, grid) in itertools.product(
+        enumerate(SENSORS),
+        (
+            (own, np.array(windowing.grid.noise), windowing.grid),
+            (of_base, windowing.base_noise, base),
+        ),
     ):
         found = [pairs for pairs in errors if pairs[1].sensor == name]
         if not found:
             continue
         pair = (nodes.second, nodes.first)[sensor]
-        answers = np.concatenate([effect.own_response(nodes.dt) for _, effect in found])
+        level = grid.level[sensor]
+        answers = np.concatenate([effect.own_response(nodes.dt, level) for _, effect in found])
         spectra, size = nodes.spectra(pair, answers)
         plain = plan.filters[sensor].average
         length = 2 * size
@@ -163,10 +169,11 @@ def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
     """
     dt = model.windowing.grid.dt
     turn = np.exp(-2j * np.pi * dt * np.outer(np.arange(7) - 3, frequency))
-    left = np.ones((2, 3, len(frequency)), complex)
+    left, levels = np.ones((2, 3, len(frequency)), complex), model.windowing.grid.level
     for each, effect in model.layout.of(Reading):
-        taken = np.tensordot(x[each.part], effect.own_response(dt), axes=1) @ turn
-        left[SENSORS.index(effect.sensor)] -= taken
+        sensor = SENSORS.index(effect.sensor)
+        response = effect.own_response(dt, levels[sensor])
+        left[sensor] -= np.tensordot(x[each.part], response, axes=1) @ turn
     return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), 0.1))
 
 
