@@ -192,10 +192,8 @@ class _Nodes:
         """Turn and shift by an error of a constant step: (k, 3, M) each."""
         R, _ = self.frames[placed.index]
         along = np.swapaxes(np.matmul(placed.directions, R), 0, 1)
-        if (
-            isinstance(placed.unknown.effect, Origin)
-            and placed.unknown.effect.what == "translation"
-        ):
+        effect = placed.unknown.effect
+        if isinstance(effect, Origin) and effect.what == "translation":
             return np.broadcast_to(0.0, along.shape), along
         arm = self.p + self.lever - self.frames[placed.index + 1][1]
         return along, cross(along, arm, -2)

@@ -357,9 +357,11 @@ A tenth of the best that is made cannot be distinguished from exact, as a simula
 best are sensors calibrated over temperature to 5e-6, measuring arms to 20 micrometres, encoders on
 the output, joints of 1e6 Nm/rad. The worst are consumer sensors, hobby arms, legs whose joints are
 zeroed by turning them to a stop by hand, encoders behind a worn gear, a field bus cycle of delay,
-20 kg on a joint of 1e4 Nm/rad. The IMU on a moving base is placed by measured holes or by eye.
-Zeros are never assumed better than one arc minute, as on calibrated arms: zeros of joints that
-stand still in a log are known only from those of the others.
+20 kg on a joint of 1e4 Nm/rad. The IMU on a moving base and the markers on one are placed by
+measured holes or by eye. A compass is off by some degrees, and positions by satellites are up to a
+tenth of a second old; a tracker gives both at once. Zeros are never assumed better than one arc
+minute, as on calibrated arms: zeros of joints that stand still in a log are known only from those
+of the others.
 
 The rotation between the triads of the two sensors is that of two chips in one package, and no log
 shows it without the pose. It is not assumed as small as the skews of each triad, which a log shows:

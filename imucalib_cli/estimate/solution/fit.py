@@ -472,7 +472,7 @@ def _fitted(
             break
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
-        step, last_step = step / (1.0 + _turned_back(step / curvature, last_step / curvature)), step
+        step, last_step = _shortened(step, last_step, curvature), step
         state = admitted(state.moved(layout, step), layout, options)
     known = std < DETERMINED
     equations = NormalEquations(
@@ -522,9 +522,14 @@ def _error_after(step: Floats, std: Floats, curvature: Floats) -> float:
     return float((np.abs(step) / std).max(initial=0.0)) * bent
 
 
-def _turned_back(step: Floats, last: Floats) -> float:
-    """How much of the last step another one takes back: steps to and fro meet on half the way."""
-    return max(-float(step @ last) / max(float(last @ last), 1e-300), 0.0)
+def _shortened(step: Floats, last: Floats, curvature: Floats) -> Floats:
+    """A step, shorter if it takes back a share of the last one: of all of it, by half.
+
+    Steps to and fro that shrink by a factor r meet after 1 / (1 + r) of the second.
+    """
+    step_bent, last_bent = step / curvature, last / curvature
+    share = -float(step_bent @ last_bent) / max(float(last_bent @ last_bent), 1e-300)
+    return np.asarray(step / (1.0 + min(max(share, 0.0), 1.0)))
 
 
 def _gravity_by_base(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
