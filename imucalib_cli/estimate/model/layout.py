@@ -262,7 +262,7 @@ class _Chain:
         path = trajectory.path
         start, end = trajectory.span
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
-        self._path, self._joints = path, _joints_of(path)
+        self._path, self._joints, self._values = path, _joints_of(path), values
         moving = [*path.pose_steps]
         self._moving = set()
         for joint in self._joints:
@@ -299,10 +299,8 @@ class _Chain:
                 labels, hidden = _named(owner, axes), index > self._last
                 yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
         elif isinstance(effect, PoseStream):
-            # Without joints beside them late poses are a time offset.
-            there = effect.what != "delay" or bool(self._moving)
             used = dict.fromkeys(step.track for step in path.pose_steps.values())
-            for track in (each for each in used if there and each != base):
+            for track in (each for each in used if each != base and self._tells(each, effect)):
                 labels = _named(path.tracks[track].name, unknown.labels)
                 yield Placed(unknown, nowhere, labels, index=track)
         elif not isinstance(effect, OfBase):
@@ -310,6 +308,14 @@ class _Chain:
         # Two IMUs on one body have one mount between them, and no joint has other stamps.
         elif base is not None and (self._moving or isinstance(effect.effect, Reading)):
             yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
+
+    def _tells(self, track: int, stream: PoseStream) -> bool:
+        """Whether an error of a pose stream is not one of another entry."""
+        if stream.what == "delay":  # without joints beside them late poses are a time offset
+            return bool(self._moving)
+        # Of a body that never turns, turned or old positions are another mount or time offset.
+        turns = float(np.ptp(self._values[track][:, 3:], axis=0).max()) > 0.5 * STILL_JOINT
+        return turns or stream.what == "scale"
 
     def _shown(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints whose error of this kind the log can determine."""
