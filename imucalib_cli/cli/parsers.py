@@ -342,7 +342,10 @@ def log_file(text: str) -> Path:
 
 def file_or_folder(text: str) -> str | None:
     """The file or folder of ``-o``; None for stdout."""
-    return None if text == "-" or not local_file(text) else text
+    if text == "-":
+        return None
+    local_file(text)  # refuses what is no name on disk
+    return text
 
 
 def output_folder(text: str) -> Path:

@@ -149,7 +149,7 @@ class Chain:
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
         """With errors of the pose streams removed."""
         for track, age in self.ages:
-            values[track][:, :3] = self.trajectory.earlier({track: age}).values_of(track, t)[:, :3]
+            values[track][:, :3] = self.trajectory.values_of(track, t + age)[:, :3]
         for track, matrix in self.positions:
             values[track][:, :3] = values[track][:, :3] @ matrix
         if self.base is not None:
