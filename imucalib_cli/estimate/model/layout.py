@@ -349,9 +349,8 @@ class _Chain:
         for index, step in enumerate(steps):
             of_base = base < index <= base + 2
             of_stream = index - 1 in self._path.pose_steps
-            if isinstance(step, FixedStep) and self._inside(index) and not of_base:
-                if of_stream != origin.of_stream:
-                    continue
+            meant = self._inside(index) and not of_base and of_stream == origin.of_stream
+            if isinstance(step, FixedStep) and meant:
                 whole = origin.what == "translation" or of_stream
                 own = np.eye(3) if whole else self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
