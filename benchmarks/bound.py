@@ -22,10 +22,10 @@ import numpy as np
 from benchmarks.common import arguments, parallel, rms, table
 from benchmarks.robots import ANY, LINK_MASS, ROBOTS, ROWS, Row, row_of
 from benchmarks.sweeps import Job, Line, read
-from imucalib_cli.estimate.matched import best_attempt
-from imucalib_cli.estimate.model.unknowns import SCALES
+from imucalib_cli.estimate.attempts import best_attempt
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import whole_fit
+from imucalib_cli.estimate.unknowns import SCALES
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 

@@ -17,7 +17,7 @@ import imucalib_cli
 from imucalib_cli.batch.tables import COLUMNS
 from imucalib_cli.cli.exit_codes import EXIT_CODES
 from imucalib_cli.cli.main import COMMANDS, app_of, command_of
-from imucalib_cli.estimate.model.unknowns import SCALES, TABLE
+from imucalib_cli.estimate.unknowns import SCALES, TABLE
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
@@ -26,7 +26,7 @@ from imucalib_cli.sentences import CAUSES, cause
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from imucalib_cli.estimate.model.unknowns import Unknown
+    from imucalib_cli.estimate.unknowns import Unknown
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")

@@ -22,9 +22,9 @@ from imucalib_cli.jobs.input.reading import read_recording, recording_of
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.remote.file import discarding_copies, path_or_url
-from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
+from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.result import Result
 from imucalib_cli.shown import as_html, printable
 from imucalib_cli.signals.imu.data_sheet import load_imu_model

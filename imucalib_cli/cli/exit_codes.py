@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from imucalib_cli.cli.entry import EXIT_INTERRUPTED
+from imucalib_cli.cli.interruption import EXIT_INTERRUPTED
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from imucalib_cli.cli.entry import EXIT_INTERRUPTED, was_interrupted
 from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE, EXIT_CODES, EXIT_INPUT, exit_code
+from imucalib_cli.cli.interruption import EXIT_INTERRUPTED, was_interrupted
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue

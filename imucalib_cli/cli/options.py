@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
     Gravity = Literal["tilt", "fixed", "none"] | float
     Robot = Literal["nominal", "exact"] | tuple[float, float]

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import WindowChoice
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
@@ -164,7 +164,7 @@ def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
 
     One of the two may be missing: it is taken from ``left_out``, by default without bound.
     """
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
     expected = "a length, an angle or both, such as 1mm,0.1deg"
     found: dict[str, float] = {}

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.cli.entry import last_words
+from imucalib_cli.cli.interruption import last_words
 from imucalib_cli.cli.output import say, takes_codes
 from imucalib_cli.shown import printable
 

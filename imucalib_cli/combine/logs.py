@@ -17,9 +17,9 @@ from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
-from imucalib_cli.estimate.model.unknowns import LEAN, TABLE
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.normal_equations import Answer, embedded_matrix, prior_offset
+from imucalib_cli.estimate.unknowns import LEAN, TABLE
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:

@@ -21,12 +21,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.solution.algebra import inverse_of, squared_distance
-from imucalib_cli.estimate.solution.scales import Prior, Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.prior import Prior
     from imucalib_cli.estimate.solution.scales import Posterior
 
 USUAL: Final = (1e-4, 5e-4)

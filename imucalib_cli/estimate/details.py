@@ -15,6 +15,7 @@ from imucalib_cli.estimate.checks.segments import parts_of_log
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
+from imucalib_cli.estimate.solution.spectrum import Spectrum
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
@@ -91,18 +92,6 @@ class WindowSeries:
     def gyro_residual(self) -> Floats:
         """(W, 3), measured less predicted, rad/s."""
         return self.gyro_measured - self.gyro_predicted
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Spectrum:
-    """Density of one sensor's residuals, as noise of its samples."""
-
-    frequency: Floats
-    """(B,), Hz, middle of each band that the filters pass."""
-    density: Floats
-    """(B,), m/s²/√Hz or rad/s/√Hz, one-sided."""
-    own: float
-    """Density of the sensor's own white noise, by how far samples stand off their neighbours."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

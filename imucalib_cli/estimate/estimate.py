@@ -9,35 +9,16 @@ from imucalib_cli.findings import reasons, status, warnings
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.checks.observability import UnobservableDirection
+    from imucalib_cli.estimate.checks.segments import Consistency
     from imucalib_cli.estimate.details import Details
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
+    from imucalib_cli.estimate.window_choice import Window
     from imucalib_cli.findings import Finding
 
 CorrectionName = Literal[
     "clock_drift", "gyro_delay", "accel_scale", "gyro_scale", "gyro_misalignment", "gravity_norm"
 ]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UnobservableDirection:
-    """A direction of the pose that the motion did not determine."""
-
-    kind: Literal["translation", "rotation"]
-    direction_parent: Floats
-    """(3,), unit vector in the parent frame: along it, or about it."""
-    std: float | None
-    """1 sigma along the direction, m or rad; None where nothing bounds it."""
-    motion: str
-    """Which motion would determine it, in words."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Window:
-    """The filter window that was used and why."""
-
-    samples: int
-    seconds: float
-    reason: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,28 +101,6 @@ class ImuCheck:
     """Of the log, Hz."""
     accel: SensorCheck
     gyro: SensorCheck
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Consistency:
-    """How well the parts of the log agree with each other."""
-
-    folds: int
-    """Number of contiguous segments of the log."""
-    fold_std: Floats
-    """(6,), standard deviation of the pose by leaving each segment out in turn (jackknife), m and
-    rad: to compare with the stated sigma."""
-    halves_difference: Floats
-    """(6,), pose by the second half less pose by the first, m and rad."""
-    halves_sigmas: float
-    """Root mean square of that difference in sigmas; 1 is chance."""
-    segment_chi2: float
-    """Scatter of the segments over what noise explains, per degree of freedom."""
-    segment_sigmas: float
-    """How unlikely so much scatter is by chance, as a normal deviate."""
-    whiteness: tuple[float, float]
-    """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, in the
-    pass band of the filters; 1 is white."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 
+from imucalib_cli.estimate.attempts import best_attempt, with_longer_windows
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
@@ -19,40 +20,21 @@ from imucalib_cli.estimate.estimate import (
     Parameter,
     Residuals,
 )
-from imucalib_cli.estimate.model.unknowns import Gravity, Mount, Origin, measured_over_true
-from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
-from imucalib_cli.estimate.options import WindowChoice
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, lean_fit, whole_fit
+from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
-from imucalib_cli.estimate.solution.robust import residual_scales
-from imucalib_cli.estimate.window_choice import choose_window, is_drowned, own_noise
+from imucalib_cli.estimate.unknowns import Gravity, Mount, Origin, measured_over_true
+from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.prepare import clean_imu
-from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.estimate import Window
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import Answer
-    from imucalib_cli.estimate.window_choice import SeenNoise
     from imucalib_cli.robot.path import KinematicPath
-    from imucalib_cli.signals.grid import ImuGrid
-    from imucalib_cli.signals.prepare import CleanImu
     from imucalib_cli.signals.samples import ImuSamples
-    from imucalib_cli.signals.timing.lag import Lag
 
 
-_CLEARLY_BETTER: Final = 0.3
-"""Least fall of the logarithm of both residual scales from which jittered stamps are believed: in
-noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better."""
-_ENOUGH_WINDOWS: Final = 50
-"""Windows, overlapping fourfold, that make a dozen independent ones."""
-_ENOUGH_IF_NOISY: Final = 20
-"""Five independent windows: more of them that are shorter say less, and the many unknowns then fit
-the noise of the kinematics."""
-_SHORTEST: Final = 0.1
-"""s: in shorter windows that noise drowns all else."""
 _RECORDED: Final = get_args(CorrectionName)
 """Entries of the table that results list under ``corrections`` where they stand clear."""
 
@@ -84,7 +66,7 @@ def calibrate_matched(
         elif gain > -DECISIVE:
             sign = "in doubt"
     fit = whole_fit(attempt.lean, options)
-    while (longer := _with_longer_windows(attempt, fit, options)) is not None:
+    while (longer := with_longer_windows(attempt, fit, options)) is not None:
         attempt, fit = longer, whole_fit(longer.lean, options)
     directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
@@ -120,109 +102,6 @@ def calibrate_matched(
         return found
     made = details_of(fit, attempt.clean, dependence, statistics, found.covariance)
     return replace(found, details=made)
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One way to take the stamps, and the lean solution by it."""
-
-    clean: CleanImu
-    lean: Fit
-    window: Window
-    lag: Lag | None
-    imu_ticks: bool
-
-    @property
-    def robot_ticks(self) -> bool:
-        """Whether the robot's stamps were taken as ticks of a constant rate."""
-        return self.lean.model.windowing.trajectory.use_ticks
-
-    @property
-    def misfit(self) -> float:
-        """Residual scale of both sensors: lower where stamps are taken better."""
-        return float(np.log(residual_scales(self.lean.residuals.values)).sum())
-
-    @property
-    def upside_down(self) -> bool:
-        """Whether gravity is more than 60 degrees from down."""
-        gravity = self.lean.state.gravity
-        return bool(-gravity[2] < 0.5 * np.linalg.norm(gravity))
-
-
-def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
-    """Take stamps that jitter as ticks of a constant rate, or as they are: whichever fits.
-
-    Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
-    is not. The stamps alone do not show which, the residuals do.
-    """
-    best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
-    if best.robot_ticks:
-        other = _next_attempt(best, options, imu_ticks=best.imu_ticks, robot_ticks=False)
-        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
-    # With the better stamps of the robot: both streams may be sampled late.
-    if best.imu_ticks:
-        other = _next_attempt(best, options, imu_ticks=False, robot_ticks=best.robot_ticks)
-        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
-    return best
-
-
-def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
-    """Choose the window, find the offset coarsely, fit."""
-    imu_ticks = clean.ticks is not None
-    grid = clean.grid(trajectory.interval, use_ticks=imu_ticks)
-    lag: Lag | None = None
-    offsets: tuple[float, ...] = (options.time_offset or 0.0,)
-    if options.time_offset is None:
-        offsets, lag = coarse_time_offset(grid, trajectory, options.max_offset)
-    windowing, window = _windowing(grid, trajectory, options, offsets[0])
-    fits = (lean_fit(windowing, options, offset) for offset in offsets)
-    attempts = (Attempt(clean, lean, window, lag, imu_ticks) for lean in fits)
-    return min(attempts, key=lambda each: each.misfit)
-
-
-def _windowing(
-    grid: ImuGrid,
-    trajectory: Trajectory,
-    options: MatchedOptions,
-    offset: float,
-    seen: SeenNoise | None = None,
-) -> tuple[Windowing, Window]:
-    """Windows as asked, or long enough for the noise, of which enough fit at a time offset."""
-    degree = options.degree
-    length, window = choose_window(options.window, grid, trajectory, degree, seen)
-    windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    while options.window == WindowChoice() and window.seconds > _SHORTEST:
-        shorter = 0.7 * window.seconds
-        noisy = is_drowned(shorter, grid, trajectory)
-        if len(windowing.centres(offset)) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
-            break
-        # Too few windows fit into the log or between its gaps.
-        length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
-        window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
-        windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    return windowing, window
-
-
-def _with_longer_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> Attempt | None:
-    """By windows for the noise that the fit shows; None where they are long enough."""
-    windowing, offset = fit.model.windowing, fit.model.shifts(fit.state)[1][0]
-    longer, window = _windowing(
-        windowing.grid, windowing.trajectory, options, offset, fit.seen_noise
-    )
-    if window.seconds <= attempt.window.seconds:
-        return None
-    return replace(attempt, lean=lean_fit(longer, options, 0.0, attempt.lean), window=window)
-
-
-def _next_attempt(
-    near: Attempt, options: MatchedOptions, *, imu_ticks: bool, robot_ticks: bool
-) -> Attempt:
-    """Take the stamps of IMU and robot the other way, and start from the fit at hand."""
-    trajectory = near.lean.model.windowing.trajectory.with_ticks(robot_ticks)
-    grid = near.clean.grid(trajectory.interval, use_ticks=imu_ticks)
-    plan = plan_windows(odd_length(near.window.seconds / grid.dt), options.degree, grid.dt)
-    lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
-    return replace(near, lean=lean, imu_ticks=imu_ticks)
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:

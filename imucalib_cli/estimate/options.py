@@ -12,7 +12,7 @@ from imucalib_cli.arrays import Floats  # noqa: TC001 - files of statistics are 
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from imucalib_cli.estimate.model.unknowns import Unknown
+    from imucalib_cli.estimate.unknowns import Unknown
     from imucalib_cli.robot.path import KinematicPath
 
 

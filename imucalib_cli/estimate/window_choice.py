@@ -19,9 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.estimate import Window
-from imucalib_cli.estimate.model.windows import odd_length, shortest_length
-from imucalib_cli.estimate.solution.robust import COMMON_IMU
+from imucalib_cli.estimate.model.windows import COMMON_IMU, odd_length, shortest_length
 from imucalib_cli.signals.kernels import (
     first_derivative_gain,
     matched_filter,
@@ -46,6 +44,15 @@ _NODES, _DEGREE = 9, 3
 _ARM = 1.0
 """m: distance of joints and the base IMU from the parent link, for the effect of their noise on its
 position."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Window:
+    """The filter window that was used and why."""
+
+    samples: int
+    seconds: float
+    reason: str
 
 
 def choose_window(

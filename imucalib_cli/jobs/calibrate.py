@@ -15,15 +15,15 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrio
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.input.data_sheet import checked, contradicted, with_priors, without_priors
+from imucalib_cli.jobs.input.known.mounts import named_parent, with_carriers
+from imucalib_cli.jobs.input.known.upright import upright_component
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.reading import path_text, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options
-from imucalib_cli.jobs.known.mounts import named_parent, with_carriers
-from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.logs.select import check_joint_topics
-from imucalib_cli.results.comparison.requirement import require
 from imucalib_cli.results.from_estimate import result_of, scalars
+from imucalib_cli.results.requirement import require
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
 from imucalib_cli.signals.imu.checks import refuse_dead
 from imucalib_cli.signals.imu.stream_health import missing_parts

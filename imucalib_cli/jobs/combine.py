@@ -13,17 +13,18 @@ from imucalib_cli.combine.imus import SOLVED_TOGETHER
 from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.estimate.checks import judge
-from imucalib_cli.estimate.estimate import Residuals, Window
+from imucalib_cli.estimate.estimate import Residuals
 from imucalib_cli.estimate.matched import estimate_of
-from imucalib_cli.estimate.model.unknowns import TABLE
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
+from imucalib_cli.estimate.unknowns import TABLE
+from imucalib_cli.estimate.window_choice import Window
 from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.input.request import recorded_estimator
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.comparison.requirement import CODES, require
 from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
 from imucalib_cli.results.pose import pose_error
+from imucalib_cli.results.requirement import CODES, require
 from imucalib_cli.results.statistics_file import StoredLog
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
     Change = Callable[[MatchedOptions], MatchedOptions]
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.results.comparison.answers import DiffAnswer
-    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.urdf import Robot
 

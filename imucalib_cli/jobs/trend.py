@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.errors import ImucalibError
     from imucalib_cli.results.comparison.answers import TrendAnswer
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
+from imucalib_cli.jobs.input.known.robot import robot_of
+from imucalib_cli.jobs.input.known.upright import upright_component
 from imucalib_cli.jobs.input.motion import no_nominal
-from imucalib_cli.jobs.known.robot import robot_of
-from imucalib_cli.jobs.known.upright import upright_component
 from imucalib_cli.jobs.result_files import read_result_files
 from imucalib_cli.results.comparison.verdicts import verify
 from imucalib_cli.results.result import SourceFile
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.comparison.answers import VerifyAnswer
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
 
 
 def verify_recording(

@@ -19,10 +19,10 @@ from imucalib_cli.logs.text.csv_file import CsvFile
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from imucalib_cli.logs.decoding.decode import TopicData
     from imucalib_cli.logs.messages.columns import JointColumns
-    from imucalib_cli.logs.messages.decode import TopicData
-    from imucalib_cli.logs.reader import Channel, LogFile, LogPath, Progress
-    from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+    from imucalib_cli.logs.reader import Channel, LogFile, LogPath
+    from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Progress
 
 _MOST_REPORTED = 8
 """Most findings about losses of one file; a damaged disk causes thousands."""
@@ -119,7 +119,7 @@ class Log:
                 same time: they are two recordings.
             InputError: A topic's type or encoding cannot be read, or the file has disappeared.
         """
-        from imucalib_cli.logs.messages.decode import MOST_RATIO, Collector, TooMuchError
+        from imucalib_cli.logs.decoding.decode import MOST_RATIO, Collector, TooMuchError
 
         wanted = set(topics)
         self._check(wanted)
@@ -253,7 +253,7 @@ def open_log(
 
 def _add_streams(data: LogData, found: TopicData) -> None:
     """Add the streams that a topic becomes."""
-    from imucalib_cli.logs.messages.decode import imu_streams, joint_streams, pose_streams, texts_of
+    from imucalib_cli.logs.decoding.decode import imu_streams, joint_streams, pose_streams, texts_of
 
     for kind in found.reading.kinds:
         match kind:

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.logs.messages.table import Kind
-    from imucalib_cli.logs.reader import LogFile, LogPath, Progress
+    from imucalib_cli.logs.reader import LogFile, LogPath
+    from imucalib_cli.logs.streams import Progress
 
     Readers = Sequence[type[LogFile]]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
@@ -13,6 +12,7 @@ from imucalib_cli.logs.messages.shapes import reading_of
 from imucalib_cli.logs.messages.table import normalise_type
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
     from pathlib import Path
     from typing import TypeAlias
 
@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.table import Kind, Labels, MessageType
     from imucalib_cli.logs.remote.file import RemoteFile
-    from imucalib_cli.logs.streams import Nanoseconds
+    from imucalib_cli.logs.streams import Nanoseconds, Progress
 
     LogPath: TypeAlias = Path | RemoteFile
     """A file on disk, or behind a URL."""
 
-Progress = Callable[[float], None]
 HEAD = 4096
 """First bytes of a file, by which formats are recognised."""
 

@@ -6,6 +6,7 @@ Stamps are int64 nanoseconds here; they become float64 seconds when a clock is c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -14,6 +15,8 @@ from imucalib_cli.arrays import Floats, Integers
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+Progress = Callable[[float], None]
+"""Told the share that is done, 0 to 1."""
 Nanoseconds = Integers
 
 

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.estimate import Window
 from imucalib_cli.estimate.model.windows import shortest_length
 from imucalib_cli.estimate.options import PaperOptions
+from imucalib_cli.estimate.window_choice import Window
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.signals.stretches import Stretches
 from imucalib_cli.signals.timing.stamps import gap_breaks, tidy_rows

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
-    from imucalib_cli.estimate.details import Details, OffsetProfile, Spectrum, WindowSeries
+    from imucalib_cli.estimate.details import Details, OffsetProfile, WindowSeries
+    from imucalib_cli.estimate.solution.spectrum import Spectrum
     from imucalib_cli.report.chart import Data, Style
     from imucalib_cli.results.result import Result, TimeOffset
     from imucalib_cli.signals.samples import Sensor

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
-from imucalib_cli.results.comparison.requirement import CODES
 from imucalib_cli.results.pose import PARTS
+from imucalib_cli.results.requirement import CODES
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 from imucalib_cli.shown import printable
 

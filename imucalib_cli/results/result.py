@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from imucalib_cli.estimate.estimate import CorrectionName
-from imucalib_cli.results.pose import UncertainPose
+from imucalib_cli.results.pose import Kind, UncertainPose
 from imucalib_cli.robot.mount import NominalPose
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 Scalar = bool | int | float | str | None
 Status = Literal["ok", "untrusted"]
-Kind = Literal["translation", "rotation"]
 Vector3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Vector3OrNull = Annotated[list[float | None], Meta(min_length=3, max_length=3)]
 _NUMBER = {"type": "number"}

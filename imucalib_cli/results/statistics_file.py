@@ -19,13 +19,16 @@ from imucalib_cli import __version__
 from imucalib_cli.combine.imus import SOLVED_TOGETHER
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
-from imucalib_cli.estimate.checks.specification import WindowAnswer
-from imucalib_cli.estimate.details import Spectrum
 from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.unknowns import TABLE, JointCurve, Mount, Origin
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.solution.normal_equations import LogStatistics, NormalEquations
+from imucalib_cli.estimate.solution.normal_equations import (
+    LogStatistics,
+    NormalEquations,
+    WindowAnswer,
+)
+from imucalib_cli.estimate.solution.spectrum import Spectrum
+from imucalib_cli.estimate.unknowns import TABLE, JointCurve, Mount, Origin
 from imucalib_cli.results.codec import result_from, to_document
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.simulate.camera.config import CameraConfig
+    from imucalib_cli.simulate.camera_config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
 
 # MuJoCo has one control callback per process.
@@ -102,7 +102,7 @@ def record(
 
     ``progress`` is called now and then with the share done, 0 to 1. A camera's view is recorded
     too; its optical frame is a frame of the system, as from
-    :func:`imucalib_cli.simulate.camera.config.load_camera`.
+    :func:`imucalib_cli.simulate.camera_config.load_camera`.
 
     Raises:
         ChoiceError: An option is out of range.

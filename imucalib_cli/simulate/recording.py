@@ -11,7 +11,7 @@ from imucalib_cli.simulate.options import NoiseOptions
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
-    from imucalib_cli.simulate.camera.config import CameraConfig
+    from imucalib_cli.simulate.camera_config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import PhysicsOptions
 

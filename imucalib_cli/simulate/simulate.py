@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.simulate.camera.config import CameraConfig
+    from imucalib_cli.simulate.camera_config import CameraConfig
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.options import PhysicsOptions
     from imucalib_cli.simulate.recording import Recording

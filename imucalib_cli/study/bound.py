@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Row
+    from imucalib_cli.study.tables import Row
 
 
 NUISANCES = {"accel_bias": 3, "gyro_bias": 3, "tilt": 2, "time_offset": 1}

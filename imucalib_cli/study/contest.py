@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Row
+    from imucalib_cli.study.study import Cell
+    from imucalib_cli.study.tables import Row
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.windows import WindowRows
     from imucalib_cli.paper.filters import Instants
-    from imucalib_cli.study.study import Row
+    from imucalib_cli.study.tables import Row
 
 Kind = Literal["squares", "squared sums", "absolute values", "huber", "cauchy"]
 """The cost: the sum of squares, of squared L1 sums per instant, of absolute values, or of a robust

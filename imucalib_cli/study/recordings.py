@@ -11,7 +11,7 @@ from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.urdf import Robot, parse_robot
 from imucalib_cli.signals.samples import ImuSamples
-from imucalib_cli.simulate.camera.config import load_camera
+from imucalib_cli.simulate.camera_config import load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import JointRecord, PoseRecord, Recording

@@ -18,15 +18,13 @@ from imucalib_cli.simulate.options import NoiseOptions
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from imucalib_cli.study.tables import Table
+    from imucalib_cli.study.tables import Row, Table
 
 Cell: TypeAlias = dict[str, Any]
 """One run, identified by the varied values and the seed; the same cell gives the same rows.
 
 Here as in a row, a value is a text, a number, a truth value or None, so that JSON can hold it.
 """
-Row: TypeAlias = dict[str, Any]
-"""Results of a run; without infinities."""
 Axis: TypeAlias = "Iterable[Any] | Callable[[Cell], Iterable[Any]]"
 """Varied values, or a function of the earlier axes' values."""
 Draw: TypeAlias = Callable[[Path], None]

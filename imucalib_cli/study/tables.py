@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from imucalib_cli.study.study import Row
-
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+Row: TypeAlias = dict[str, Any]
+"""Results of a run; without infinities."""
 TableFormat = Literal["markdown", "csv", "json"]
 Column: TypeAlias = tuple[str, Callable[[Sequence[Row]], str]]
 """Header with units, and the function from the rows of a line to the cell."""

@@ -9,7 +9,8 @@ import numpy as np
 import yaml
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.estimate import Estimate, UnobservableDirection
+from imucalib_cli.estimate.checks.observability import UnobservableDirection
+from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.findings import TEXT, warning
 from tests.conftest import Printed
 from tests.results.results_samples import make_estimate

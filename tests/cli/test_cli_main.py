@@ -101,10 +101,10 @@ def test_interrupt_exits_130(
 
 def test_last_words_are_printed_on_immediate_exit() -> None:
     program = (
-        "import sys; from imucalib_cli.cli import entry\n"
+        "import sys; from imucalib_cli.cli import interruption\n"
         "for kept in ('first', 'second'):\n"
-        "    with entry.last_words(lambda: sys.stderr.write(kept)):\n"
-        "        if kept == 'second': entry._leave(0, None)\n"
+        "    with interruption.last_words(lambda: sys.stderr.write(kept)):\n"
+        "        if kept == 'second': interruption.leave(0, None)\n"
     )
     done = python("-c", program)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "second")

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from imucalib_cli.cli import parsers
-from imucalib_cli.results.comparison.requirement import Tolerance
+from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.robot.rotations import matrix_from_rpy
 from tests.conftest import Imucalib
 

@@ -19,7 +19,8 @@ from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
-from imucalib_cli.study.study import STUDIES, Cell, Row, load_study
+from imucalib_cli.study.study import STUDIES, Cell, load_study
+from imucalib_cli.study.tables import Row
 from tests.conftest import Imucalib
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"

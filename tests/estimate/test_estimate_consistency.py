@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.estimate.estimate import Consistency
+from imucalib_cli.estimate.checks.segments import Consistency
 from tests.estimate.estimate_arm import (
     BOTH_GRADES,
     MOUNT,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.estimate.estimate import UnobservableDirection
+from imucalib_cli.estimate.checks.observability import UnobservableDirection
 from tests.estimate.estimate_arm import GRAVITY, Log, Moves, Solved, make_log, parent_motion, solve
 from tests.slow import slow_after
 

@@ -13,7 +13,7 @@ import pytest
 from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate.model.unknowns import TABLE, Clock, Reading
+from imucalib_cli.estimate.unknowns import TABLE, Clock, Reading
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.simulate.load import load_grade
 from tests.estimate.estimate_arm import (

@@ -11,7 +11,8 @@ import pytest
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.scatter import USUAL, Together, combine
-from imucalib_cli.estimate.solution.scales import Posterior, Prior, Problem, integrate, most_likely
+from imucalib_cli.estimate.model.prior import Prior
+from imucalib_cli.estimate.solution.scales import Posterior, Problem, integrate, most_likely
 
 BOUNDS = np.log([[1e-3, 10.0], [1e-3, 10.0]])
 LEARNT = {"one": (5, 0.5), "two": (3, 0.05)}

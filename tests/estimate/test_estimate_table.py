@@ -17,7 +17,9 @@ from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.unknowns import (
+from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.estimate.solution.fit import lean_fit
+from imucalib_cli.estimate.unknowns import (
     LEAN,
     TABLE,
     JointCurve,
@@ -25,8 +27,6 @@ from imucalib_cli.estimate.model.unknowns import (
     Reading,
     Unknown,
 )
-from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.estimate.solution.fit import lean_fit
 from imucalib_cli.robot.path import (
     FixedStep,
     JointStep,

@@ -21,9 +21,9 @@ from imucalib_cli.combine.imus import (
     solve_together,
 )
 from imucalib_cli.estimate.model.layout import Placed
-from imucalib_cli.estimate.model.unknowns import Origin
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
+from imucalib_cli.estimate.unknowns import Origin
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.robot.path import JointStep, KinematicPath
 from imucalib_cli.signals.dead_reckoning import dead_reckon

@@ -13,8 +13,8 @@ from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.verify import verify_recording
 from imucalib_cli.results.codec import read_results
-from imucalib_cli.results.comparison.requirement import Tolerance
 from imucalib_cli.results.formats import FORMATS
+from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.result import Result
 from tests.conftest import Imucalib
 from tests.jobs.driving import TRUE_T, drive, with_a_camera_frame

@@ -20,8 +20,8 @@ from mcap.writer import Writer as McapWriter
 
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.logs import unpacked
+from imucalib_cli.logs.decoding import decode
 from imucalib_cli.logs.log import LogData, open_log
-from imucalib_cli.logs.messages import decode
 from imucalib_cli.logs.remote.file import discarding_copies
 from tests.logs.logs_samples import (
     CHUNKED,

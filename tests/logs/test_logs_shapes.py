@@ -11,8 +11,8 @@ import pytest
 from google.protobuf import descriptor_pb2
 
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.logs.decoding import wire
 from imucalib_cli.logs.log import LogData, open_log
-from imucalib_cli.logs.messages import wire
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.messages.definitions import DefinitionError, fields_of
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG

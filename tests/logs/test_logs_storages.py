@@ -11,8 +11,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.logs.decoding import decode, wire
 from imucalib_cli.logs.log import LogData, open_log
-from imucalib_cli.logs.messages import decode, wire
 from tests.logs.logs_samples import (
     START_NS,
     Said,
@@ -198,7 +198,7 @@ def test_chunks_without_wanted_topics_are_not_decompressed(
         unpacked.append(1)
         return inflate(*arguments)
 
-    monkeypatch.setattr("imucalib_cli.logs.chunked.chunks.inflate", counting)
+    monkeypatch.setattr("imucalib_cli.logs.chunked.grammar.inflate", counting)
     log.read(["/tf_static"])
     assert len(unpacked) == 1
     unpacked.clear()

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import Progress, Sink
+    from imucalib_cli.logs.reader import Sink
+    from imucalib_cli.logs.streams import Progress
 
 COUNT = 50
 START_NS = 1_403_636_580_838_555_648

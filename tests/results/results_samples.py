@@ -11,16 +11,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.estimate.estimate import (
-    Consistency,
-    Correction,
-    Estimate,
-    ImuCheck,
-    Residuals,
-    SensorCheck,
-    UnobservableDirection,
-    Window,
-)
+from imucalib_cli.estimate.checks.observability import UnobservableDirection
+from imucalib_cli.estimate.checks.segments import Consistency
+from imucalib_cli.estimate.estimate import Correction, Estimate, ImuCheck, Residuals, SensorCheck
+from imucalib_cli.estimate.window_choice import Window
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.from_estimate import result_of, scalars

@@ -21,9 +21,9 @@ from imucalib_cli.errors import InputError, UntrustedError
 from imucalib_cli.findings import TEXT, note, untrusted, warning
 from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
 from imucalib_cli.results.comparison.answers import schema_of
-from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
+from imucalib_cli.results.requirement import Tolerance, require
 from tests.results.results_samples import (
     DOUBTS,
     R_TRUE,

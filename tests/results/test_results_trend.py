@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.findings import TEXT, untrusted
-from imucalib_cli.results.comparison.requirement import Tolerance
+from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.trend.search import Series, find_line, find_mounts
 from imucalib_cli.results.trend.trend import trend
 from tests.results.results_samples import RECORDED, drawn, named, result

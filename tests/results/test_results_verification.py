@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
-from imucalib_cli.estimate.estimate import UnobservableDirection
+from imucalib_cli.estimate.checks.observability import UnobservableDirection
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.comparison.answers import DiffAnswer, VerifyAnswer
-from imucalib_cli.results.comparison.requirement import Tolerance, require
 from imucalib_cli.results.comparison.verdicts import diff, verify
+from imucalib_cli.results.requirement import Tolerance, require
 from imucalib_cli.results.result import Result, SourceFile
 from imucalib_cli.robot.mount import NominalPose
 from tests.results.results_samples import ROLL, UP, make_estimate, make_result

@@ -9,8 +9,8 @@ import pinocchio as pin
 import pytest
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.simulate.camera.config import load_camera
 from imucalib_cli.simulate.camera.view import camera_mount, project, target_points
+from imucalib_cli.simulate.camera_config import load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.camera.config import CameraConfig, load_camera
 from imucalib_cli.simulate.camera.render import Images, board_picture
 from imucalib_cli.simulate.camera.view import see, target_points
+from imucalib_cli.simulate.camera_config import CameraConfig, load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.recording import CameraRecord

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
-from imucalib_cli.simulate.camera.config import load_camera
 from imucalib_cli.simulate.camera.kalibr import camera_truth
 from imucalib_cli.simulate.camera.render import Images
+from imucalib_cli.simulate.camera_config import load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions

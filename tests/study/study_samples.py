@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Any
 
 from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.simulate.camera.config import load_camera
 from imucalib_cli.simulate.camera.view import camera_mount
+from imucalib_cli.simulate.camera_config import load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record

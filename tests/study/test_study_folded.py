@@ -17,8 +17,7 @@ from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study.contest import pose_only
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.studies.folded import NoiseStudy, moves_of, stratified_folds, without
-from imucalib_cli.study.study import Row
-from imucalib_cli.study.tables import Table
+from imucalib_cli.study.tables import Row, Table
 from tests.study.study_samples import study
 from tools.errors import nees
 

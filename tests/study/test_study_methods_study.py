@@ -21,8 +21,7 @@ from imucalib_cli.study.studies.methods import (
     given,
     row_of,
 )
-from imucalib_cli.study.study import Row
-from imucalib_cli.study.tables import in_best_setting, mean_error
+from imucalib_cli.study.tables import Row, in_best_setting, mean_error
 from tests.study.study_samples import study as quick
 
 NOISY = "ADIS16495 with biases"

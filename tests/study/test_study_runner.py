@@ -12,8 +12,8 @@ import pytest
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.study.runner import run_study
-from imucalib_cli.study.study import Cell, Row, Study
-from imucalib_cli.study.tables import Table
+from imucalib_cli.study.study import Cell, Study
+from imucalib_cli.study.tables import Row, Table
 from tests.processes import runs, start_script, wait_for
 
 

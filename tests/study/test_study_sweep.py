@@ -13,8 +13,7 @@ from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.methods import ENTRANTS
 from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
-from imucalib_cli.study.study import Row
-from imucalib_cli.study.tables import digits, worst
+from imucalib_cli.study.tables import Row, digits, worst
 from tests.study.study_samples import study
 
 VALUES: dict[str, dict[str, Any]] = {

@@ -146,8 +146,8 @@ def holds_too_much(scene: Scene) -> Seen:
     """As if the last tenth were too much."""
     log = scene.log(noisy())
     with (
-        patch("imucalib_cli.logs.messages.decode._MESSAGES_PER_BYTE", 0.0),
-        patch("imucalib_cli.logs.messages.decode._MESSAGES_ALWAYS", 4300),
+        patch("imucalib_cli.logs.decoding.decode._MESSAGES_PER_BYTE", 0.0),
+        patch("imucalib_cli.logs.decoding.decode._MESSAGES_ALWAYS", 4300),
     ):
         return scene.run(log)
 

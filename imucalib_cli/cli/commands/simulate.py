@@ -231,7 +231,7 @@ def simulate_command(
         raise ChoiceError("name one system, such as rihibot, or give --config FILE")
     chosen, camera = load_system(config or system), None
     if options.camera or options.camera_config is not None:
-        from imucalib_cli.simulate.camera.config import load_camera
+        from imucalib_cli.simulate.camera_config import load_camera
 
         chosen, camera = load_camera(options.camera_config or chosen.name, chosen)
     order = _joint_order(options.joint_order, chosen)

@@ -18,9 +18,9 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import Table
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.study import Row, Study
+    from imucalib_cli.study.study import Study
+    from imucalib_cli.study.tables import Row, TableFormat
     from imucalib_cli.study.tables import Table as StudyTable
-    from imucalib_cli.study.tables import TableFormat
 
 FOLDER = Path("imucalib-study")
 

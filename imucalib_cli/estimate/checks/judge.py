@@ -11,7 +11,9 @@ from imucalib_cli.estimate.checks.observability import excitation, undetermined,
 from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
-from imucalib_cli.estimate.model.unknowns import (
+from imucalib_cli.estimate.solution.algebra import inverse_of
+from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, WRONG
+from imucalib_cli.estimate.unknowns import (
     SCALES,
     SENSORS,
     Clock,
@@ -23,8 +25,6 @@ from imucalib_cli.estimate.model.unknowns import (
     Reading,
     measured_over_true,
 )
-from imucalib_cli.estimate.solution.algebra import inverse_of
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, WRONG
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -35,14 +35,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.checks.segments import Change
-    from imucalib_cli.estimate.checks.specification import Dependence, WindowAnswer
-    from imucalib_cli.estimate.estimate import Consistency
-    from imucalib_cli.estimate.matched import Attempt
+    from imucalib_cli.estimate.attempts import Attempt
+    from imucalib_cli.estimate.checks.segments import Change, Consistency
+    from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.model.layout import Placed
-    from imucalib_cli.estimate.model.unknowns import Unknown
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics, WindowAnswer
+    from imucalib_cli.estimate.unknowns import Unknown
 
 Sign = Literal["as read", "reversed", "in doubt"]
 

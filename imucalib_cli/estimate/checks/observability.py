@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.estimate import UnobservableDirection
-from imucalib_cli.estimate.model.unknowns import LEAN
 from imucalib_cli.estimate.solution.algebra import inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.fit import DETERMINED
 from imucalib_cli.estimate.solution.solve import WEAKEST_STD
+from imucalib_cli.estimate.unknowns import LEAN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,6 +21,19 @@ if TYPE_CHECKING:
 
 _LEVEL: Final = "; or state that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnobservableDirection:
+    """A direction of the pose that the motion did not determine."""
+
+    kind: Literal["translation", "rotation"]
+    direction_parent: Floats
+    """(3,), unit vector in the parent frame: along it, or about it."""
+    std: float | None
+    """1 sigma along the direction, m or rad; None where nothing bounds it."""
+    motion: str
+    """Which motion would determine it, in words."""
 
 
 def excitation(answer: Answer, *, everything: bool = False) -> Floats:

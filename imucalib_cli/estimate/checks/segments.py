@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from imucalib_cli.estimate.estimate import Consistency
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, squared_distance
@@ -49,6 +48,28 @@ _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
 }
 """What may change at an instant, by entries of the table, the gravest first. Clocks and biases
 that drift have entries of their own; a mount that does so is told as a drift."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Consistency:
+    """How well the parts of the log agree with each other."""
+
+    folds: int
+    """Number of contiguous segments of the log."""
+    fold_std: Floats
+    """(6,), standard deviation of the pose by leaving each segment out in turn (jackknife), m and
+    rad: to compare with the stated sigma."""
+    halves_difference: Floats
+    """(6,), pose by the second half less pose by the first, m and rad."""
+    halves_sigmas: float
+    """Root mean square of that difference in sigmas; 1 is chance."""
+    segment_chi2: float
+    """Scatter of the segments over what noise explains, per degree of freedom."""
+    segment_sigmas: float
+    """How unlikely so much scatter is by chance, as a normal deviate."""
+    whiteness: tuple[float, float]
+    """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, in the
+    pass band of the filters; 1 is white."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,6 +21,7 @@ from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
 from imucalib_cli.estimate.solution.algebra import embedded, squared_distance
 from imucalib_cli.estimate.solution.fit import Linearised
+from imucalib_cli.estimate.solution.normal_equations import WindowAnswer
 from imucalib_cli.estimate.solution.spectrum import PARTS
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 
@@ -39,16 +40,6 @@ _MOST: Final = 4000
 """Windows, about four minutes: more of them cost time, and change the result little."""
 _NODES: Final = 9
 """Node intervals to a window, half of the fit's: a difference needs columns to a tenth only."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WindowAnswer:
-    """The answer by another window."""
-
-    seconds: float
-    """Of the other window."""
-    changes: Floats
-    """(n,), of the layout's components: by the other window less by the one of the fit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

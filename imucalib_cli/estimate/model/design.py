@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.model.state import Chain, less_errors
-from imucalib_cli.estimate.model.unknowns import SENSORS, Clock, Reading, Samples
 from imucalib_cli.estimate.model.windows import average, blocks, derive, window_centres
+from imucalib_cli.estimate.unknowns import SENSORS, Clock, Reading, Samples
 from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN
 

@@ -17,7 +17,8 @@ import numpy as np
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, base_nodes, box_over, gravity_axes, velocity_of
-from imucalib_cli.estimate.model.unknowns import (
+from imucalib_cli.estimate.model.windows import blocks
+from imucalib_cli.estimate.unknowns import (
     Clock,
     Gravity,
     JointCurve,
@@ -28,7 +29,6 @@ from imucalib_cli.estimate.model.unknowns import (
     PoseStream,
     Reading,
 )
-from imucalib_cli.estimate.model.windows import blocks
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
     from imucalib_cli.estimate.model.loads import Payload
     from imucalib_cli.estimate.model.state import BaseNodes, State
-    from imucalib_cli.estimate.model.unknowns import Samples
     from imucalib_cli.estimate.model.windows import WindowPlan
+    from imucalib_cli.estimate.unknowns import Samples
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
 

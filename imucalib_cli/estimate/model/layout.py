@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from imucalib_cli.estimate.model.unknowns import (
+from imucalib_cli.estimate.model.prior import Prior
+from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
     JointCurve,
@@ -20,7 +21,6 @@ from imucalib_cli.estimate.model.unknowns import (
     Reading,
     Unknown,
 )
-from imucalib_cli.estimate.solution.scales import Prior
 from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import cross
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.model.loads import Loads
-from imucalib_cli.estimate.model.unknowns import (
+from imucalib_cli.estimate.unknowns import (
     Clock,
     Gravity,
     JointCurve,
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.model.layout import Joint, Layout
-    from imucalib_cli.estimate.model.unknowns import JointMotion
+    from imucalib_cli.estimate.unknowns import JointMotion
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.samples import Sensor

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.trajectory import Trajectory
 
-
+COMMON_IMU = (1e-3, 5e-5)
+"""m/s² and rad/s: residuals of a window with a good IMU; smaller ones count as none."""
 WINDOWS_PER_LENGTH = 3
 """Windows overlap so that the filtered signal, band-limited by the window, loses nothing: with
 three to a length, a ten-thousandth of the noise folds onto slow motion."""

@@ -14,8 +14,7 @@ from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain, State, mean_force_of_base
-from imucalib_cli.estimate.model.unknowns import LEAN, SCALES, Reading, Unknown
-from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, thinned
+from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
@@ -25,12 +24,7 @@ from imucalib_cli.estimate.solution.normal_equations import (
     prior_offset,
 )
 from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum, calibration
-from imucalib_cli.estimate.solution.robust import (
-    COMMON_IMU,
-    SCALE_FLOOR,
-    residual_scales,
-    window_weights,
-)
+from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
 from imucalib_cli.estimate.solution.scales import Problem, most_likely
 from imucalib_cli.estimate.solution.solve import (
     SAME_ROTATION,
@@ -49,6 +43,7 @@ from imucalib_cli.estimate.solution.spectrum import (
     statistics,
     turned,
 )
+from imucalib_cli.estimate.unknowns import LEAN, SCALES, Reading, Unknown
 from imucalib_cli.estimate.window_choice import (
     SeenNoise,
     kinematic_noise,

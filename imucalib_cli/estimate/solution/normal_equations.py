@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
-from imucalib_cli.estimate.model.unknowns import Gravity
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.unknowns import Gravity
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.checks.specification import WindowAnswer
-    from imucalib_cli.estimate.details import Spectrum
     from imucalib_cli.estimate.model.layout import Layout, Placed
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.spectrum import Spectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +103,16 @@ class Answer:
         """Value and standard deviation of an entry of the table; empty where it is not free."""
         part = self.layout.part(name)
         return self.state.x[part], self.std[part]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WindowAnswer:
+    """The answer by another window."""
+
+    seconds: float
+    """Of the other window."""
+    changes: Floats
+    """(n,), of the layout's components: by the other window less by the one of the fit."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

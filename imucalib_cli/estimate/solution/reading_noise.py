@@ -13,9 +13,9 @@ import numpy as np
 
 from imucalib_cli.estimate.model.jacobian import plan_nodes
 from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.model.unknowns import SENSORS, Reading
 from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.spectrum import one_sided
+from imucalib_cli.estimate.unknowns import SENSORS, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 

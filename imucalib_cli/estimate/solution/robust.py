@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.model.windows import COMMON_IMU
 from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
-COMMON_IMU = (1e-3, 5e-5)
-"""m/s² and rad/s: residuals of a window with a good IMU; smaller ones count as none."""
 SCALE_FLOOR = (COMMON_IMU[0] / 5.0, COMMON_IMU[1] / 5.0)
 """m/s² and rad/s: below what any IMU resolves within a window, so no reason for doubt. A thousandth
 is the least that windows are weighted by: less, and a sensor without noise costs the other digits.

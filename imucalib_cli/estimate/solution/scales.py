@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.estimate.model.prior import Prior
 
 _POINTS: Final = (64, 256, 1024, 4096)
 """Importance points: more where few of them count, as where scales are correlated. Thirty times as
@@ -44,52 +45,6 @@ _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales are correlated, and tails must be covered."""
 _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
-_ALIKE: Final = math.log(3.0)
-"""Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prior:
-    """What is known of n components beforehand, and which of them share a learnt scale."""
-
-    std: Floats
-    """(n,), 1 sigma; 0 holds a component; nan where it is a learnt scale."""
-    scale: Indices
-    """(n,), index of the learnt scale; -1 where the prior is given."""
-    bounds: Floats
-    """(k, 2), limits of the logarithms of the scales."""
-    alike: tuple[tuple[int, int, float], ...] = ()
-    """Pairs of scales that are alike, and their usual ratio."""
-
-    @property
-    def free(self) -> Bools:
-        """(n,), which components may move."""
-        return np.asarray((self.std != 0.0) | (self.scale >= 0))
-
-    def only(self, kept: Bools) -> Prior:
-        """Of some of the components."""
-        return Prior(
-            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, alike=self.alike
-        )
-
-    def std_at(self, u: Floats) -> Floats:
-        """(n,), 1 sigma, for given logarithms of the learnt scales."""
-        if not len(u):
-            return np.array(self.std)
-        return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
-
-    def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
-        """Of logarithms of the scales, k arrays, within their bounds and up to a constant.
-
-        It is flat but for the ratios of scales that are alike. With ``newest`` only those between
-        this scale and the ones before it count.
-        """
-        total = np.zeros(1)
-        for one, other, ratio in self.alike:
-            if newest in {None, max(one, other)}:
-                # Cauchy's: a log that shows another ratio is believed.
-                total = total - np.log1p(((u[one] - u[other] - math.log(ratio)) / _ALIKE) ** 2)
-        return total
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.model.state import turned_about
-from imucalib_cli.estimate.model.unknowns import LEAN
+from imucalib_cli.estimate.unknowns import LEAN
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,

@@ -39,6 +39,18 @@ _PASSED: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Spectrum:
+    """Density of one sensor's residuals, as noise of its samples."""
+
+    frequency: Floats
+    """(B,), Hz, middle of each band that the filters pass."""
+    density: Floats
+    """(B,), m/s²/√Hz or rad/s/√Hz, one-sided."""
+    own: float
+    """Density of the sensor's own white noise, by how far samples stand off their neighbours."""
+
+
 class BandSums:
     """Sums of X^H X over the frequencies of each band, sensor by sensor, for rows X in windows."""
 

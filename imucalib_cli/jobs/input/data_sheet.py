@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.estimate.estimate import ImuCheck, SensorCheck
-from imucalib_cli.estimate.model.unknowns import SENSORS
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
+from imucalib_cli.estimate.unknowns import SENSORS
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.imu.data_sheet import imu_assumptions

@@ -13,9 +13,9 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.input.halves import half_topics, joined
+from imucalib_cli.jobs.input.known.mounts import check_parents, with_base_imu
+from imucalib_cli.jobs.input.known.robot import asked_imus, named_log
 from imucalib_cli.jobs.input.motion import Sources
-from imucalib_cli.jobs.known.mounts import check_parents, with_base_imu
-from imucalib_cli.jobs.known.robot import asked_imus, named_log
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.part import part_of
@@ -29,8 +29,8 @@ from imucalib_cli.robot.path import Track
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
+    from imucalib_cli.jobs.input.known.robot import Named
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
-    from imucalib_cli.jobs.known.robot import Named
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData
     from imucalib_cli.logs.reader import LogPath

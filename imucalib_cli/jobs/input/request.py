@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.comparison.requirement import Tolerance
+    from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Scalar
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.imu.data_sheet import ImuModel

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.chunked.chunks import Chunk, Contents
+from imucalib_cli.logs.chunked.grammar import Chunk, Contents
 from imucalib_cli.logs.damage import DamageError, Tally
 
 if TYPE_CHECKING:
-    from imucalib_cli.logs.chunked.chunks import ChunkedFile
+    from imucalib_cli.logs.chunked.grammar import Grammar
 
 _BARE_RUN = 1 << 22
 """Bytes of messages outside of chunks read at a time."""
@@ -21,7 +21,7 @@ _BARE_RUN = 1 << 22
 class Scan:
     """One scan of a file; bytes that cannot be a record are skipped."""
 
-    def __init__(self, grammar: ChunkedFile, file: BinaryIO) -> None:
+    def __init__(self, grammar: Grammar, file: BinaryIO) -> None:
         self._grammar = grammar
         self._file = file
         self._contents = Contents()

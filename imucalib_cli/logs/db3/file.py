@@ -14,7 +14,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.db3.pages import count_pages, pages_left_out, salvage
-from imucalib_cli.logs.reader import Catalogue, Channel, Progress, Sink
+from imucalib_cli.logs.reader import Catalogue, Channel, Sink
 from imucalib_cli.logs.unpacked import copy
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.logs.reader import LogPath
+    from imucalib_cli.logs.streams import Progress
 
 _MAGIC = b"SQLite format 3\x00"
 _BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)

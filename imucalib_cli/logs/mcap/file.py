@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.chunked.chunks import Chunk, ChunkedFile, ChunkHead, Contents, Index, Record
+from imucalib_cli.logs.chunked.chunks import ChunkedFile
+from imucalib_cli.logs.chunked.grammar import Chunk, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce

@@ -1,1 +1,1 @@
-"""Types of messages, from bytes to numbers."""
+"""Types of messages, and which of their numbers are used."""

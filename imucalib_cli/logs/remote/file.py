@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Buffer
 
-    from imucalib_cli.logs.reader import Progress
     from imucalib_cli.logs.remote.store import Received, Span, Store
+    from imucalib_cli.logs.streams import Progress
 
     _T = TypeVar("_T")
 

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.findings import Finding
     from imucalib_cli.logs.messages.table import Kind, Labels
-    from imucalib_cli.logs.reader import Channel, LogPath, Progress, Sink
+    from imucalib_cli.logs.reader import Channel, LogPath, Sink
+    from imucalib_cli.logs.streams import Progress
 
 _SPELLINGS = {
     "gyro": ("xyz", "g|w|gyr|gyro|omega|angular_velocity|w_rs_s"),

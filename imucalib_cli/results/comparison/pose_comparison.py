@@ -26,9 +26,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.comparison.requirement import Tolerance
-    from imucalib_cli.results.pose import UncertainPose
-    from imucalib_cli.results.result import Kind
+    from imucalib_cli.results.pose import Kind, UncertainPose
+    from imucalib_cli.results.requirement import Tolerance
 
 
 SIGMAS = 2.0

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.findings import Finding
-    from imucalib_cli.results.comparison.requirement import Tolerance
     from imucalib_cli.results.pose import UncertainPose
+    from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
 
     Named = tuple[str, Result]

@@ -16,7 +16,7 @@ from imucalib_cli.simulate.camera.view import seen_from_camera
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from imucalib_cli.simulate.camera.config import CameraConfig
+    from imucalib_cli.simulate.camera_config import CameraConfig
     from imucalib_cli.simulate.options import LogOptions
     from imucalib_cli.simulate.recording import CameraRecord, Recording
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucalib_cli.arrays import Bools, Bytes, Floats
-    from imucalib_cli.simulate.camera.config import AprilGrid, Intrinsics, Shades
+    from imucalib_cli.simulate.camera_config import AprilGrid, Intrinsics, Shades
     from imucalib_cli.simulate.options import NoiseOptions
     from imucalib_cli.simulate.recording import CameraRecord
 

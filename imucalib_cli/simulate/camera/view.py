@@ -12,7 +12,7 @@ from imucalib_cli.simulate.recording import CameraRecord, at_once
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.simulate.camera.config import AprilGrid, CameraConfig, Intrinsics
+    from imucalib_cli.simulate.camera_config import AprilGrid, CameraConfig, Intrinsics
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.recording import Recording
 

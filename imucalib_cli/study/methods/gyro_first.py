@@ -16,9 +16,9 @@ from imucalib_cli.paper.filters import Instants
 from imucalib_cli.robot.rotations import nearest_rotation, vee
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
+from imucalib_cli.signals.offset import coarse_time_offset
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold
-from imucalib_cli.signals.timing.offset import coarse_time_offset
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.contest import Answer

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Draw, Row
-    from imucalib_cli.study.tables import Table
+    from imucalib_cli.study.study import Cell, Draw
+    from imucalib_cli.study.tables import Row, Table
 
 
 FILTERS = ("paper", "matched")

@@ -61,7 +61,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Row
+    from imucalib_cli.study.study import Cell
+    from imucalib_cli.study.tables import Row
 
 ARM, BAR = "rihibot", "barbot"
 JUDGED = "paper, components"

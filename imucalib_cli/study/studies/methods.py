@@ -75,8 +75,8 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.simulate.recording import CameraRecord, Recording
     from imucalib_cli.study.alone import Cost
-    from imucalib_cli.study.study import Cell, Row
-    from imucalib_cli.study.tables import Table
+    from imucalib_cli.study.study import Cell
+    from imucalib_cli.study.tables import Row, Table
 
 _LIBRARIES = ("scipy.optimize", "scipy.linalg", "scipy.signal", "cv2")
 """Libraries whose import is not a cost of a method."""

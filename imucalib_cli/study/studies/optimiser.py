@@ -59,8 +59,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Draw, Row
-    from imucalib_cli.study.tables import Table
+    from imucalib_cli.study.study import Cell, Draw
+    from imucalib_cli.study.tables import Row, Table
 
 
 _FIRST_SCALES = (0.05, 0.005)

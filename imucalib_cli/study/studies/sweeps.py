@@ -19,10 +19,11 @@ from imucalib_cli.study.bound import bound_columns
 from imucalib_cli.study.contest import METHODS, Conditioned, contest, paper_settings, wrong_guess
 from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.study import Draw, Row, Study, grid
+from imucalib_cli.study.study import Draw, Study, grid
 from imucalib_cli.study.tables import (
     ERRORS,
     MILLIMETRES,
+    Row,
     Table,
     answered,
     chosen,

@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Final, Literal, cast
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
+from imucalib_cli.logs.decoding.slow import decode_one
+from imucalib_cli.logs.decoding.wire import decode
 from imucalib_cli.logs.messages.columns import NO_JOINT
-from imucalib_cli.logs.messages.wire import decode
 from imucalib_cli.logs.reader import Piece, with_columns
-from imucalib_cli.logs.slow import decode_one
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 if TYPE_CHECKING:

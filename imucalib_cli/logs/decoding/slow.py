@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
+from imucalib_cli.logs.decoding.wire import Element, WireError
 from imucalib_cli.logs.messages import table as messages
 from imucalib_cli.logs.messages.definitions import TIME_PARTS
 from imucalib_cli.logs.messages.protobuf import message_class
-from imucalib_cli.logs.messages.wire import Element, WireError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,7 +13,7 @@ from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.results.result import Kind
+    from imucalib_cli.results.pose import Kind
 
 CODES = frozenset({"require.sigma", "require.no_sigma", "require.text"})
 """Of findings about a sigma that is too large, but not wrong; the last one occurs in stored results

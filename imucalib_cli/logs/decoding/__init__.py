@@ -1,0 +1,1 @@
+"""Messages to streams: in bulk, and one by one where that fails."""
