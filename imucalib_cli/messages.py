@@ -296,8 +296,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "happens if the model does not fit: check parent link, units and stamps, choose a longer "
     "--window, or use another part of the log (--from, --to)",
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
-    "of the rotation remains unexplained): is this the right parent link, URDF and joint topic[, "
-    "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",
+    "of the rotation remains unexplained): [beyond?is the gyroscope's unit right "
+    "(--gyro-unit), and ]is this the right parent link, URDF and joint topic[, or do the clocks "
+    "differ by more than {max_offset:g} s (--max-offset)]?",
     "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
     "acceleration unexplained: are --gravity, the units and the parent link right?",
     "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "

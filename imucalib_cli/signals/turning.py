@@ -83,12 +83,13 @@ class Turning:
     def ratio(self) -> RateRatio | None:
         """Measured over derived rate, in the faster half of the bins in which the link turns.
 
-        None if it hardly turns.
+        The gyroscope says which are fast: the derived rates may be mostly noise of poses, and the
+        largest of them are those that noise makes too large. None if the link hardly turns.
         """
         fast = self.known & (self.derived > TURNING)
         if fast.sum() < _LEAST_BINS:
             return None
-        fast &= self.derived >= np.median(self.derived[fast])
+        fast &= self.measured >= np.median(self.measured[fast])
         ratios = self.measured[fast] / self.derived[fast]
         middle = float(np.median(ratios))
         scatter = MAD_TO_STD * float(np.median(np.abs(ratios - middle)))

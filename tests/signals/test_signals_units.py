@@ -40,6 +40,34 @@ def test_known_ratios_give_their_unit(ratio: float, unit: str) -> None:
     assert (found.finding is None) == (unit == "rad/s")
 
 
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("ratio", [1.0, DEG])
+def test_gyro_unit_is_found_beside_noise_of_poses(ratio: float, seed: int) -> None:
+    """Steps of 5 mrad in a tracker's poses are as large as a hovering drone's rotation in a bin."""
+    rng = np.random.default_rng(seed)
+    rate = 0.12 * rng.normal(size=(200, 3))
+    derived = np.linalg.norm(rate + 0.1 * rng.normal(size=rate.shape), axis=1)
+    measured = ratio * np.linalg.norm(rate, axis=1)
+    correlation = float(np.corrcoef(derived, measured)[0, 1])
+    seen = Turning(0.0, derived, measured, np.zeros(3), 0.0, correlation)
+    found = gyro_factor(resting(G), seen, "auto")
+    assert found.unit == ("rad/s" if ratio == 1.0 else "deg/s")
+
+
+def test_gyro_unit_is_found_where_rates_hardly_vary() -> None:
+    """Steady rates correlate by their errors alone."""
+    seen = turning(DEG, scatter=0.15, correlation=0.25)
+    assert gyro_factor(resting(G), seen, "auto").unit == "deg/s"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_motions_with_nothing_in_common_have_no_gyro_unit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    derived, measured = (np.linalg.norm(rng.normal(size=(400, 3)), axis=1) for _ in range(2))
+    seen = Turning(0.0, 0.1 * derived, 5.0 * measured, np.zeros(3), 0.0, 0.3)
+    assert gyro_factor(resting(G), seen, "auto").unit == "rad/s"
+
+
 UNSURE = {"correlation": 0.8}
 
 

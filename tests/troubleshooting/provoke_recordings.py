@@ -241,6 +241,7 @@ SENSORS: dict[str, Provocation] = {
     "gyro-degrees": scaled(gyro=_DEG),
     "gyro-twice": scaled(gyro=1.0 / _DEG),
     "gyro-unit-unknown": scaled(gyro=5.0 * _DEG),
+    "gyro-unit-stated-wrong": scaled(8.0 * _DEG, 1.0, "--gyro-unit", "deg/s"),
     "accel-g": scaled(accel=1.0 / _G),
     "accel-mg": scaled(accel=1000.0 / _G),
     "accel-unit-wrong": scaled(1.0, 1.0, "--accel-unit", "g"),

@@ -233,6 +233,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
         yield untrusted(
             "fit.rotation_unexplained",
             share=left / turning,
+            beyond=left > turning or None,  # another motion alone does not make a rate too large
             max_offset=evidence.fit.options.max_offset if far else None,
         )
     force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))

@@ -23,9 +23,17 @@ _DEG = 180.0 / math.pi
 _NEAR = 0.15
 """Relative error of |accel| at rest, or of the ratio of two rates, up to which a unit fits: bias,
 scale errors and motion cause it."""
+_MOST_SCATTER = 0.5
+"""Relative scatter of the bins' ratios that widens what fits a unit: noise of a tracker's poses
+scatters the ratios and makes them smaller, by about as much. With this, deg/s is from 30 to 109."""
 _APART = math.sqrt(STANDARD_GRAVITY)
 """Largest ratio of a norm and gravity if the IMU never rests, as in walking: half way from m/s² to
 g. It never rests if its readings vary by more than _NEAR even in the calmest stretches."""
+_CLEAR = 0.5
+_STEADY = 0.25
+"""Correlation of the two rates above which their ratio is meaningful, and the scatter of the bins'
+ratios below which it is too: rates that hardly vary, as in a hovering flight, correlate little.
+Ratios of two motions that have nothing in common scatter by 0.4 or more."""
 _MOST_RATE = 40.0
 """rad/s; the range of industrial and MEMS gyroscopes is up to 2000 °/s, 34.9 rad/s."""
 _FLOATING = 0.05
@@ -48,19 +56,19 @@ class KnownRatio(NamedTuple):
     """Correction, as a person writes it."""
     least_correlation: float
     """Correlation of the two rates needed for this unit."""
+    steady: float = 0.0
+    """Scatter of the ratio below which it is this unit without that correlation."""
 
 
 _TWICE = "rad/s converted twice"
 KNOWN_RATIOS = {
     "rad/s": KnownRatio(1.0, "1", 0.0),
-    "deg/s": KnownRatio(_DEG, "pi/180", 0.5),
+    "deg/s": KnownRatio(_DEG, "pi/180", _CLEAR, _STEADY),
     # An IMU that hardly turns measures a small share of the robot's rate too, so the rates must
     # also agree.
     _TWICE: KnownRatio(1.0 / _DEG, "180/pi", AGREE),
 }
 """By unit; any other constant factor between the two rates is refused."""
-_CLEAR = 0.5
-"""Correlation of the two rates above which their ratio is meaningful."""
 _FAR = 5.0
 """Least factor between the ratio and 1 for a wrong unit: scale errors and other links make less."""
 _CONSTANT = 0.2
@@ -114,9 +122,11 @@ def gyro_factor(
     Raises:
         InputError: It has no known unit.
     """
-    ratio = turning.ratio if turning.correlation > _CLEAR else None
+    ratio = turning.ratio
+    if ratio is not None and turning.correlation <= _CLEAR and ratio.scatter >= _STEADY:
+        ratio = None
     reads = None if ratio is None else ratio.value
-    unit = None if reads is None else _unit_of(reads, turning.correlation)
+    unit = None if ratio is None else _unit_of(ratio, turning.correlation)
     if unit == _TWICE and most_angle > _MOST_ANGLE:
         unit = "rad/s"
     found, values = None, dict[str, Any]()
@@ -142,9 +152,14 @@ def gyro_factor(
     return Factor(unit="rad/s", value=1.0)
 
 
-def _unit_of(ratio: float, correlation: float) -> str | None:
+def _unit_of(ratio: RateRatio, correlation: float) -> str | None:
+    """The unit to which a ratio belongs, as nearly as the bins' ratios agree with each other."""
+    if ratio.value <= 0.0:
+        return None
+    most = math.log1p(_NEAR) + min(ratio.scatter, _MOST_SCATTER)
     for unit, known in KNOWN_RATIOS.items():
-        if abs(ratio / known.ratio - 1.0) < _NEAR and correlation > known.least_correlation:
+        agree = correlation > known.least_correlation or ratio.scatter < known.steady
+        if agree and abs(math.log(ratio.value / known.ratio)) < most:
             return unit
     return None
 
