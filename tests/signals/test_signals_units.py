@@ -158,6 +158,29 @@ def test_never_resting_imu_keeps_its_accel_unit(size: float, unit: str) -> None:
     assert guess_units(walking).accel_unit == unit
 
 
+@pytest.mark.parametrize(
+    ("per_g", "swing", "gravity", "unit"),
+    [
+        (G, 1.0, True, "m/s²"),
+        (1.0, 1.0, True, "g"),
+        (1000.0, 1.0, True, "mg"),
+        (1.0, 0.0, True, "unknown"),  # an IMU that rests is judged as strictly as before
+        (1000.0, 0.0, True, "unknown"),
+        (G, 1.0, False, "unknown"),  # without gravity it is not taken for g
+    ],
+)
+def test_swinging_imu_has_the_unit_that_is_near(
+    per_g: float, swing: float, gravity: bool, unit: str
+) -> None:
+    """A phone in a swinging hand: no stretch is at rest, and the calmest ones read 1.2 g."""
+    t = np.arange(6000) / 100.0
+    phase = 2.0 * np.pi * 0.9 * t
+    outward = 1.2 * gravity + 0.2 * swing * np.cos(2.0 * phase)
+    accel = np.stack([0.1 * swing * np.sin(phase), np.zeros_like(t), outward], axis=1)
+    phone = ImuSamples(t=t, gyro=np.zeros((6000, 3)), accel=per_g * accel)
+    assert guess_units(phone).accel_unit == unit
+
+
 def shaken(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuSamples:
     """Ten seconds of shaking, two of rest, in SI times the scales."""
     rng = np.random.default_rng(2)

@@ -28,7 +28,14 @@ _MOST_SCATTER = 0.5
 scatters the ratios and makes them smaller, by about as much. With this, deg/s is from 30 to 109."""
 _APART = math.sqrt(STANDARD_GRAVITY)
 """Largest ratio of a norm and gravity if the IMU never rests, as in walking: half way from m/s² to
-g. It never rests if its readings vary by more than _NEAR even in the calmest stretches."""
+g, so no more than one unit is that near."""
+_RESTLESS = 0.05
+"""Variation of the readings within the calmest stretches, relative to the norm, above which the IMU
+never rests. At rest it is noise, less than 0.01; in a hovering drone it is up to 0.03, in a phone
+that swings in a hand 0.06 or more."""
+_SHAKEN = 1.0 / 3.0
+"""Variation above which a norm near 1 g or 1000 mg may also be motion without gravity, which is as
+large as its own variation."""
 _CLEAR = 0.5
 _STEADY = 0.25
 """Correlation of the two rates above which their ratio is meaningful, and the scatter of the bins'
@@ -251,7 +258,7 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
         for values in (accel, gyro)
     )
     largest = largest_rate(imu)
-    unit = _accel_unit(at_rest, gravity, still=bool(shaken < _NEAR * at_rest))
+    unit = _accel_unit(at_rest, gravity, float(shaken) / max(at_rest, 1e-300))
     findings, values = [], {"topic": imu.topic, "norm": at_rest}
     if unit in {"g", "mg"}:
         findings.append(warning("imu.accel_looks_like", **values, unit=unit))
@@ -285,15 +292,18 @@ def _relative_deviation(values: Floats) -> Floats:
     return deviation / typical if typical > 0 else deviation
 
 
-def _accel_unit(norm: float, gravity: float, *, still: bool) -> AccelGuess:
-    """The unit in which a norm is gravity's: nearly, or m/s² roughly if the IMU was never still."""
-    if abs(norm / gravity - 1.0) < _NEAR:
-        return "m/s²"
-    in_g = norm * STANDARD_GRAVITY / gravity
-    if abs(in_g - 1.0) < _NEAR:
-        return "g"
-    if abs(in_g - 1000.0) < 1000.0 * _NEAR:
-        return "mg"
-    if not still and 1.0 / _APART < norm / gravity < _APART:
-        return "m/s²"
+def _accel_unit(norm: float, gravity: float, variation: float) -> AccelGuess:
+    """The unit in which a norm is gravity's: nearly, or roughly if the IMU was never at rest."""
+    sizes: dict[AccelGuess, float] = {
+        "m/s²": gravity,
+        "g": gravity / STANDARD_GRAVITY,
+        "mg": 1000.0 * gravity / STANDARD_GRAVITY,
+    }
+    for unit, size in sizes.items():
+        if abs(norm / size - 1.0) < _NEAR:
+            return unit
+    for unit, size in sizes.items():
+        most = math.inf if unit == "m/s²" else _SHAKEN
+        if _RESTLESS < variation < most and 1.0 / _APART < norm / size < _APART:
+            return unit
     return "m/s², no gravity" if norm < _FLOATING * gravity else "unknown"
