@@ -103,6 +103,33 @@ def test_imu_is_recognised_by_column_names(tmp_path: Path, header: str, separato
     assert data.losses == ()
 
 
+@pytest.mark.parametrize("gyro", ["gx,gy,gz", "gyroscope_x,gyroscope_y,gyroscope_z"])
+def test_tables_of_one_sensor_are_halves_of_an_imu(tmp_path: Path, gyro: str) -> None:
+    """As loggers of phones write them; they were joints named gx, gy and gz."""
+    data = read(
+        write(tmp_path / "gyr.csv", f"t_ns,{gyro}\n{lines(STAMPS, VALUES[:, :3])}"),
+        write(tmp_path / "acc.csv", f"t_ns,ax,ay,az,temp\n{lines(STAMPS, VALUES[:, 3:])}"),
+    )
+    assert data.joints == {}
+    np.testing.assert_array_equal(data.imus["/gyr"].gyro, VALUES[:, :3])
+    np.testing.assert_array_equal(data.imus["/acc"].accel, VALUES[:, 3:])
+    assert (data.imus["/gyr"].absent, data.imus["/acc"].absent) == (("accel",), ("gyro",))
+    assert not data.imus["/gyr"].accel.any()
+
+
+@pytest.mark.parametrize(
+    "names", ["px,py,pz,rx,ry,rz,rw", "x,y,z,rot_x,rot_y,rot_z,rot_w", "x,y,z,qx,qy,qz,qw"]
+)
+def test_poses_are_recognised_by_column_names(tmp_path: Path, names: str) -> None:
+    assert_pose(read(write(tmp_path / "p.csv", f"t_ns,{names}\n{lines(STAMPS, POSES)}")), "/p")
+
+
+def test_three_columns_of_a_rotation_are_no_pose(tmp_path: Path) -> None:
+    """They may be a vector or three angles."""
+    path = write(tmp_path / "p.csv", f"t_ns,x,y,z,rx,ry,rz\n{lines(STAMPS, POSES[:, :6])}")
+    assert read(path).poses == {}
+
+
 @pytest.mark.parametrize(("unit", "factor"), [("s", 10**9), ("ms", 10**6), ("us", 10**3)])
 @pytest.mark.parametrize("named", [False, True])
 def test_times_are_exact_in_every_unit(

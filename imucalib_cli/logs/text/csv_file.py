@@ -1,4 +1,4 @@
-"""CSV tables: an IMU, joints or poses, one row per time, columns named in a header.
+"""CSV tables: an IMU or half of one, joints or poses, one row per time, columns named in a header.
 
 Columns are recognised by name, in the spellings of common tools (:data:`_SPELLINGS`). Joints are
 called ``joint.NAME``, or anything in a file that has only joints.
@@ -21,7 +21,7 @@ from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.reader import HEAD, Catalogue, Piece
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from imucalib_cli.findings import Finding
@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import Progress
 
 _SPELLINGS = {
-    "gyro": ("xyz", "g|w|gyr|gyro|omega|angular_velocity|w_rs_s"),
-    "accel": ("xyz", "a|acc|accel|linear_acceleration|a_rs_s"),
+    "gyro": ("xyz", "g|w|gyr|gyro|gyroscope|omega|angular_velocity|w_rs_s"),
+    "accel": ("xyz", "a|acc|accel|accelerometer|linear_acceleration|a_rs_s"),
     "position": ("xyz", "|p|t|pos|position|translation|p_rs_r"),
-    "quaternion": ("xyzw", "q|quat|quaternion|orientation|rotation|q_rs"),
+    "quaternion": ("xyzw", "q|r|quat|rot|quaternion|orientation|rotation|attitude|q_rs"),
 }
 """Axes of each quantity, and the possible prefixes: gx, gyro_x, angular_velocity.x."""
 _KINDS: dict[Kind, tuple[str, str, tuple[str, ...], Labels]] = {
@@ -47,6 +47,9 @@ _KINDS: dict[Kind, tuple[str, str, tuple[str, ...], Labels]] = {
     ),
 }
 """Message type, suffix of the topic, quantities and texts; joints have columns of any name."""
+_ALONE = frozenset({"gyro", "accel"})
+"""Quantities that are a stream without the others of their kind: half of an IMU, whose other half
+is in another table."""
 _PLACES = {
     prefix + separator + axis: (quantity, number)
     for quantity, (axes, prefixes) in _SPELLINGS.items()
@@ -79,6 +82,8 @@ class _Group:
     columns: tuple[int, ...]
     """In the order of the quantities, or of the joints."""
     joints: tuple[str, ...] = ()
+    quantities: tuple[str, ...] = ()
+    """Those of the kind that the columns hold."""
     named: bool = True
     """Whether the names of its columns say what it is; else it may be any table."""
     times: array[int] = field(default_factory=lambda: array("q"))
@@ -110,7 +115,10 @@ class _Group:
         numbers = {}
         for quantity in quantities:
             width = len(_SPELLINGS[quantity][0])
-            numbers[quantity], values = values[:, :width], values[:, width:]
+            if quantity in self.quantities:
+                numbers[quantity], values = values[:, :width], values[:, width:]
+            else:
+                numbers[quantity] = np.full((len(times), width), np.nan)
         if self.joints:
             numbers, texts = {"position": values}, {"name": self.joints, **texts}
         return Piece(np.arange(len(times)), times, times, texts, numbers)
@@ -307,8 +315,8 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
 
     None if there is no time column, or nothing but time.
     """
-    columns = [each.removeprefix("field.").replace("(", "[").partition("[") for each in names]
-    bare = [each[0].strip() for each in columns]
+    cells = [each.removeprefix("field.").replace("(", "[").partition("[") for each in names]
+    bare = [each[0].strip() for each in cells]
     times = {k: known for k, name in enumerate(bare) if (known := _TIME.fullmatch(name.lower()))}
     places: dict[tuple[str, int], int] = {}
     for k, name in enumerate(bare):
@@ -316,9 +324,11 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
             places.setdefault(_PLACES[name.lower()], k)
     groups, named = [], True
     for kind, (_, _, quantities, _) in _KINDS.items():
-        wanted = [(each, axis) for each in quantities for axis in range(len(_SPELLINGS[each][0]))]
-        if wanted and places.keys() >= set(wanted):
-            groups.append(_Group(kind, tuple(places[each] for each in wanted)))
+        whole = {each: _columns(each, places) for each in quantities}
+        there = tuple(each for each, columns in whole.items() if columns)
+        if there and (there == quantities or _ALONE.issuperset(there)):
+            columns = tuple(chain.from_iterable(whole[each] for each in there))
+            groups.append(_Group(kind, columns, quantities=there))
     joints = [(known[1], k) for k, name in enumerate(bare) if (known := _JOINT.fullmatch(name))]
     if not groups and not joints:
         named = False
@@ -326,12 +336,18 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
         joints = [(name, k) for name, k in further if name.strip("-")]
     if joints:
         known_as, at = zip(*joints, strict=True)
-        groups.append(_Group("joints", at, known_as, named))
+        groups.append(_Group("joints", at, known_as, named=named))
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))
-    unit = known[1] or columns[time][2].rstrip(")] ")
+    unit = known[1] or cells[time][2].rstrip(")] ")
     return time, unit if unit in _UNITS else "", groups
+
+
+def _columns(quantity: str, places: Mapping[tuple[str, int], int]) -> tuple[int, ...]:
+    """Columns of all axes of a quantity; none if one is missing."""
+    axes = [(quantity, axis) for axis in range(len(_SPELLINGS[quantity][0]))]
+    return tuple(places[each] for each in axes) if places.keys() >= set(axes) else ()
 
 
 def _is_number(text: str) -> bool:
