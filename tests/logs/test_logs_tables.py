@@ -157,6 +157,31 @@ def test_times_of_ambiguous_unit_are_refused(tmp_path: Path) -> None:
     assert str(caught.value).startswith(f"{path}: its rows would be 20 s apart")
 
 
+@pytest.mark.parametrize("start", [10**15, 10**14 + 7, 10**13, 10**11, 10**10])
+def test_nanoseconds_since_a_start_are_found_by_their_rate(tmp_path: Path, start: int) -> None:
+    """By their size they are ms or us since 1970, and rows of 506 Hz would be seconds apart."""
+    stamps = start + 1_975_999 * np.arange(COUNT)
+    header = IMU_HEADER.replace("t_ns", "t")
+    path = write(tmp_path / "imu.csv", f"{header}\n{lines(stamps, VALUES)}")
+    np.testing.assert_array_equal(read(path).imus["/imu"].header_ns, stamps)
+
+
+def test_large_times_of_two_possible_units_are_refused(tmp_path: Path) -> None:
+    """Steps of 200 s in ms would be 5 Hz in us and 5 kHz in ns."""
+    stamps = 10**12 + 200_000 * np.arange(COUNT)
+    header = IMU_HEADER.replace("t_ns", "t")
+    path = write(tmp_path / "imu.csv", f"{header}\n{lines(stamps, VALUES)}")
+    with pytest.raises(InputError, match=r"imu\.csv.*200 s apart.*t_ns, t_us, t_ms or t_s"):
+        open_log([path])
+
+
+def test_rare_rows_since_1970_keep_their_unit(tmp_path: Path) -> None:
+    """Joints that are logged as they change."""
+    stamps = STAMPS[0] + 7_000_000_000 * np.arange(COUNT)
+    path = write(tmp_path / "arm.csv", f"t,joint.a\n{lines(stamps, VALUES[:, :1])}")
+    np.testing.assert_array_equal(read(path).joints["/arm"][0].header_ns, stamps)
+
+
 def test_user_can_name_columns(tmp_path: Path) -> None:
     odd = np.column_stack((VALUES[:, :3], np.full(COUNT, 36.6), VALUES[:, 3:]))
     path = write(tmp_path / "imu.csv", lines(STAMPS, odd))

@@ -62,7 +62,10 @@ _UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 _TIME = re.compile(r"(?:t|time|stamp|timestamp)(?:_(ns|us|ms|s))?")
 _JOINT = re.compile(r"joint[.:/](.+)")
 _LONGEST_STEP_S = 1.0
-"""Rows further apart, if the unit is assumed to be seconds, show that it is another one."""
+"""Rows further apart, if the unit of their times is assumed, show that it is another one: IMUs,
+encoders and trackers send at 1 Hz or more."""
+_SHORTEST_STEP_S = 1e-4
+"""Rows nearer to each other in a unit show that it is another one: no IMU sends at over 10 kHz."""
 _SHOWN = 100
 """Letters of a row in a message."""
 NAMES = (
@@ -70,8 +73,8 @@ NAMES = (
     "x y z qx qy qz qw of a pose"
 )
 """Advice for a table with unknown columns."""
-_EARLIEST = ((10**17, "ns"), (10**14, "us"), (10**11, "ms"))
-"""Times since 1970 above these limits are in these units: as seconds they are millennia away."""
+_EARLIEST = ((10**16, "ns"), (10**13, "us"), (10**10, "ms"))
+"""Times since 1970 above these limits are in these units: in a larger one they are after 2286."""
 
 
 @dataclass(eq=False)
@@ -259,8 +262,8 @@ class CsvFile:
             taken = [group.take(stamp, cells) for group in self._groups]
             if not all(taken):
                 self._lose(row, line, separator)
-        if not named and unit == "s":
-            self._check_seconds()
+        if not named and unit:
+            self._check_unit(unit)
 
     def _lose(self, row: int, line: str, separator: str) -> None:
         """Report the first row that cannot be read."""
@@ -275,15 +278,29 @@ class CsvFile:
         if twice is not None:
             raise InputError(f"{self.path}: two columns name the joint {twice}: remove one")
 
-    def _check_seconds(self) -> None:
-        for group in self._groups:
-            steps = np.diff(np.array(group.times, dtype=np.int64))
-            typical = float(np.median(steps)) * 1e-9 if len(steps) else 0.0
-            if typical > _LONGEST_STEP_S:
-                raise InputError(
-                    f"{self.path}: its rows would be {typical:g} s apart: give the unit of its "
-                    "times in the name of their column, t_ns, t_us, t_ms or t_s"
-                )
+    def _check_unit(self, unit: str) -> None:
+        """Take a smaller unit if only that one gives the rates of sensors; refuse unclear ones.
+
+        Times since 1970 are recognised by their size, but times since a computer's start in a
+        smaller unit may be as large: nanoseconds of twelve days are microseconds of 33 years.
+        """
+        filled = [each for each in self._groups if len(each.times) > 1]
+        steps = [float(np.median(np.diff(each.times))) * 1e-9 for each in filled]
+        longest = max(steps, default=0.0)
+        if longest <= _LONGEST_STEP_S:
+            return
+        sound = [
+            ratio
+            for ratio in (_UNITS[unit] // each for each in _UNITS.values())
+            if longest <= ratio * _LONGEST_STEP_S and min(steps) >= ratio * _SHORTEST_STEP_S
+        ]
+        if unit == "s" or len(sound) > 1:
+            raise InputError(
+                f"{self.path}: its rows would be {longest:g} s apart: give the unit of its "
+                "times in the name of their column, t_ns, t_us, t_ms or t_s"
+            )
+        for group in self._groups if sound else ():
+            group.times = array("q", (each // sound[0] for each in group.times))
 
 
 def _filled(head: bytes) -> list[str]:
