@@ -193,6 +193,9 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "imu.frozen": "{topic}: {sensor} {axes:spaced} is frozen at {held:list.5g} {sensor:unit} in "
     "{samples} samples[ in {stretches:many} stretches] between {start:.2f} and {end:.2f} s of the "
     "log: they were left out; check for a driver that repeats its last message",
+    "imu.held": "{topic}: {share:.0%} of the samples in motion repeat the one before in all six "
+    "numbers: the log has samples of about {rate:fig2} Hz, each held until the next, which looks "
+    "like noise and delay: log each sample once, when the sensor has measured it",
     "imu.saturated": "{topic}: {sensor} {axes:spaced} is saturated at {held:list.5g} "
     "{sensor:unit} in {samples} samples[ in {stretches:many} stretches] between {start:.2f} and "
     "{end:.2f} s of the log: they were left out; set a larger range or move more slowly",

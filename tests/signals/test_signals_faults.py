@@ -8,7 +8,7 @@ import pytest
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.imu.checks import refuse_impossible
-from imucalib_cli.signals.imu.faults import Fault, dead_axes, flat_tops, sensor_faults
+from imucalib_cli.signals.imu.faults import Fault, dead_axes, flat_tops, held_samples, sensor_faults
 from imucalib_cli.signals.imu.repair import rows_at_fault
 from imucalib_cli.signals.samples import ImuSamples, Sensor
 from imucalib_cli.signals.stretches import stretches_of
@@ -49,8 +49,29 @@ def test_healthy_sensor_has_no_fault(
     log = _sensed(clean, densities, quanta)
     imu = log.imu
     assert sensor_faults(imu, _turning(log)) == []
+    assert held_samples(imu) == ()
     assert dead_axes(imu.gyro) == dead_axes(imu.accel) == ""
     assert _turning(log).held_robot() == []
+
+
+@pytest.mark.parametrize("quanta", [(0.0, 0.0), COARSE])
+@pytest.mark.parametrize("times", [2, 4])
+def test_held_samples_are_found(clean: Log, quanta: tuple[float, float], times: int) -> None:
+    imu = _sensed(clean, MEMS, quanta).imu
+    rate = 1.0 / float(np.median(np.diff(imu.t)))
+    held = np.arange(len(imu)) // times * times
+    (finding,) = held_samples(replace(imu, gyro=imu.gyro[held], accel=imu.accel[held]))
+    assert finding.values["share"] == pytest.approx(1.0 - 1.0 / times, abs=0.02)
+    assert finding.values["rate"] == pytest.approx(rate / times, rel=0.05)
+
+
+def test_repeats_of_one_sensor_or_at_rest_are_not_held_samples(clean: Log) -> None:
+    """A gyroscope that is slower than the accelerometer, and a coarse sensor that rests."""
+    imu = _sensed(clean, MEMS, (0.0, 0.0)).imu
+    held = np.arange(len(imu)) // 2 * 2
+    assert held_samples(replace(imu, gyro=imu.gyro[held])) == ()
+    resting = replace(imu, gyro=np.zeros_like(imu.gyro), accel=np.full_like(imu.accel, 5.7))
+    assert held_samples(resting) == ()
 
 
 def test_rotation_rates_agree_for_any_mount(clean: Log) -> None:

@@ -176,6 +176,12 @@ def not_finite(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
     return gyro, accel
 
 
+def held(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
+    """Of an IMU with a third of the log's rate."""
+    last = np.arange(len(gyro)) // 3 * 3
+    return gyro[last], accel[last]
+
+
 def stuck(start: float, stop: float) -> Provocation:
     def change(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
         held = rows(start, stop)
@@ -263,6 +269,7 @@ SENSORS: dict[str, Provocation] = {
     "dead-axis-quiet": on_arm(dead_axis_without_noise),
     "impossible-values": scaled(accel=1e6),
     "not-finite": changed(not_finite),
+    "held-samples": changed(held),
     "frozen": stuck(15.0, 17.5),
     "frozen-most": stuck(10.0, 24.1),
     "saturated": changed(saturated),

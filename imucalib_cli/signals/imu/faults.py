@@ -37,6 +37,9 @@ DEAD = 0.995
 ALIVE_NOISE = 1e-5
 """rad/s and m/s²: with less noise the log is a simulation, whose axes may be exactly zero."""
 _LEAST_OUTSIDE = 200
+_MOST_HELD = 0.1
+"""Share of the rows in motion that repeat the row before above which samples are held. Loggers that
+now and then write one twice stay below 0.01; a sensor of half the log's rate has 0.5."""
 _TURNED = 0.5
 """rad: after such a rotation an accelerometer's values must have changed."""
 _SIMILAR = 0.2
@@ -202,6 +205,24 @@ def repeated_runs(t: Floats, values: Floats) -> Stretches:
     runs = repeats((values[1:] == values[:-1]).all(axis=1))
     lasting = t[runs.end - 1] - t[runs.first] >= FROZEN_SECONDS
     return runs.where((runs.lengths >= FROZEN_SAMPLES) & lasting)
+
+
+def held_samples(imu: ImuSamples) -> tuple[Finding, ...]:
+    """A warning if the log repeats samples of a slower sensor until the next one arrives.
+
+    A coarse sensor may repeat values at rest, so only rows that turn count, and only if all six
+    numbers are those of the row before; stretches that are frozen are another fault. ``imu`` is in
+    order, SI.
+    """
+    both = np.hstack([imu.gyro, imu.accel])
+    same = (both[1:] == both[:-1]).all(axis=1)
+    turns = np.linalg.norm(imu.gyro - np.median(imu.gyro, axis=0), axis=1) > TURNING
+    counted = (turns & ~repeated_runs(imu.t, both).mask(len(imu)))[1:]
+    if counted.sum() < _LEAST_OUTSIDE or np.mean(same[counted]) <= _MOST_HELD:
+        return ()
+    share = float(np.mean(same[counted]))
+    rate = (1.0 - share) / float(np.median(np.diff(imu.t)))
+    return (warning("imu.held", topic=imu.topic, share=share, rate=rate),)
 
 
 def repeats(same: Bools) -> Stretches:

@@ -14,7 +14,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
-from imucalib_cli.signals.imu.faults import sensor_faults
+from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
@@ -129,6 +129,7 @@ def _without_faults(
     """Leave out frozen and saturated samples; InputError if too little is left."""
     imu = repaired.samples
     faults = sensor_faults(imu, repaired.turning, accel_ranges)
+    repaired = replace(repaired, findings=(*repaired.findings, *held_samples(imu)))
     if not faults:
         return repaired
     findings = [*repaired.findings, *(fault.finding(imu) for fault in faults)]
@@ -185,7 +186,8 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
                 raise
             return (error.finding,)
     tidy, findings = mended_imu(imu)
-    return (*findings, *(fault.finding(tidy) for fault in sensor_faults(tidy, None)))
+    faults = (fault.finding(tidy) for fault in sensor_faults(tidy, None))
+    return (*findings, *held_samples(tidy), *faults)
 
 
 def _on_even_stamps(imu: ImuSamples, path: KinematicPath, max_offset: float) -> Repaired:
