@@ -404,6 +404,8 @@ def _imu(
     )
     if found.floats:
         request = replace(request, estimator=MatchedOptions(gravity="none"))
+        units = guess_units(samples, 0.0)
+        found = replace(found, units=units)
     try:
         repaired = request.repaired(samples, motion.path)
     except ImucalibError as error:
@@ -430,6 +432,8 @@ def _commands(
     if request.csv_columns:
         words.append(f"--csv-columns {quote(','.join(request.csv_columns))}")
     words += [f"--joints {quote(str(each))}" for each in request.joint_columns]
+    if not imus:
+        return [], ""
     several = len(imus) > 1
     if not any((*data.joints.values(), *data.poses.values())):
         words.append("--base-imu IMU")

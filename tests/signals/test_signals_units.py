@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.signals.imu.base import base_track
 from imucalib_cli.signals.imu.units import (
     ACCEL_FACTORS,
     KNOWN_RATIOS,
     AccelUnit,
     GyroUnit,
+    Units,
     accel_factor,
     guess_units,
     gyro_factor,
@@ -181,6 +183,15 @@ def test_swinging_imu_has_the_unit_that_is_near(
     assert guess_units(phone).accel_unit == unit
 
 
+def test_floating_imu_is_in_no_unit_by_a_small_acceleration() -> None:
+    """A bias of 0.7 m/s² is not gravity in g."""
+    t = np.arange(6000) / 100.0
+    accel = np.stack([0.7 + 0.1 * np.sin(6.0 * t), np.zeros_like(t), np.zeros_like(t)], axis=1)
+    floating = ImuSamples(t=t, gyro=np.zeros((6000, 3)), accel=accel)
+    assert guess_units(floating, 0.0).accel_unit == "unknown"
+    assert accel_factor(floating, "auto", gravity=0.0).finding is None
+
+
 def shaken(accel_scale: float, gyro_scale: float, gravity: float = 9.81) -> ImuSamples:
     """Ten seconds of shaking, two of rest, in SI times the scales."""
     rng = np.random.default_rng(2)
@@ -215,6 +226,16 @@ def test_units_are_guessed_at_rest(
     assert guess.gyro_unit == gyro
     assert len(guess.warnings) == warnings
     assert all("/imu" in each for each in guess.warnings)
+
+
+@pytest.mark.parametrize(("stated", "told"), [("auto", 1), ("deg/s", 0), ("rad/s", 1)])
+def test_unit_that_the_user_states_is_not_guessed_beside_it(stated: GyroUnit, told: int) -> None:
+    """Of a base IMU, whose unit shows only in the size of its values."""
+    in_degrees = shaken(1.0, DEG)
+    track, findings = base_track(in_degrees, Units(gyro=stated), G)
+    assert [each.code for each in findings].count("imu.gyro_looks_like") == told
+    factor = 1.0 if stated == "rad/s" else 1.0 / DEG
+    np.testing.assert_allclose(track.values[:, :3], factor * in_degrees.gyro)
 
 
 def test_rest_is_found_in_motion_and_bursts() -> None:

@@ -39,7 +39,8 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
     findings += [] if accel.finding is None else [accel.finding]
     guess = guess_units(imu)
     gyro_unit = guess.gyro_unit if units.gyro == "auto" else units.gyro
-    findings += [each for each in guess.findings if each.code == "imu.gyro_looks_like"]
+    if units.gyro != guess.gyro_unit:  # else the user states what it looks like
+        findings += [each for each in guess.findings if each.code == "imu.gyro_looks_like"]
     sign = -1.0 if units.sign == "down" else 1.0
     imu = replace(
         imu, gyro=imu.gyro / KNOWN_RATIOS[gyro_unit].ratio, accel=imu.accel * (sign * accel.value)

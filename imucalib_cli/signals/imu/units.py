@@ -186,7 +186,7 @@ def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Facto
     Raises:
         InputError: Gravity is expected and not measured.
     """
-    guess = guess_units(imu, gravity or STANDARD_GRAVITY)
+    guess = guess_units(imu, gravity)
     found = "m/s2" if guess.accel_unit == "m/s²" else guess.accel_unit
     at_rest = {"topic": imu.topic, "norm": guess.accel_at_rest}
     finding = None
@@ -237,7 +237,7 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     """Guess the units of an IMU from its values at rest.
 
     Rest is the calmest tenth of all stretches of 0.5 s, by the deviation of both sensors. There the
-    norm is expected to be ``gravity``, m/s².
+    norm is expected to be ``gravity``, m/s²; with 0 gravity is not expected, but may be seen.
     """
     if not len(imu):
         return UnitGuess()
@@ -294,16 +294,18 @@ def _relative_deviation(values: Floats) -> Floats:
 
 def _accel_unit(norm: float, gravity: float, variation: float) -> AccelGuess:
     """The unit in which a norm is gravity's: nearly, or roughly if the IMU was never at rest."""
+    in_g = (gravity or STANDARD_GRAVITY) / STANDARD_GRAVITY
     sizes: dict[AccelGuess, float] = {
-        "m/s²": gravity,
-        "g": gravity / STANDARD_GRAVITY,
-        "mg": 1000.0 * gravity / STANDARD_GRAVITY,
+        "m/s²": STANDARD_GRAVITY * in_g,
+        "g": in_g,
+        "mg": 1000.0 * in_g,
     }
+    most_shaken = _SHAKEN if gravity else 0.0  # a body that floats has small accelerations too
     for unit, size in sizes.items():
         if abs(norm / size - 1.0) < _NEAR:
             return unit
     for unit, size in sizes.items():
-        most = math.inf if unit == "m/s²" else _SHAKEN
+        most = math.inf if unit == "m/s²" else most_shaken
         if _RESTLESS < variation < most and 1.0 / _APART < norm / size < _APART:
             return unit
-    return "m/s², no gravity" if norm < _FLOATING * gravity else "unknown"
+    return "m/s², no gravity" if norm < _FLOATING * sizes["m/s²"] else "unknown"
