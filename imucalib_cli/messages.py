@@ -315,7 +315,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
     "were left out: frames, joint order or stamps may be wrong in parts of the log",
     "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
-    "nearly all between {start:.0f} and {end:.0f} s of the log: check what happened there; the "
+    "nearly all between {start:.1f} and {end:.1f} s of the log: check what happened there; the "
     "result is from the rest of the log]",
     "imu.strikes": "{topic}: strikes of up to {largest:.3g} m/s² ({count}): {windows} of "
     "{total} windows contain one; {left_out} of them do not fit the rest and were left out",

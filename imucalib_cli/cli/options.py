@@ -73,7 +73,8 @@ CsvColumns = Annotated[
     _log(
         metavar="NAME,NAME,...",
         parser=parsers.names,
-        help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - skips a column.",
+        help="Columns of a CSV table without a header: t,gx,gy,gz,ax,ay,az; - skips a column, "
+        "and ... at the end all others.",
     ),
 ]
 JointColumnsOption = Annotated[

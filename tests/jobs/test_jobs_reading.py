@@ -155,6 +155,7 @@ def test_a_log_of_two_robots_without_an_imu_is_inspected(
     found = inspect(CalibrationRequest(logs=(log,)))
     assert found.imus == ()
     assert len(found.joints) == 1
+    assert found.command is None
 
 
 def test_part_of_two_logs_reports_its_own_seconds(log_writer: LogWriter, arm_urdf: Path) -> None:

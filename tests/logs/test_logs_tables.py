@@ -195,6 +195,16 @@ def test_user_can_name_columns(tmp_path: Path) -> None:
         open_log([path], ("a", "b"))
 
 
+def test_last_columns_need_no_names(tmp_path: Path) -> None:
+    path = write(tmp_path / "imu.csv", lines(STAMPS, np.hstack((VALUES, VALUES, VALUES))))
+    columns = ("t_ns", "gx", "gy", "gz", "ax", "ay", "az")
+    assert_imu(read(path, columns=(*columns, "...")), "/imu")
+    with pytest.raises(InputError, match=r"19 cells, .* names 7: .* or end with \.\.\."):
+        open_log([path], columns)
+    with pytest.raises(InputError, match="rows of 19 cells"):
+        open_log([path], (*columns, *"-" * 13, "..."))
+
+
 def test_other_columns_are_joints(tmp_path: Path) -> None:
     path = write(tmp_path / "joints.csv", f"t_ns,shoulder,w_x\n{lines(STAMPS, VALUES[:, :2])}")
     (joints,) = read(path).joints["/joints"]

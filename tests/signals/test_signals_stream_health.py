@@ -27,6 +27,17 @@ def test_each_stamp_fault_is_counted() -> None:
     assert [getattr(health, name) for name in COUNTS] == [1] * 5
 
 
+@pytest.mark.parametrize(
+    ("first", "zeros"),
+    [(-10, 0), (0, 0), (START, 1)],  # a table that counts from its trigger, or its start; a log
+)
+def test_zero_is_a_time_where_a_log_counts_from_it(first: int, zeros: int) -> None:
+    stamps = first + np.arange(1000) * 5
+    stamps[2] = 0 if first == START else stamps[2]
+    assert stamp_health(stamps).zeros == zeros
+    assert stamp_health(np.zeros(5, dtype=np.int64)).zeros == 5
+
+
 def test_jitter_is_computed_from_intervals() -> None:
     rng = np.random.default_rng(1)
     intervals = rng.normal(0.01, 0.001, size=20_000)

@@ -276,12 +276,13 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
         when = fit.model.windowing.grid.t[fit.centres]
         first, last = np.percentile(when[lost], (4, 96))
         dense = lost[(when >= first) & (when <= last)].mean() > 0.5
+        reach = 0.5 * fit.model.windowing.seconds
         yield warning(
             "windows.left_out",
             count=count,
             total=len(lost),
-            start=float(first) if dense else None,
-            end=float(last) if dense else None,
+            start=float(first) - reach if dense else None,
+            end=float(last) + reach if dense else None,
         )
 
 

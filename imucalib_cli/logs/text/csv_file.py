@@ -66,6 +66,8 @@ _LONGEST_STEP_S = 1.0
 encoders and trackers send at 1 Hz or more."""
 _SHORTEST_STEP_S = 1e-4
 """Rows nearer to each other in a unit show that it is another one: no IMU sends at over 10 kHz."""
+_MORE = "..."
+"""In place of the names of the last columns, which are not used."""
 _SHOWN = 100
 """Letters of a row in a message."""
 NAMES = (
@@ -143,6 +145,8 @@ class CsvFile:
     IS_TEXT: ClassVar[bool] = True
     COLUMNS: ClassVar[tuple[str, ...]] = ()
     """Names of the columns where the file has no header."""
+    HAS_MORE: ClassVar[bool] = False
+    """Whether rows may have more cells than these, which are not used."""
     IS_NAMED_BY_USER: ClassVar[bool] = False
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
@@ -173,7 +177,8 @@ class CsvFile:
             return False
         names, separator, rows = _header(iter(lines), ())
         if cls.COLUMNS:
-            return len(names) == len(cls.COLUMNS) and _is_number(names[0])
+            more = len(names) - len(cls.COLUMNS)
+            return (more == 0 or (more > 0 and cls.HAS_MORE)) and _is_number(names[0])
         layout = _layout(names) if len(names) > 1 and separator != " " else None
         if layout is None or any(group.named for group in layout[2]):
             return layout is not None
@@ -197,14 +202,16 @@ class CsvFile:
 
     @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
-        """Return a reader of tables without a header.
+        """Return a reader of tables without a header; further columns may be ``...`` at the end.
 
         Raises:
             InputError: The names do not make up any stream.
         """
-        if _layout(list(names)) is None:
+        more = tuple(names[-1:]) == (_MORE,)
+        named = tuple(names[:-1] if more else names)
+        if _layout(named) is None:
             raise InputError(f"--csv-columns {','.join(names)}: {NAMES}")
-        known = {"COLUMNS": tuple(names), "IS_NAMED_BY_USER": True}
+        known = {"COLUMNS": named, "HAS_MORE": more, "IS_NAMED_BY_USER": True}
         return type("HeadlessCsvFile", (cls,), known)
 
     @classmethod
@@ -213,7 +220,10 @@ class CsvFile:
         names = _header(iter(_filled(head)), ())[0]
         if names and _is_number(names[0]):
             count = len(cls.COLUMNS)
-            return f"has rows of {len(names)} cells, and --csv-columns names {count}: name each"
+            return (
+                f"has rows of {len(names)} cells, and --csv-columns names {count}: name each, - "
+                f"for one that is not used, or end with {_MORE} if the last ones are not"
+            )
         missing = ", ".join(each for each in cls.COLUMNS if each not in {"-", *names})
         which = f" without the columns {missing}" if missing else " of unknown columns"
         return (

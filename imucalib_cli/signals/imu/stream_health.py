@@ -13,10 +13,12 @@ from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, longest_step, usu
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.logs.streams import Nanoseconds
 
 _NS = 1_000_000_000
+_NEAR_NS = _NS
+"""Streams of sensors have 1 Hz or more."""
 _QUARTILES_TO_STD = 1.349
 """Interquartile range of a normal distribution, in standard deviations."""
 _HOLE = 0.5
@@ -50,13 +52,14 @@ class StampHealth:
     backwards: int
     """Stamps before the one before."""
     zeros: int
+    """Stamps that were never set: zero, unless the log counts from there."""
     bursts: int
     """Intervals below a quarter of the usual one: messages in bursts."""
 
 
 def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
     """Describe stamps (N,), ns, in the order of the log."""
-    stamps = stamp_ns[stamp_ns > 0]
+    stamps = stamp_ns[_is_set(stamp_ns)]
     steps: Floats = np.diff(stamps) / _NS
     forward = steps[steps > 0]
     duration = rate = median = jitter = longest = 0.0
@@ -86,6 +89,17 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         zeros=len(stamp_ns) - len(stamps),
         bursts=bursts,
     )
+
+
+def _is_set(stamp_ns: Nanoseconds) -> Bools:
+    """Whether each stamp (N,) is a time: not zero, or with another stamp soon before or after.
+
+    Simulations and tables count from zero.
+    """
+    steps = np.abs(np.diff(stamp_ns))
+    soon = (steps > 0) & (steps <= _NEAR_NS)
+    beside = np.append(soon, False) | np.append(False, soon)
+    return np.asarray((stamp_ns != 0) | beside[: len(stamp_ns)])
 
 
 def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
