@@ -101,6 +101,12 @@ EXAMPLES = (
 )
 
 
+def test_a_short_time_of_left_out_windows_has_two_ends() -> None:
+    """To whole seconds it was between 5 and 5 s."""
+    found = warning("windows.left_out", count=6, total=60, start=4.61, end=5.24)
+    assert "between 4.6 and 5.2 s of the log" in found.message
+
+
 def test_a_joint_is_singular_and_joints_are_plural() -> None:
     values = {"translation": 1e-3, "rotation": 1e-3}
     one = warning("robot.joints_still", joints=("a",), count=1, **values).message
