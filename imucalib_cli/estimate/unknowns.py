@@ -217,7 +217,7 @@ Effect = Reading | JointCurve | PayloadMass | Origin | PoseStream | Clock | Grav
 
 _GROUPS: Final[dict[type, tuple[Group, Group]]] = {
     Reading: ("sensor", "sensor"),
-    Clock: ("sensor", "offset"),
+    Clock: ("sensor", "sensor"),
     JointCurve: ("robot", "robot"),
     PayloadMass: ("robot", "robot"),
     Origin: ("robot", "robot"),
@@ -749,6 +749,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="base_time_offset",
+        among="offset",
         unit="s",
         std=0.02,
         effect=OfBase(Clock(accel=(1.0, 0.0), gyro=(1.0, 0.0))),
