@@ -75,6 +75,8 @@ class Reading:
     """(size, 3, 3), one for each component; each axis by itself by default."""
     turns: bool = False
     """Whether it turns the sensor's axes: it is then removed to second order."""
+    cancels: bool = False
+    """Whether two IMUs on one body that have it alike measure as if they had none."""
 
     def basis(self, samples: Samples) -> Floats:
         """(size, M, 3), the error by a unit of each component, IMU axes."""
@@ -387,6 +389,7 @@ def _of_each_sensor(
     error: Callable[[Floats, Samples], Floats],
     matrices: Floats,
     *,
+    cancels: bool = False,
     units: tuple[str, str],
     std: tuple[float, float] = (np.inf, np.inf),
     healthy: tuple[float, float],
@@ -399,12 +402,15 @@ def _of_each_sensor(
     """
 
     def entry(place: int, sensor: Sensor, noun: str) -> Unknown:
+        effect = Reading(
+            sensor, lambda s, mixing: error(s.of(sensor), s) @ mixing, matrices, cancels=cancels
+        )
         return Unknown(
             name=f"{sensor}_{name}",
             unit=units[place],
             std=std[place],
             healthy=healthy[place],
-            effect=Reading(sensor, lambda s, mixing: error(s.of(sensor), s) @ mixing, matrices),
+            effect=effect,
             words=words.format(noun),
             **others,
         )
@@ -513,6 +519,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         "low-pass filter of the {}, in addition to its delay",
         lambda values, samples: _second_derivative(values, samples.dt),
         _ALIKE,
+        cancels=True,
         units=("s²", "s²"),
         scale="driver_filter",
         healthy=(1e-3, 1e-3),

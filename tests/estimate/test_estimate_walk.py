@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.linalg import inv
 from scipy.linalg import solve as solve_dense
+from scipy.signal import butter, sosfilt
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -117,6 +118,20 @@ def test_two_imus_on_one_body_are_calibrated_to_each_other() -> None:
     assert found.covered
     assert found.distance < 1e-3
     assert found.angle < np.radians(0.05)
+
+
+def test_vibration_between_two_imus_is_no_filter_of_both() -> None:
+    """The same filter on both would only make the difference of their readings smaller."""
+    log = logged(Walk(axes=(), noisy=True, seed=4))
+    rng = np.random.default_rng(4)
+    below_10_hertz = butter(2, 10.0, fs=200.0, output="sos")
+    accel, gyro = sosfilt(below_10_hertz, rng.normal(size=(2, len(log.imu.t), 3)), axis=1)
+    imu = replace(log.imu, accel=log.imu.accel + 0.2 * accel, gyro=log.imu.gyro + 0.02 * gyro)
+    found = solve(replace(log, imu=imu), gravity="none")
+    assert found.trusted
+    assert found.covered
+    assert found.distance < 2e-3
+    assert not [each for each in found.findings if each.code.startswith("unknown.")]
 
 
 def test_displaced_base_imu_is_found_where_observable() -> None:

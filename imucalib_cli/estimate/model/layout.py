@@ -11,6 +11,7 @@ from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
+    Clock,
     JointCurve,
     JointMotion,
     Mount,
@@ -305,8 +306,7 @@ class _Chain:
                 yield Placed(unknown, nowhere, labels, index=track)
         elif not isinstance(effect, OfBase):
             yield Placed(unknown, nowhere, unknown.labels)
-        # Two IMUs on one body have one mount between them, and no joint has other stamps.
-        elif base is not None and (self._moving or isinstance(effect.effect, Reading)):
+        elif base is not None and (self._moving or _differs(effect.effect)):
             yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
 
     def _tells(self, track: int, stream: PoseStream) -> bool:
@@ -389,6 +389,15 @@ class _Chain:
         if kept.all():
             return among
         return _towards_axes(vectors.T[kept] @ among)
+
+
+def _differs(error: Reading | Mount | Clock) -> bool:
+    """Whether an error of a base IMU does not look like one of the other IMU on the same body.
+
+    These have one mount between them, no joint has other stamps, and only the difference of their
+    filters shows.
+    """
+    return isinstance(error, Reading) and not error.cancels
 
 
 def _towards_axes(directions: Floats) -> Floats:
