@@ -77,6 +77,7 @@ SENSOR_FAULTS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, ...]]]] = 
         {"flaws": Flaws(gyro_delay=-4e-3), "time_offset": -0.02},
         {"gyro_delay": (-4e-3,)},
     ),
+    "accelerometer of a phone": ({"flaws": Flaws(gyro_delay=-45e-3)}, {"gyro_delay": (-45e-3,)}),
     "accelerometer's scale": ({"flaws": Flaws(accel_scale=SCALE)}, {"accel_scale": SCALE}),
     "gyroscope's scale": ({"flaws": Flaws(gyro_scale=SCALE)}, {"gyro_scale": SCALE}),
     "turned gyroscope": ({"flaws": Flaws(gyro_turn=TURN)}, {"gyro_misalignment": TURN}),
