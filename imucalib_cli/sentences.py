@@ -203,6 +203,7 @@ _REMEDIES: dict[str, str] = {
     "pose_frame_turn": "align the tracked frame with the robot's",
     "pose_scale": "calibrate the tracker",
     "pose_age": "stamp positions and attitude when they are measured",
+    "pose_filter": "turn smoothing and prediction off in the tracker",
     "pose_turn": "take positions and attitude from one source, or align the two",
     "pose_delay": "stamp poses when they are measured",
 }

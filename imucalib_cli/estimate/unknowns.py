@@ -167,11 +167,11 @@ class PoseStream:
 
     Of the scale of its positions, true = reported * (1 + value); of their axes, which are turned
     against those of its quaternions; of their age: they are those of the value earlier than its
-    quaternions; or of its stamps, which are later than those of the joints at the same instant by
-    the value.
+    quaternions; of a filter, by the second derivative of its positions and that of its quaternions;
+    or of its stamps, which are later than those of the joints at the same instant by the value.
     """
 
-    what: Literal["scale", "turn", "age", "delay"]
+    what: Literal["scale", "turn", "age", "filter", "delay"]
 
 
 @dataclass(frozen=True)
@@ -340,6 +340,7 @@ SCALES: Final[dict[str, Scale]] = {
     "mount_give": Scale(low=3e-8, high=3e-3),
     "pose_turn": Scale(low=1e-5, high=5e-2),
     "pose_age": Scale(low=1e-5, high=0.1),
+    "pose_filter": Scale(low=3e-8, high=1e-3),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
@@ -424,8 +425,8 @@ def _of_each_sensor(
 # hobby part, states scales to 3 %, axes to 2 %, a nonlinearity of 0.5 %, which is 2.5e-4 s²/m at 2
 # g, and responses to acceleration of 2e-4 rad s/m; its biases reach 0.8 m/s² and 0.35 rad/s, of
 # which 0.5 and 0.2 are worth a word. Clocks ten times worse than quartz are broken. Drivers of
-# phones and of IMUs at 20 Hz give one sensor 45 ms before the other, filtered by 32 ms (three drones
-# and a phone): twice as much is sound. Zeros and axes of one degree, origins of 20 mm and play of
+# phones and of IMUs at 20 Hz give one sensor 45 ms before the other, filtered by 32 ms (a phone and
+# three drones): twice as much is sound. Zeros and axes of one degree, origins of 20 mm and play of
 # 0.3 deg are another robot than the URDF's.
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
@@ -726,6 +727,15 @@ _OWN: Final[tuple[Unknown, ...]] = (
         healthy=0.2,
         effect=PoseStream("age"),
         words="age of a pose stream's positions behind its quaternions",
+    ),
+    Unknown(
+        name="pose_filter",
+        labels=("position", "rotation"),
+        unit="s²",
+        scale="pose_filter",
+        healthy=4e-3,
+        effect=PoseStream("filter"),
+        words="low-pass filter of a pose stream, in addition to its delay; negative: prediction",
     ),
     Unknown(
         name="pose_delay",

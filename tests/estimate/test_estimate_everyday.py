@@ -226,6 +226,21 @@ def old_positions(track: Track) -> Floats:
     return np.hstack([at, track.values[:, 3:]])
 
 
+def filtered(track: Track, every: float = 1e-3, constant: float = 0.015) -> Floats:
+    """By a first-order filter of 15 ms."""
+    t = np.arange(track.t[0], track.t[-1] + every, every)
+    values = CubicSpline(track.t, track.values)(t)
+    share = every / constant
+    smooth, _ = lfilter([share], [1.0, share - 1.0], values, axis=0, zi=(1.0 - share) * values[:1])
+    return np.asarray(CubicSpline(t, smooth)(track.t))
+
+
+def predicted(track: Track, ahead: float = 0.02) -> Floats:
+    """By the rates of 20 ms before, as a headset does."""
+    of = CubicSpline(track.t, track.values)
+    return np.asarray(of(track.t - ahead) + ahead * of(track.t - ahead, 1))
+
+
 def turned_frame(track: Track) -> Floats:
     """Markers whose body is 1 degree and 6 mm off the robot's."""
     place, turn = np.array([5e-3, -3e-3, 2e-3]), Rotation.from_rotvec([0.01, -0.012, 0.008])
@@ -239,12 +254,12 @@ def turned_frame(track: Track) -> Floats:
         (turned_positions, "pose_turn"),
         (old_positions, "pose_age"),
         (turned_frame, "pose_frame_turn"),
+        (filtered, "pose_filter"),
+        (predicted, "pose_filter"),
     ],
 )
-def test_pose_stream_of_several_sources_is_corrected(
-    wrong: Callable[[Track], Floats], name: str
-) -> None:
-    """As positions by satellites and attitude by a compass, or markers that were glued on."""
+def test_errors_of_a_pose_stream_are_corrected(wrong: Callable[[Track], Floats], name: str) -> None:
+    """Positions by satellites, attitude by a compass, markers glued on, a tracker that smooths."""
     log, _ = everyday("mobile", "quiet", 401)
     joints, track = log.path.tracks
     tracks = (joints, replace(track, values=wrong(track)))

@@ -289,7 +289,7 @@ def test_moving_base_makes_first_joint_zero_observable() -> None:
 
 
 def test_zero_of_a_joint_that_follows_another_is_its_own() -> None:
-    log = _mixed_log(3.0 * SECONDS).noisy(1)
+    log = _mixed_log(3.0 * SECONDS).noisy(1, "industrial")
     (index,) = (i for i, step in log.path.joint_steps.items() if step.name == "mimic")
     steps, step = list(log.path.steps), log.path.joint_steps[index]
     steps[index] = replace(step, offset=step.offset + 5e-3)

@@ -224,6 +224,20 @@ class _Nodes:
         steps = self.chain.path.pose_steps.items()
         return [index for index, step in steps if step.track == stream.index]
 
+    def twist_of_filter(self, index: int) -> tuple[Floats, Floats]:
+        """Turn and shift (2, 3, M): by a filter of a stream's positions, and of its quaternions."""
+        (R, before), (R_after, after) = self.frames[index : index + 2]
+        step = self.chain.path.pose_steps[index]
+        axes, centre, sign = (R_after, before, 1.0) if step.inverse else (R, after, -1.0)
+        pose, change = self.motion.values[step.track].T, self.motion.changes[step.track].T
+        v, w, dv, dw = pose[3:6], pose[6], change[3:6], change[6]
+        # Of q'' q* the vector is half of the angular acceleration.
+        turning = 2.0 * (w * dv - dw * v + cross(v, dv, -2))
+        shift, turn = (sign * (axes * each).sum(axis=1) for each in (change[:3], turning))
+        still = np.zeros_like(turn)
+        arm = self.p + self.lever - centre
+        return np.stack([still, turn]), np.stack([shift, cross(turn, arm, -2)])
+
     def shift_of_stream(self, index: int, what: Literal["scale", "turn", "age"]) -> Floats:
         """(k, 3, M): by an error of the positions of a pose stream that moves a step."""
         (R, before), (R_after, after) = self.frames[index : index + 2]
@@ -352,6 +366,10 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
         case PoseStream(what="scale" | "turn" | "age" as what):
             moved = [nodes.shift_of_stream(index, what) for index in nodes.steps_of(placed)]
             channels["shift"].append((part, np.sum(moved, axis=0)))
+        case PoseStream(what="filter"):
+            twists = [nodes.twist_of_filter(index) for index in nodes.steps_of(placed)]
+            turn, shift = np.sum(twists, axis=0)
+            _add_twist(part, turn, shift, nodes, channels)
         case PoseStream():
             # Of the velocity the stream's own part: behind its step, less before it.
             own = [

@@ -99,6 +99,8 @@ class Chain:
     """Of pose streams: track, and what their positions (M, 3) are multiplied by, (3, 3)."""
     ages: tuple[tuple[int, float], ...] = ()
     """Of pose streams: track, and age of their positions behind their quaternions, s."""
+    filters: tuple[tuple[int, Floats], ...] = ()
+    """Of pose streams: track, and of each value (7,) its filter, s²."""
     base: ReckonedBase | None = None
 
     @classmethod
@@ -124,19 +126,22 @@ class Chain:
                 *((i, matrix_from_rotvec(turn).T) for i, turn in streams["turn"].items()),
             ),
             ages=tuple((track, float(age[0])) for track, age in streams["age"].items()),
+            filters=tuple(
+                (track, np.repeat(sizes, (3, 4))) for track, sizes in streams["filter"].items()
+            ),
             loads=Loads.of(trajectory, layout, state.gravity, x),
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of every track, errors removed."""
-        if not self.curves:
+        if not self.curves and not self.filters:
             return self._corrected(self.trajectory.values(t), t)
         return self.motion(t).values
 
     def motion(self, t: Floats) -> TrackMotion:
         """How every track moves, with the errors of its values removed."""
         motion = self.trajectory.motion(t)
-        values = tuple(each.copy() for each in motion.values) if self.curves else motion.values
+        values = tuple(each.copy() for each in motion.values)
         bends = any(curve.loaded for _, curve, _ in self.curves)
         loads = self.loads.at(t) if bends else {}
         motions: dict[str, JointMotion] = {}
@@ -144,6 +149,8 @@ class Chain:
             if joint.name not in motions:
                 motions[joint.name] = joint.of(motion, loads)
             values[joint.track][:, joint.column] += size @ curve.basis(motions[joint.name])
+        for track, sizes in self.filters:
+            values[track][:] -= sizes * motion.changes[track]
         return motion._replace(values=self._corrected(values, t))
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
