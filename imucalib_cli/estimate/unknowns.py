@@ -654,7 +654,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         name="joint_sag",
         unit="rad/(Nm/kg)",
         scale="joint_sag",
-        healthy=2e-3,
+        healthy=1e-2,  # 100 kg on a base of 1e4 Nm/rad: an arm on soft tyres
         effect=JointCurve(lambda m: m.load[None], loaded=True, sliding=False),
         positive=True,
         words="bending of a joint under the load that it carries",

@@ -128,18 +128,20 @@ class KinematicPath:
         return self.tracks[step.track].kind != "still"
 
     def on_soft_ground(self, t: Floats) -> KinematicPath:
-        """The path with joints about x and y before its first step, still at instants (N,), s.
+        """The path with joints about x and y at its base, still at instants (N,), s.
 
         A base that tilts under the robot's moment is such a joint that bends. About z the first
-        joint of an arm does, or nothing weighs.
+        joint of an arm does, or nothing weighs. They stand behind the last pose stream.
         """
+        at = max(self.pose_steps, default=-1) + 1
         names, number = ("base x", "base y"), len(self.tracks)
         track = Track(name="base", kind="still", t=t, values=np.zeros((len(t), 2)), names=names)
-        steps = (
+        tilts = (
             JointStep(name=name, kind="revolute", axis=axis, track=number, column=column)
             for column, (name, axis) in enumerate(zip(names, np.eye(2, 3), strict=True))
         )
-        return replace(self, steps=(*steps, *self.steps), tracks=(*self.tracks, track))
+        steps = (*self.steps[:at], *tilts, *self.steps[at:])
+        return replace(self, steps=steps, tracks=(*self.tracks, track))
 
     def reported(self, step: JointStep) -> str:
         """Name of the joint whose position moves a step: another one's with <mimic>."""

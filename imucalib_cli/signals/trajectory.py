@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.rotations import matrix_from_quaternion
 from imucalib_cli.signals.dead_reckoning import dead_reckon
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import white_noise
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from imucalib_cli.arrays import Bools, Floats, Indices
-    from imucalib_cli.robot.path import KinematicPath, Track, TrackKind
+    from imucalib_cli.robot.path import KinematicPath, PoseStep, Track, TrackKind
     from imucalib_cli.signals.grid import ImuGrid
 
 MIN_TRACK_SAMPLES = 6
@@ -42,6 +43,9 @@ _SLACK = 0.1
 """rad: a channel wrapped to one turn may exceed it by encoder noise."""
 _LEAST_JUMP = _TURN - 1.0
 """rad: no joint moves so far between two messages, and a wrapped channel jumps by a turn."""
+
+_TILTS = 1e-4
+"""Of a base that drives on a plane, odometry tells no tilt at all, but for rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,12 +237,17 @@ class Trajectory:
         return replace(self, tracks=tuple(tracks))
 
     def on_soft_ground(self) -> Trajectory:
-        """The same trajectory on a base that may tilt; unless streams measure how it moves."""
-        if self.path.pose_steps:
+        """The same trajectory on a base that may tilt; unless streams measure how it does."""
+        if self.path.base_imu is not None or any(map(self._tilts, self.path.pose_steps.values())):
             return self
         path, like = self.path.on_soft_ground(self.tracks[0].t), self.tracks[0]
         still = replace(like, name="base", values=path.tracks[-1].values, held=False)
         return replace(self, path=path, tracks=(*self.tracks, still))
+
+    def _tilts(self, step: PoseStep) -> bool:
+        """Whether a pose stream turns about other axes than the vertical: odometry does not."""
+        R = matrix_from_quaternion(self.tracks[step.track].values[:, 3:])
+        return bool(np.ptp(R[:, 2], axis=0).max() > _TILTS)
 
     def with_ticks(self, use_ticks: bool) -> Trajectory:
         """The same trajectory with constant-rate stamps, or with recorded stamps."""

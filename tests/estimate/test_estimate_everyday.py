@@ -19,7 +19,7 @@ import imucalib_cli as ic
 from benchmarks import robots
 from benchmarks.robots import ROBOTS, ROWS, Case, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
-from imucalib_cli.robot.path import Track
+from imucalib_cli.robot.path import PoseStep, Track
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Flaws,
@@ -214,6 +214,23 @@ def test_base_that_tilts_under_the_arm_is_corrected(robot: str, seed: int) -> No
     tilts = {each.label: each for each in found.parameters if each.name == "joint_sag"}
     clear = [each for label, each in tilts.items() if label.startswith("base")]
     assert max(each.value / each.std for each in clear) > 5.0
+
+
+def test_odometry_of_a_base_that_stands_changes_nothing() -> None:
+    """It tells nothing of how the base tilts."""
+    log, _ = everyday("ur10e", replace(ROWS["stiffer"], ground=3e-5), 0)
+    t = log.path.tracks[0].t[::5]
+    still = np.tile([3.0, -2.0, 0.0, 0.0, 0.0, np.sin(0.4), np.cos(0.4)], (len(t), 1))
+    path = replace(
+        log.path,
+        steps=(PoseStep(track=len(log.path.tracks)), *log.path.steps),
+        tracks=(*log.path.tracks, Track(name="/odom", kind="pose", t=t, values=still)),
+    )
+    alone, found = solve(log), solve(replace(log, path=path))
+    assert found.trusted
+    assert found.covered
+    assert (np.abs(found.error - alone.error) < 0.5 * alone.sigma).all()
+    np.testing.assert_allclose(found.sigma, alone.sigma, rtol=0.1)
 
 
 def turned_positions(track: Track) -> Floats:

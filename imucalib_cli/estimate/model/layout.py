@@ -264,7 +264,10 @@ class _Chain:
         start, end = trajectory.span
         values = trajectory.values(np.linspace(start, end, _INSTANTS))
         self._path, self._joints, self._values = path, _joints_of(path), values
-        moving = [*path.pose_steps]
+        self._streams = {
+            index: step for index, step in path.pose_steps.items() if self._goes(step.track)
+        }
+        moving = [*self._streams]
         self._moving = set()
         for joint in self._joints:
             if float(np.ptp(values[joint.track][:, joint.column])) > STILL_JOINT:
@@ -276,6 +279,12 @@ class _Chain:
         # Without still joints the last zero is the mount's by definition, and so is what follows.
         self._end = max((max(joint.steps) + 1 for joint in behind), default=self._last)
         self._frames = path.frames(values)
+
+    def _goes(self, track: int) -> bool:
+        """Whether a pose stream moves or turns: that of a base which stands is a constant step."""
+        ranges = np.ptp(self._values[track], axis=0)
+        turned = 2.0 * float(ranges[3:].max())
+        return track == self._path.base_imu or max(float(ranges[:3].max()), turned) > STILL_JOINT
 
     def _inside(self, step: int) -> bool:
         return self._first < step < self._end
@@ -300,7 +309,7 @@ class _Chain:
                 labels, hidden = _named(owner, axes), index > self._last
                 yield Placed(unknown, nowhere, labels, None, index, directions, R, hidden)
         elif isinstance(effect, PoseStream):
-            used = dict.fromkeys(step.track for step in path.pose_steps.values())
+            used = dict.fromkeys(step.track for step in self._streams.values())
             for track in (each for each in used if each != base and self._tells(each, effect)):
                 labels = _named(path.tracks[track].name, unknown.labels)
                 yield Placed(unknown, nowhere, labels, index=track)
@@ -321,6 +330,8 @@ class _Chain:
         """Joints whose error of this kind the log can determine."""
         followers = self._followers() if curve.followers else ()
         for joint in (*self._joints, *followers):
+            if not (curve.loaded or self._path.weighs(self._path.joint_steps[joint.steps[0]])):
+                continue  # of a base that may tilt
             seen = (
                 joint.name in self._moving or (curve.loaded and max(joint.steps) < self._last)
                 if curve.every
@@ -348,7 +359,7 @@ class _Chain:
         base = self._path.base_step if self._path.base_imu is not None else len(steps)
         for index, step in enumerate(steps):
             of_base = base < index <= base + 2
-            of_stream = index - 1 in self._path.pose_steps
+            of_stream = self._behind(index) in self._streams
             meant = self._inside(index) and not of_base and of_stream == origin.of_stream
             if isinstance(step, FixedStep) and meant:
                 whole = origin.what == "translation" or of_stream
@@ -357,6 +368,11 @@ class _Chain:
                 directions = self._turning(index, own) if index < self._last else own
                 if len(directions):
                     yield index, directions, step.R
+
+    def _behind(self, index: int) -> int:
+        """The step before one, without joints at which a base may tilt."""
+        tilts = (i for i, step in self._path.joint_steps.items() if not self._path.weighs(step))
+        return index - 1 - len(set(tilts) & {index - 1, index - 2})
 
     def _not_of_joints(self, index: int, fixed: FixedStep) -> Floats:
         """(k, 3), axes about which the rotation of a constant step is no error of another kind.
