@@ -32,7 +32,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "origins": ("origin",),
     "joint axes": ("joint_axis",),
     "joint curves": (
-        *("joint_harmonic", "joint_second_harmonic", "joint_gain"),
+        *("joint_harmonic", "joint_second_harmonic", "joint_fourth_harmonic", "joint_gain"),
         *("joint_lag", "joint_filter", "joint_play", "joint_sag", "payload"),
     ),
     "sensor scales": ("accel_scale", "gyro_scale"),

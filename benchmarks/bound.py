@@ -55,6 +55,7 @@ def drawn_with(row: Row) -> dict[str, float]:
         "joint_zero": row.zero,
         "joint_harmonic": row.eccentricity,
         "joint_second_harmonic": row.twice,
+        "joint_fourth_harmonic": row.four,
         "joint_gain": row.gain,
         "joint_lag": row.lag,
         "joint_play": row.play,

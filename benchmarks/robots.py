@@ -150,6 +150,7 @@ class Row:
     encoder: float = 0.0  # white noise of each joint sample, rad
     eccentricity: float = 0.0  # of errors of the reading as sin q, and as cos q, rad
     twice: float = 0.0  # of errors of the reading as sin 2q, and as cos 2q, rad
+    four: float = 0.0  # likewise of 4q
     gain: float = 0.0  # of each joint's reading, as by a gear ratio, relative
     lag: float = 0.0  # of each joint's reading behind the joint, s
     play: float = 0.0  # of the error that changes sign with the direction of motion, rad
@@ -211,6 +212,7 @@ ROWS = {
     "elastic": replace(_EVERYDAY, softness=5e-5),
     "stiffer": replace(_QUIET, softness=5e-6),
     "geared": replace(_EVERYDAY, gain=2e-3, twice=5e-4),
+    "magnetic": replace(_QUIET, twice=3e-4, four=2e-4),
     "late-tracker": replace(_QUIET, track_delay=5e-3),
     "gross-link": Row(noise=MEMS, long_link=0.01),
     "gross-zero": Row(noise=MEMS, gross_zero=0.01),
@@ -620,14 +622,16 @@ def _tracks(
         "eccentricity": row.eccentricity * rng.normal(size=(2, count)),
         "twice": row.twice * more_rng.normal(size=(2, count)),
         "gain": row.gain * more_rng.normal(size=count),
+        "four": row.four * more_rng.normal(size=(2, count)),
         "lag": row.lag * rng.normal(size=count),
         "play": row.play * rng.normal(size=count),
         "track_scale": row.track_scale * rng.normal() if truth.moves else 0.0,
         "track_delay": row.track_delay * rng.normal() if truth.moves else 0.0,
     }
     eccentric = drawn["gain"] * q
-    for angle, (sine, cosine) in ((q, drawn["eccentricity"]), (2 * q, drawn["twice"])):
-        eccentric += sine * np.sin(angle) + cosine * np.cos(angle)
+    for name, times in (("eccentricity", 1), ("twice", 2), ("four", 4)):
+        sine, cosine = drawn[name]
+        eccentric += sine * np.sin(times * q) + cosine * np.cos(times * q)
     # Play changes sides smoothly, within about a hundredth of a radian per second.
     read = q + zeros + eccentric - drawn["lag"] * v + drawn["play"] * np.tanh(v / 0.01)
     read += row.encoder * noise_rng.normal(size=q.shape)

@@ -126,8 +126,18 @@ class JointMotion:
     @property
     def twice_a_turn(self) -> Floats:
         """(2, M), sine and cosine of twice the position."""
-        sine, cosine = self.once_a_turn
-        return np.stack([2.0 * sine * cosine, cosine**2 - sine**2])
+        return _doubled(self.once_a_turn)
+
+    @property
+    def four_times_a_turn(self) -> Floats:
+        """(2, M), sine and cosine of four times the position."""
+        return _doubled(self.twice_a_turn)
+
+
+def _doubled(of_angle: Floats) -> Floats:
+    """(2, M), sine and cosine of twice an angle, from those of the angle."""
+    sine, cosine = of_angle
+    return np.stack([2.0 * sine * cosine, cosine**2 - sine**2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,6 +358,7 @@ SCALES: Final[dict[str, Scale]] = {
     "joint_axis": Scale(low=2e-6, high=5e-3, like={"length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_second_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_harmonic": 0.5}),
+    "joint_fourth_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_second_harmonic": 0.5}),
     "joint_gain": Scale(low=5e-7, high=2e-2),
     "joint_lag": Scale(low=5e-7, high=4e-3),
     "joint_filter": Scale(low=3e-8, high=3e-4),
@@ -614,6 +625,15 @@ _OWN: Final[tuple[Unknown, ...]] = (
         healthy=0.01,
         effect=JointCurve(lambda m: m.twice_a_turn, sliding=False),
         words="joint error twice a turn (encoder)",
+    ),
+    Unknown(
+        name="joint_fourth_harmonic",
+        labels=("sin", "cos"),
+        unit="rad",
+        scale="joint_fourth_harmonic",
+        healthy=0.01,
+        effect=JointCurve(lambda m: m.four_times_a_turn, sliding=False),
+        words="joint error four times a turn (encoder)",
     ),
     Unknown(
         name="joint_gain",

@@ -195,6 +195,15 @@ def test_joints_that_bend_under_load_are_corrected(robot: str, seed: int) -> Non
     assert np.linalg.norm(found.error[3:]) < 0.5 * np.linalg.norm(rigid.error[3:])
 
 
+@pytest.mark.parametrize(("robot", "seed"), slow_after(1, [("ur10e", 400), ("panda", 402)]))
+def test_errors_of_magnetic_encoders_are_corrected(robot: str, seed: int) -> None:
+    """Twice and four times a turn: over part of a turn a few of the others look like the last."""
+    found = solve(everyday(robot, "magnetic", seed)[0])
+    assert found.trusted
+    assert found.covered
+    assert np.linalg.norm(found.error[3:]) < 2e-4
+
+
 @pytest.mark.parametrize(("robot", "seed"), slow_after(1, [("ur10e", 2), ("panda", 1)]))
 def test_payload_bends_the_joints_too(robot: str, seed: int) -> None:
     """A third of the arm's own mass, aside of the last link, of which no URDF tells."""
