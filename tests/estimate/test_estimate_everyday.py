@@ -225,6 +225,17 @@ def test_base_that_tilts_under_the_arm_is_corrected(robot: str, seed: int) -> No
     assert max(each.value / each.std for each in clear) > 5.0
 
 
+@pytest.mark.parametrize(("robot", "seed"), slow_after(1, [("panda", 2), ("ur10e", 3)]))
+def test_vibration_that_follows_the_motion_is_no_compliance(robot: str, seed: int) -> None:
+    """0.3 m/s² for each rad/s: its noise is in the columns of a compliance, and not even."""
+    log, _ = everyday(robot, "everyday", seed)
+    turning = np.linalg.norm(log.imu.gyro, axis=1, keepdims=True)
+    shaken = 0.3 * turning * np.random.default_rng(seed).normal(size=log.imu.accel.shape)
+    found = solve(replace(log, imu=replace(log.imu, accel=log.imu.accel + shaken)))
+    assert found.trusted
+    assert found.covered
+
+
 def test_odometry_of_a_base_that_stands_changes_nothing() -> None:
     """It tells nothing of how the base tilts."""
     log, _ = everyday("ur10e", replace(ROWS["stiffer"], ground=3e-5), 0)

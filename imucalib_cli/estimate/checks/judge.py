@@ -149,9 +149,8 @@ def _differences(evidence: Evidence) -> Iterator[Floats]:
     if worst is not None:
         yield worst.difference
     for each, _, other in _too_large(fit, evidence.dependence):
-        if other is None:
-            too_large.add(each.part.start)
-        elif worst is None:
+        too_large.add(each.part.start)
+        if other is not None and worst is None:
             yield other.changes[fit.layout.pose]
     for each in fit.layout.placed:
         # Below zero it is something else that looks like it.
@@ -523,7 +522,7 @@ def _as_stated(unknown: Unknown, value: Floats, std: Floats) -> tuple[Floats, Fl
 def _too_large(
     answer: Answer, windows: Sequence[WindowAnswer]
 ) -> Iterator[tuple[Placed, int, WindowAnswer | None]]:
-    """Entries that are surely too large: the component, and a window by which it is not too large.
+    """Entries that are too large: the component, and a window by which it is not surely so.
 
     With such a window something else looks like the entry.
     """
@@ -533,8 +532,11 @@ def _too_large(
             continue
         worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
         if abs(value[worst]) - WARN_SIGMAS * std[worst] > limit:
-            kept = (w for w in windows if abs(value[worst] + w.changes[each.part][worst]) <= limit)
-            yield each, worst, next(kept, None)
+            beyond = abs(value[worst]) - limit
+            others = (
+                w for w in windows if WARN_SIGMAS * abs(w.changes[each.part][worst]) >= beyond
+            )
+            yield each, worst, next(others, None)
 
 
 def _like(answer: Answer, place: int) -> str:
