@@ -31,6 +31,10 @@ _THEN = (
     "[then=asked?, yet --clock {clock} was asked for: ][then=asked?and {other}]"
     "[other=?try --clock {clock:other}]"
 )
+_NO_BODY = (
+    "jumps by {turn:deg.2g} and {shift:mm.2g} from one sample to the next, which no body can do"
+)
+_MARKERS = "; place its markers so that the body looks alike from no two sides"
 _TRANSLATION = (
     "{translation:mm.6g}, the largest sigma is {translation_sigma:mm apart translation} along "
     "{translation_axis} of {parent}"
@@ -113,7 +117,16 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{astray} with stamps far from the log and {repeated} with repeated stamps; stamps that went "
     "backwards: {backward}",
     "stream.leaps": "{stream}: {count} messages in which a value jumps by more than {least:g} "
-    "(rad or m) and back are left out: check the encoder or its driver",
+    "(rad or m) and back are left out: check the "
+    "[kind=pose?tracker][kind=joints?encoder][kind=?encoder] or its driver",
+    "stream.flips": "{stream}: {count} poses are left out, {stretches:spans}: the pose "
+    + _NO_BODY
+    + ", and back: the tracker swaps its markers"
+    + _MARKERS,
+    "stream.steps": "{stream}: at {seconds:times} the pose "
+    + _NO_BODY
+    + ", and stays there: both sides are used, as if a gap were between them: the tracker swapped "
+    "its markers or started over" + _MARKERS,
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
     "longest time from {start:.1f} to {end:.1f} s: the rest is used, and sigma is for the rest",
     # Stamps and clocks.

@@ -135,10 +135,10 @@ def _cleaned(track: Track) -> CleanTrack:
             f"need at least {MIN_TRACK_SAMPLES}: record a longer log"
         )
     t, values = tidy.of(track.t), continuous(track.kind, tidy.of(track.values))
-    changes = _changes(values)
-    held = len(changes) < len(t)
+    kept = changes(values)
+    held = len(kept) < len(t)
     if held:
-        t, values = t[changes], values[changes]
+        t, values = t[kept], values[kept]
     return CleanTrack(track.name, t, values, constant_rate_ticks(t), held)
 
 
@@ -182,7 +182,7 @@ def continuous(kind: TrackKind, values: Floats) -> Floats:
     return values
 
 
-def _changes(values: Floats) -> Indices:
+def changes(values: Floats) -> Indices:
     """Rows to keep of a track that repeats each value until the next one; else all rows.
 
     An encoder at rest repeats values too. Only if most rows repeat during fast motion does the

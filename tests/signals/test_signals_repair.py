@@ -14,7 +14,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import reasons
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
-from imucalib_cli.robot.rotations import quaternion_from_matrix
+from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.signals.imu.repair import Repaired, check_alone, repair
 from imucalib_cli.signals.imu.units import Units
 from tests.estimate.estimate_arm import (
@@ -304,6 +304,27 @@ def test_unobservable_sign_is_left_to_the_user() -> None:
     assert any("give --accel-sign up or down" in reason for reason in down.distrust)
     told = _repaired(reversed_, units=Units(sign="down"))
     np.testing.assert_allclose(_estimate(told).t_parent_imu, mount.t, atol=2e-3)
+
+
+def test_flips_of_a_tracker_are_left_out() -> None:
+    """The arm's end seen by a tracker that takes one marker for another, four times."""
+    log = _log()
+    motion = parent_motion(Moves(seconds=30.0), t := log.path.tracks[0].t)
+    R, false = motion.R.copy(), matrix_from_rotvec([0.1, 0.2, 0.3])
+    for first, count in ((1000, 3), (1007, 5), (2000, 30), (4000, 120)):
+        R[first : first + count] @= false
+    pose = np.hstack([motion.p, [quaternion_from_matrix(each) for each in R]])
+    path = KinematicPath(
+        world="room",
+        parent="wrist",
+        steps=(PoseStep(track=0),),
+        tracks=(Track(name="/wrist", kind="pose", t=t, values=pose),),
+    )
+    mended = _repaired(replace(log, path=path))
+    (finding,) = mended.findings
+    assert finding.code == "stream.flips"
+    assert finding.values["count"] == 158
+    _assert_close_to_truth(_estimate(mended), log)
 
 
 def test_faults_are_found_without_kinematics() -> None:

@@ -10,12 +10,16 @@ import numpy as np
 from scipy.signal import butter, lfilter
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
+from imucalib_cli.robot.rotations import (
+    matrix_from_quaternion,
+    matrix_from_rotvec,
+    quaternion_from_matrix,
+)
 from imucalib_cli.simulate.load import load_grade, load_imu, load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
-from imucalib_cli.simulate.recording import Recording, rows_kept
+from imucalib_cli.simulate.recording import PoseRecord, Recording, rows_kept
 from tests.estimate.estimate_arm import Mount, Moves, parent_motion, readings
 from tests.troubleshooting.scene import (
     ARM,
@@ -362,6 +366,29 @@ def leaping(_: Floats, q: Floats) -> Floats:
     return q
 
 
+def flipped(*stretches: slice) -> Provocation:
+    """The floating body's log with poses of a tracker that swaps its markers."""
+
+    def make() -> Recording:
+        (robot,) = noisy(BODY).robot
+        assert isinstance(robot, PoseRecord)
+        quaternions, turn = robot.quaternion_xyzw.copy(), matrix_from_rotvec([0.0, 0.0, 0.3])
+        for rows in stretches:
+            R = matrix_from_quaternion(quaternions[rows])
+            quaternions[rows] = quaternion_from_matrix(R @ turn)
+        return with_robot(noisy(BODY), quaternion_xyzw=quaternions)
+
+    return on_body(make)
+
+
+def started_over() -> Recording:
+    """The floating body's log with poses in another world frame from the middle on."""
+    (robot,) = noisy(BODY).robot
+    position = robot.position.copy()
+    position[2000:, 0] += 0.3
+    return with_robot(noisy(BODY), position=position)
+
+
 def silent(start: float, stop: float) -> Provocation:
     def change(_: Floats, q: Floats) -> Floats:
         q[rows(start, stop)] = q[rows(start, stop).start]
@@ -395,6 +422,8 @@ ROBOT: dict[str, Provocation] = {
     "urdf-in-millimetres": on_arm(urdf=in_millimetres),
     "inverted-mount": wrong_urdf("imu_joint", 'xyz="-0.02 0.102 0.003"', 'xyz="-0.1 0.0225 0"'),
     "leaps": positions(leaping),
+    "flips": flipped(slice(1000, 1007), slice(2000, 2030)),
+    "flip-stays": on_body(started_over),
     "robot-stands-still": silent(15.0, 17.5),
     "robot-stands-still-most": silent(10.0, 24.1),
     "model-not-noise": loose(0.001),

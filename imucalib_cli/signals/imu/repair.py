@@ -13,11 +13,13 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning
+from imucalib_cli.signals.flips import find_flips
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
 from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
+from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.bursts import bunched_share, gathered, rate_stretches, time_bursts
 from imucalib_cli.signals.timing.stamps import longest_step, tidy_rows, usable_rows
 from imucalib_cli.signals.trajectory import Trajectory, continuous
@@ -282,14 +284,37 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
     track = replace(track, t=t)
     if track.kind == "imu":  # it is repaired already, and its readings may leap
         return track, findings
-    leaps = find_glitches(tidy.of(t), values, _LEAP, tidy.rows)
-    if not leaps.any() or np.mean(leaps) > _MOST_LEAPS:
+    out = np.zeros(len(values), dtype=bool)
+    if track.kind == "pose":
+        out, found = _flipped(track.name, tidy.of(t), values)
+        findings += found
+    left = ~out if out.any() else slice(None)  # a slice copies nothing
+    leaps = find_glitches(tidy.of(t)[left], values[left], _LEAP, tidy.rows[left])
+    if leaps.any() and np.mean(leaps) <= _MOST_LEAPS:
+        count = np.count_nonzero(leaps)
+        facts = {"stream": track.name, "kind": track.kind, "count": count, "least": _LEAP}
+        findings.append(warning("stream.leaps", **facts))
+        out[np.flatnonzero(~out)[leaps]] = True
+    if not out.any():
         return track, findings
-    count = np.count_nonzero(leaps)
-    findings.append(warning("stream.leaps", stream=track.name, count=count, least=_LEAP))
     keep = np.ones(len(t), dtype=bool)
-    keep[tidy.rows[leaps]] = False
+    keep[tidy.rows[out]] = False
     return replace(track, t=t[keep], values=track.values[keep]), findings
+
+
+def _flipped(stream: str, t: Floats, values: Floats) -> tuple[Bools, list[Finding]]:
+    """(N,), poses to leave out because no body can have reached them, and what to say."""
+    flips, findings = find_flips(t, values), list[Finding]()
+    if flips is None:
+        return np.zeros(len(t), dtype=bool), findings
+    facts = {"stream": stream, "turn": flips.turn, "shift": flips.shift}
+    if flips.flipped.any():
+        spans = [(t[first], t[end]) for first, end in stretches_of(flips.flipped)]
+        count = np.count_nonzero(flips.flipped)
+        findings.append(warning("stream.flips", **facts, count=count, stretches=spans))
+    if len(flips.steps):
+        findings.append(warning("stream.steps", **facts, seconds=t[flips.steps].tolist()))
+    return flips.flipped | flips.beside, findings
 
 
 def rows_at_fault(imu: ImuSamples, faults: list[Fault]) -> Bools:
