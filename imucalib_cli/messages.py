@@ -313,8 +313,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "--window, or use another part of the log (--from, --to)",
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation remains unexplained): [beyond?is the gyroscope's unit right "
-    "(--gyro-unit), and ]is this the right parent link, URDF and joint topic[, or do the clocks "
-    "differ by more than {max_offset:g} s (--max-offset)]?",
+    "(--gyro-unit), and ]"
+    "[tracked?are these poses of the IMU's parent, with quaternions x y z w and right stamps]"
+    "[tracked=?is this the right parent link, URDF and joint topic][, "
+    "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",
     "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
     "acceleration unexplained: are --gravity, the units and the parent link right?",
     "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "
@@ -323,10 +325,13 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "rotation.ambiguous": "another rotation fits almost as well: record motion about more than one "
     "axis",
     "residual.beyond_noise": "the residuals of the {sensor:sensor} are {ratio:.2g} times the "
-    "noise of sensor and encoders: the mount or a link is not rigid, or kinematics, stamps or "
-    "units are wrong",
+    "noise of sensor and [tracked?poses: usually the tracker's own errors, above all of rotation; "
+    "else the mount is not rigid, or frames, stamps or units are wrong]"
+    "[tracked=?encoders: the mount or a link is not rigid, or kinematics, stamps or units are "
+    "wrong]",
     "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
-    "were left out: frames, joint order or stamps may be wrong in parts of the log",
+    "were left out: [tracked?the tracker, its frames or stamps][tracked=?frames, joint order or "
+    "stamps] may be wrong in parts of the log",
     "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
     "nearly all between {start:.1f} and {end:.1f} s of the log: check what happened there; the "
     "result is from the rest of the log]",
@@ -341,14 +346,15 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "losses, or choose a shorter --window",
     "window.dependent": "the result depends on the filter window: with {seconds:.2g} s instead of "
     "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
-    "sigma: the model does not explain this; a flexible mount or joint, for example, would; sigma "
-    "includes the difference",
+    "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
+    "would; sigma includes the difference",
     "window.noisy": "errors of the kinematics that the gyroscope shows may move the place by "
     "{error:mm.2g} in windows of {seconds:.2g} s, which sigma includes: choose a longer --window, "
-    "or publish each sample of the controller with the controller's stamp",
+    "or [tracked?stamp each pose when it is measured][tracked=?publish each sample of the "
+    "controller with the controller's stamp]",
     "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
     "explain: an error that the model does not know changes within the log, such as a tracker's "
-    "from place to place or a joint's as it warms; sigma is larger by this factor",
+    "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
     "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
@@ -388,8 +394,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "and was used",
     "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
     "and the time offset contains the hold",
-    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if the base is "
-    "mounted like this; otherwise joint signs, frames or the accelerometer's sign are wrong",
+    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if "
+    "[tracked?another axis of the tracker's world points up, as y of many; otherwise its "
+    "quaternions, its frames][tracked=?the base is mounted like this; otherwise joint signs, "
+    "frames] or the accelerometer's sign are wrong",
     "paper.not_converged": "the solver did not converge: give a better --initial guess",
     "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
     "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "

@@ -366,19 +366,23 @@ def leaping(_: Floats, q: Floats) -> Floats:
     return q
 
 
-def flipped(*stretches: slice) -> Provocation:
-    """The floating body's log with poses of a tracker that swaps its markers."""
+def turned_poses(turn: Callable[[Floats], Floats]) -> Provocation:
+    """The floating body's log with poses that are turned, (N, 3) rad about the body's axes."""
 
     def make() -> Recording:
         (robot,) = noisy(BODY).robot
         assert isinstance(robot, PoseRecord)
-        quaternions, turn = robot.quaternion_xyzw.copy(), matrix_from_rotvec([0.0, 0.0, 0.3])
-        for rows in stretches:
-            R = matrix_from_quaternion(quaternions[rows])
-            quaternions[rows] = quaternion_from_matrix(R @ turn)
-        return with_robot(noisy(BODY), quaternion_xyzw=quaternions)
+        R = matrix_from_quaternion(robot.quaternion_xyzw) @ matrix_from_rotvec(turn(robot.t))
+        return with_robot(noisy(BODY), quaternion_xyzw=quaternion_from_matrix(R))
 
     return on_body(make)
+
+
+def flipped(t: Floats) -> Floats:
+    """Of a tracker that swaps its markers, rad."""
+    turn = np.zeros((len(t), 3))
+    turn[1000:1007, 2] = turn[2000:2030, 2] = 0.3
+    return turn
 
 
 def started_over() -> Recording:
@@ -422,7 +426,7 @@ ROBOT: dict[str, Provocation] = {
     "urdf-in-millimetres": on_arm(urdf=in_millimetres),
     "inverted-mount": wrong_urdf("imu_joint", 'xyz="-0.02 0.102 0.003"', 'xyz="-0.1 0.0225 0"'),
     "leaps": positions(leaping),
-    "flips": flipped(slice(1000, 1007), slice(2000, 2030)),
+    "flips": turned_poses(flipped),
     "flip-stays": on_body(started_over),
     "robot-stands-still": silent(15.0, 17.5),
     "robot-stands-still-most": silent(10.0, 24.1),
@@ -431,6 +435,10 @@ ROBOT: dict[str, Provocation] = {
     "other-motion": positions(
         lambda t, _: np.sin(t[:, None] * (0.7, 0.9, 1.1, 0.8, 1.3, 0.6) + np.arange(6.0))
     ),
+    "tracker-wanders": turned_poses(
+        lambda t: 4e-4 * np.sin(2 * np.pi * t[:, None] / (0.7, 0.9, 1.3))
+    ),
+    "other-poses": turned_poses(lambda t: np.sin(t[:, None] * (0.7, 0.9, 1.1))),
     "base-unknown": struck(
         run=("--imu-topic", "/imu/head"), edit=lambda text: text.replace('"imu_link"', '"other"')
     ),

@@ -124,6 +124,14 @@ def test_every_code_is_provoked_except_listed_ones() -> None:
     assert set(MESSAGES) - shown == NOT_HERE
 
 
+@pytest.mark.parametrize(
+    "key", ["accel-sign", "flips", "flip-stays", "other-poses", "tracker-wanders"]
+)
+def test_nothing_accuses_joints_where_only_poses_are_tracked(key: str) -> None:
+    for line in STORED[key].lines:
+        assert not re.search("joint|encoder|URDF|kinematic chain|controller", line.text), line
+
+
 @pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(1, table)])
 def test_user_sees_the_stored_message(key: str, tmp_path: Path) -> None:
     assert provoked(key, tmp_path) == STORED[key]

@@ -215,7 +215,16 @@ def of_answer(
     if gravity.any() and not unobservable(answer):
         tilt = float(np.linalg.norm(tilt_from_down(gravity)))
         if tilt > np.radians(20.0):  # a base stands level, or is mounted otherwise on purpose
-            yield warning("gravity.tilted", tilt=tilt)
+            yield warning("gravity.tilted", tilt=tilt, tracked=_is_tracked(answer))
+
+
+def _is_tracked(answer: Answer) -> bool | None:
+    """Whether streams of poses alone tell the motion, so that no joint can be at fault.
+
+    None where joints tell it; also where the robot is held exact, which hides who tells it.
+    """
+    kinds = {type(each.unknown.effect) for each in answer.layout.placed}
+    return (PoseStream in kinds and JointCurve not in kinds) or None
 
 
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
@@ -234,6 +243,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             share=left / turning,
             beyond=left > turning or None,  # another motion alone does not make a rate too large
             max_offset=evidence.fit.options.max_offset if far else None,
+            tracked=_is_tracked(fit),
         )
     force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))
     if force_left > UNEXPLAINED_ACCEL:
@@ -256,7 +266,8 @@ def _residuals(evidence: Evidence) -> Iterator[Finding]:
     ratio = float(over_noise[worst])
     if ratio > LOUD:
         make = untrusted if ratio > WRONG else warning
-        yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio)
+        tracked = _is_tracked(evidence.fit)
+        yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio, tracked=tracked)
 
 
 def _left_out(evidence: Evidence) -> Iterator[Finding]:
@@ -270,7 +281,7 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
     if share > 0.2:  # of the motion: the rest does not represent the log
-        yield untrusted("windows.motion_left_out", share=share)
+        yield untrusted("windows.motion_left_out", share=share, tracked=_is_tracked(fit))
     if count > _FEW * len(lost):
         when = fit.model.windowing.grid.t[fit.centres]
         first, last = np.percentile(when[lost], (4, 96))
@@ -350,7 +361,8 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     error, seconds = evidence.fit.noise_error, evidence.attempt.window.seconds
     if error > 0.0:
         make = untrusted if evidence.too_noisy else warning
-        yield make("window.noisy", seconds=seconds, error=error)
+        tracked = _is_tracked(evidence.fit)
+        yield make("window.noisy", seconds=seconds, error=error, tracked=tracked)
     worst = evidence.largest_dependence
     if worst is not None:
         sigma = evidence.fit.std[evidence.fit.layout.pose]
@@ -361,6 +373,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
             sigmas=worst.sigmas,
             seconds=worst.seconds,
             used=seconds,
+            tracked=_is_tracked(evidence.fit),
             **_lengths(worst.difference),
         )
 
@@ -369,7 +382,8 @@ def _parts(evidence: Evidence) -> Iterator[Finding]:
     """Parts of the log that disagree: an error that changes, and that no unknown explains."""
     factor = float(np.sqrt(evidence.scatter))
     if factor > 1.0:
-        yield (untrusted if factor > LOUD else warning)("parts.disagree", factor=factor)
+        make = untrusted if factor > LOUD else warning
+        yield make("parts.disagree", factor=factor, tracked=_is_tracked(evidence.fit))
 
 
 def _changed(evidence: Evidence) -> Iterator[Finding]:
