@@ -62,6 +62,9 @@ _NOISES: Final = 3.0
 """Residuals up to so many times the sensor's own noise are good, whatever their share."""
 _FALL: Final = 2.0
 """Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
+_FAR_FALL: Final = 5.0
+"""Least fall of both sensors' residuals from which a cause is named though it leaves more than a
+right model does: a further error, as of late readings or slow motion, does not excuse so much."""
 _KEPT: Final[dict[Kind | None, int]] = {
     "zero": 4,
     "offset": 5,
@@ -130,8 +133,15 @@ class Trial:
 
     def falls_from(self, given: Trial) -> bool:
         """Whether it is decisively better than what was given."""
-        falls = np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise)
+        falls = self._falls(given)
         return bool(falls.max() > _FALL) and self.lean.evidence_over(given.lean) > DECISIVE
+
+    def falls_far_from(self, given: Trial) -> bool:
+        """Whether it explains most of what both sensors contradict in what was given."""
+        return bool(self._falls(given).min() > _FAR_FALL) and self.falls_from(given)
+
+    def _falls(self, given: Trial) -> Floats:
+        return np.asarray(np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise))
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +271,7 @@ def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
         or _most_likely([each for each in links if each.falls_from(given)], given)
         # With another base fewer joints can be wrong, so it explains other faults too.
         or _best(given, _tried(fitter, other_bases(poor), given))[:1]
+        or _most_likely([trial for trial in single if trial.falls_far_from(given)], given)
     )
 
 

@@ -149,6 +149,15 @@ def test_a_wrong_stated_time_offset_is_contradicted(late: float) -> None:
         assert "later than the robot's, not the 0 s that were given" in found.message
 
 
+def test_a_fault_beside_a_late_gyroscope_is_named() -> None:
+    """It leaves more than a right model does, and a small part of what was given."""
+    recording, fault = noisy(BODY, flawed("conjugate")), flawed("conjugate")
+    late = np.roll(recording.imu.gyro, 5, axis=0)  # 40 ms
+    recording = replace(recording, imu=replace(recording.imu, gyro=late))
+    found = misdescribed(recording, fault).judged(MatchedOptions(gravity="none"))
+    assert found.found[0].code == "cause.conjugate"
+
+
 def test_fault_that_needs_another_time_offset_too_is_not_named() -> None:
     """With the offset freed too, any zero of a joint about gravity fits, and so does no zero."""
     recording = noisy(ARM, flawed("none"))
