@@ -32,7 +32,7 @@ _THEN = (
     "[other=?try --clock {clock:other}]"
 )
 _NO_BODY = (
-    "jumps by {turn:deg.2g} and {shift:mm.2g} from one sample to the next, which no body can do"
+    "jumps by {turn:deg.3g} and {shift:mm.3g} from one sample to the next, which no body can do"
 )
 _MARKERS = "; place its markers so that the body looks alike from no two sides"
 _TRANSLATION = (

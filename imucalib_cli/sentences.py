@@ -68,7 +68,7 @@ _FORMS: dict[str, Callable[[Any], str]] = {
     "stamps": {"header": "header stamps", "log": "receive times"}.__getitem__,
     "other": {"header": "log", "log": "header", "gyro": "accel", "accel": "gyro"}.__getitem__,
     "spans": _spans,
-    "times": lambda seconds: f"{_listed([f'{each:.1f}' for each in seconds], ' and {} more')} s",
+    "times": lambda seconds: _listed([f"{each:.1f} s" for each in seconds], " and {} more"),
     "spaced": " ".join,
     "quoted": lambda names: ", ".join(map(repr, [names] if isinstance(names, str) else names)),
     "many": str,

@@ -198,3 +198,11 @@ def test_message_templates_are_formatted(template: str, said: str) -> None:
 def test_missing_value_raises_key_error() -> None:
     with pytest.raises(KeyError):
         sentence("{count} messages", {})
+
+
+def test_instants_of_jumps_are_listed_with_their_unit() -> None:
+    facts = {"stream": "/pose", "turn": np.radians(161.3), "shift": 0.0426}
+    few = warning("stream.steps", **facts, seconds=[5.87]).message
+    many = warning("stream.steps", **facts, seconds=np.arange(17.0).tolist()).message
+    assert "at 5.9 s the pose jumps by 161 deg and 42.6 mm" in few
+    assert "at 0.0 s, 1.0 s, 2.0 s and 14 more the pose jumps" in many
