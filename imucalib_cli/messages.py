@@ -370,8 +370,8 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
     "unknown.found": unknown_found,
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
-    "sensor has ({limit:in unit}): [other?not surely so by a window of {other:.2g} s (try --window), "
-    "vibration may look like that][other=?{name:cure negative}]",
+    "sensor has ({limit:in unit}): [other?not surely so by a window of {other:.2g} s (try "
+    "--window), vibration may look like that][other=?{name:cure negative}]",
     "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
     "zero||do not move in this log: errors of their zeros] and lengths "
     "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
