@@ -77,6 +77,8 @@ class Reading:
     """Whether it turns the sensor's axes: it is then removed to second order."""
     cancels: bool = False
     """Whether two IMUs on one body that have it alike measure as if they had none."""
+    sways: bool = False
+    """Whether the IMU moves by it: alike in all directions, it is a filter of its place."""
 
     def basis(self, samples: Samples) -> Floats:
         """(size, M, 3), the error by a unit of each component, IMU axes."""
@@ -431,14 +433,14 @@ def _of_each_sensor(
 
 
 # Reasons of the numbers below. Priors: quartz keeps 50 ppm; filters of the two sensors of one chip
-# differ by some ms, those of two streams by some tens; biases of consumer parts drift by 3 mg and
-# 0.2 deg/s while they warm up; mocap and odometry arrive some ms late and keep lengths to 0.2 %.
-# Limits of the healthy: the MPU-6050, a hobby part, states scales to 3 %, axes to 2 %, a
-# nonlinearity of 0.5 %, which is 2.5e-4 s²/m at 2 g, and responses to acceleration of 2e-4 rad s/m;
-# its biases reach 0.8 m/s² and 0.35 rad/s, of which 0.5 and 0.2 are worth a word. Clocks ten times
-# worse than quartz are broken. Drivers of phones and of IMUs at 20 Hz give one sensor 45 ms before
-# the other, filtered by 32 ms (a phone and three drones): twice as much is sound. Zeros and axes of
-# one degree, origins of 20 mm and play of 0.3 deg are another robot than the URDF's.
+# differ by some ms; biases of consumer parts drift by 3 mg and 0.2 deg/s while they warm up; mocap
+# and odometry arrive some ms late and keep lengths to 0.2 %. Limits of the healthy: the MPU-6050, a
+# hobby part, states scales to 3 %, axes to 2 %, a nonlinearity of 0.5 %, which is 2.5e-4 s²/m at 2
+# g, and responses to acceleration of 2e-4 rad s/m; its biases reach 0.8 m/s² and 0.35 rad/s, of
+# which 0.5 and 0.2 are worth a word. Clocks ten times worse than quartz are broken. Drivers of
+# phones and of IMUs at 20 Hz give one sensor 45 ms before the other, filtered by 32 ms (a phone and
+# three drones): twice as much is sound. Zeros and axes of one degree, origins of 20 mm and play of
+# 0.3 deg are another robot than the URDF's.
 _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="translation",
@@ -522,7 +524,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="gyro_delay",
         unit="s",
-        std=10e-3,
+        std=2e-3,
         healthy=0.1,
         effect=Clock(accel=(-1.0, 0.0), gyro=(0.0, 0.0)),
         of_log=True,
@@ -593,7 +595,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="m/(m/s²)",
         scale="mount_give",
         healthy=1e-4,
-        effect=Reading("accel", _swayed, np.concatenate([_EACH_AXIS, _ACROSS])),
+        effect=Reading("accel", _swayed, np.concatenate([_EACH_AXIS, _ACROSS]), sways=True),
         least=1e-4,
         positive=True,
         words="compliance of the mount or the arm",
@@ -807,7 +809,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="base_gyro_delay",
         unit="s",
-        std=10e-3,
+        std=2e-3,
         healthy=0.1,
         effect=OfBase(
             Reading("gyro", lambda s, mixing: -_derivative(s.gyro, s.dt) @ mixing, _ALIKE)

@@ -322,11 +322,17 @@ class Trajectory:
 
     def motion(self, t: Floats) -> TrackMotion:
         """How each track moves at instants (M,), s."""
-        found = [
-            _motion(track, round(_RATE_SECONDS / stamped.interval), t)
-            for track, stamped in zip(self._used, self.tracks, strict=True)
-        ]
+        found = [_motion(track, self._reach(index), t) for index, track in enumerate(self._used)]
         return TrackMotion(*(tuple(each[kind] for each in found) for kind in range(3)))
+
+    def _reach(self, index: int) -> int:
+        """Samples of a track on either side by which its rates are taken."""
+        return max(round(_RATE_SECONDS / self.tracks[index].interval), 1)
+
+    def change_gain(self, index: int, frequency: Floats) -> Floats:
+        """(F,), 1/s²: changes of a track's rates over its values, at frequencies (F,), Hz."""
+        reach = self._reach(index) * self.tracks[index].interval
+        return np.asarray(-((np.sin(2.0 * np.pi * frequency * reach) / reach) ** 2))
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
@@ -344,7 +350,6 @@ class Trajectory:
 
 def _motion(track: CleanTrack, reach: int, t: Floats) -> tuple[Floats, ...]:
     """Values, rates and their changes, by differences over ``reach`` samples on either side."""
-    reach = max(reach, 1)
     first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
     around = 2 * reach + MIN_TRACK_SAMPLES
     part = slice(max(first - around, 0), min(last + around, len(track.t)))

@@ -286,6 +286,12 @@ class _Chain:
         turned = 2.0 * float(ranges[3:].max())
         return track == self._path.base_imu or max(float(ranges[:3].max()), turned) > STILL_JOINT
 
+    @property
+    def _is_tracked(self) -> bool:
+        """Whether pose streams alone tell the motion, and may be filtered."""
+        filters = (self._tells(step.track, PoseStream("filter")) for step in self._streams.values())
+        return not self._moving and self._path.base_imu is None and any(filters)
+
     def _inside(self, step: int) -> bool:
         return self._first < step < self._end
 
@@ -314,7 +320,9 @@ class _Chain:
                 labels = _named(path.tracks[track].name, unknown.labels)
                 yield Placed(unknown, nowhere, labels, index=track)
         elif not isinstance(effect, OfBase):
-            yield Placed(unknown, nowhere, unknown.labels)
+            # Of a body that is tracked, and nothing else, the tracker's filter stands for it.
+            if not (isinstance(effect, Reading) and effect.sways and self._is_tracked):
+                yield Placed(unknown, nowhere, unknown.labels)
         elif base is not None and (self._moving or _differs(effect.effect)):
             yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
 

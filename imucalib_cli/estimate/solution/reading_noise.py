@@ -15,7 +15,7 @@ from imucalib_cli.estimate.model.jacobian import plan_nodes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.spectrum import one_sided
-from imucalib_cli.estimate.unknowns import SENSORS, Reading
+from imucalib_cli.estimate.unknowns import SENSORS, PoseStream, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 
@@ -87,6 +87,7 @@ def calibration(
         4.
     """
     added, score = _of_columns(model, x, noise, weights)
+    _add_filters_of_streams(model, x, noise, weights, (added, score))
     T = np.eye(len(total))
     noisy = np.flatnonzero(np.diag(added))
     if len(noisy):
@@ -160,6 +161,32 @@ def _of_columns(
         on_information[np.ix_(places, places)] = flat @ flat.T
         on_score[places] = -(flat @ left.ravel().view(np.float64))
     return on_information, on_score
+
+
+def _add_filters_of_streams(
+    model: Model, x: Floats, noise: NoiseSpectrum, weights: Floats, to: tuple[Floats, Floats]
+) -> None:
+    """Add that of the columns of tracked poses' filters, in which is what the tracker is noisy by.
+
+    That is the residuals' noise without the white noise of the IMU. Positions are seen by the
+    accelerometer, quaternions by the gyroscope.
+    """
+    windowing, (on_information, on_score) = model.windowing, to
+    plan, grid = windowing.plan, windowing.grid
+    for placed, stream in model.layout.of(PoseStream):
+        for sensor in range(2) if stream.what == "filter" else ():
+            plain, at = plan.filters[sensor].average, placed.part.start + sensor
+            length = 2 * len(plain)
+            frequency = np.arange(len(plain) + 1) / (length * grid.dt)
+            edges = np.clip(np.append(frequency, np.inf) - 0.5 * frequency[1], 0.0, frequency[-1])
+            seen = noise.between(sensor, edges)
+            power = np.maximum(seen - grid.noise[sensor] ** 2 * grid.refine, 0.0)
+            root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
+            in_residual = np.fft.rfft(plain, length) * root * plan.noise_gains[sensor]
+            gain = windowing.trajectory.change_gain(placed.index, frequency)
+            squares = 3.0 * np.abs(in_residual) ** 2
+            on_information[at, at] = squares @ gain**2
+            on_score[at] = -(squares * gain) @ (1.0 - x[at] * gain)
 
 
 def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
