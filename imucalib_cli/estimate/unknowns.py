@@ -352,7 +352,7 @@ SCALES: Final[dict[str, Scale]] = {
     "mount_give": Scale(low=3e-8, high=3e-3),
     "pose_turn": Scale(low=1e-5, high=5e-2),
     "pose_age": Scale(low=1e-5, high=0.1),
-    "pose_filter": Scale(low=3e-8, high=1e-3),
+    "pose_filter": Scale(low=3e-8, high=3e-4),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
     "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
