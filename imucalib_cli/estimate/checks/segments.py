@@ -276,8 +276,8 @@ class Segments:
                 found = found if found.evidence > drift.evidence + DECISIVE else drift
             best[kind] = found
         most = max((each.evidence for each in best.values()), default=0.0)
-        alike = (each for each in best.values() if most - each.evidence < DECISIVE)
-        return next(alike) if most > DECISIVE else None
+        least = max(DECISIVE, most - DECISIVE)
+        return next((each for each in best.values() if each.evidence > least), None)
 
     def _price(self, part: Indices) -> float:
         """Cost of components that change, in the Bayesian information criterion."""
