@@ -413,7 +413,9 @@ def _lengths(pose: Floats) -> dict[str, float]:
     }
 
 
-def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
+def _errors(  # noqa: C901 one case for each kind of error
+    answer: Answer, log: LogStatistics | None
+) -> Iterator[Finding]:
     """Errors that no sound robot and no sound sensor has, and those that move the pose."""
     windows = () if log is None else log.windows
     too_large = {
@@ -447,6 +449,8 @@ def _errors(answer: Answer, log: LogStatistics | None) -> Iterator[Finding]:
                 yield make("bias.unusual", name=unknown.name, size=size)
         elif part.start in too_large:
             worst, other = too_large[part.start]
+            if other and not below and abs(value[worst]) < WARN_SIGMAS * std[worst]:
+                continue  # by the other window it may be nothing
             # A negative one is something else that looks like it, jitter of stamps for example; of
             # a joint it is motion of the link that the joint does not report.
             elsewhere = below and not isinstance(unknown.effect, JointCurve)
