@@ -43,7 +43,6 @@ _SLACK = 0.1
 """rad: a channel wrapped to one turn may exceed it by encoder noise."""
 _LEAST_JUMP = _TURN - 1.0
 """rad: no joint moves so far between two messages, and a wrapped channel jumps by a turn."""
-
 _TILTS = 1e-4
 """Of a base that drives on a plane, odometry tells no tilt at all, but for rounding."""
 

@@ -282,9 +282,12 @@ class _Chain:
 
     def _goes(self, track: int) -> bool:
         """Whether a pose stream moves or turns: that of a base which stands is a constant step."""
-        ranges = np.ptp(self._values[track], axis=0)
-        turned = 2.0 * float(ranges[3:].max())
-        return track == self._path.base_imu or max(float(ranges[:3].max()), turned) > STILL_JOINT
+        moved = float(np.ptp(self._values[track][:, :3], axis=0).max())
+        return track == self._path.base_imu or moved > STILL_JOINT or self._turns(track)
+
+    def _turns(self, track: int) -> bool:
+        """Whether a pose stream turns: a quaternion changes by half of the angle."""
+        return float(np.ptp(self._values[track][:, 3:], axis=0).max()) > 0.5 * STILL_JOINT
 
     @property
     def _is_tracked(self) -> bool:
@@ -331,8 +334,7 @@ class _Chain:
         if stream.what == "delay":  # without joints beside them late poses are a time offset
             return bool(self._moving)
         # Of a body that never turns, turned or old positions are another mount or time offset.
-        turns = float(np.ptp(self._values[track][:, 3:], axis=0).max()) > 0.5 * STILL_JOINT
-        return turns or stream.what == "scale"
+        return self._turns(track) or stream.what == "scale"
 
     def _shown(self, curve: JointCurve) -> Iterator[Joint]:
         """Joints whose error of this kind the log can determine."""

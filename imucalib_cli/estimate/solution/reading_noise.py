@@ -53,6 +53,12 @@ class NoiseSpectrum:
         accel, gyro = passed
         return cls((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
+    def at(self, sensor: int, length: int, dt: float) -> tuple[Floats, Floats]:
+        """Bins (F,) of a transform of so many samples, Hz, and a sensor's mean power in each."""
+        frequency = np.arange(length // 2 + 1) / (length * dt)
+        edges = np.clip((np.arange(len(frequency) + 1) - 0.5) / (length * dt), 0.0, frequency[-1])
+        return frequency, self.between(sensor, edges)
+
     def between(self, sensor: int, edges: Floats) -> Floats:
         """(F,), mean power of a sensor between edges (F + 1,), Hz; beyond the bands the nearest's.
 
@@ -138,9 +144,7 @@ def _of_columns(
         spectra, size = nodes.spectra(pair, answers)
         plain = plan.filters[sensor].average
         length = 2 * size
-        frequency = np.arange(length // 2 + 1) / (length * dt)
-        edges = np.clip((np.arange(len(frequency) + 1) - 0.5) / (length * dt), 0.0, frequency[-1])
-        seen = noise.between(sensor, edges)
+        frequency, seen = noise.at(sensor, length, dt)
         # Two IMUs share the noise by what each has of white noise.
         share = white[sensor] / max(windowing.noise[sensor], 1e-300) if of_base else 1.0
         least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
@@ -177,9 +181,7 @@ def _add_filters_of_streams(
         for sensor in range(2) if stream.what == "filter" else ():
             plain, at = plan.filters[sensor].average, placed.part.start + sensor
             length = 2 * len(plain)
-            frequency = np.arange(len(plain) + 1) / (length * grid.dt)
-            edges = np.clip(np.append(frequency, np.inf) - 0.5 * frequency[1], 0.0, frequency[-1])
-            seen = noise.between(sensor, edges)
+            frequency, seen = noise.at(sensor, length, grid.dt)
             power = np.maximum(seen - grid.noise[sensor] ** 2 * grid.refine, 0.0)
             root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
             in_residual = np.fft.rfft(plain, length) * root * plan.noise_gains[sensor]
