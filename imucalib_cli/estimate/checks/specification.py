@@ -75,7 +75,8 @@ def window_dependence(fit: Fit) -> list[Dependence]:
         # A window of nine samples cannot be halved any more.
         if length < 9 or not _sound(fit, length):
             continue
-        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=own.hop, nodes=_NODES)
+        hop = own.hop * math.ceil(factor)  # as many to a length
+        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=hop, nodes=_NODES)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
         fitting = thinned(np.intersect1d(centres, model.centres(fit.equations.at)), _MOST)
         if _lengths(fitting, plan) >= _FEWEST_PARTS:

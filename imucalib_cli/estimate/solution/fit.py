@@ -316,8 +316,9 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     """
     windowing, rise = lean.model.windowing, lean.runner_up_rise
     layout = lay_out(windowing.trajectory, options, payload=False)
-    state = transferred(lean, layout, options)
-    fit = _fitted(Model(windowing, layout), options, state, rise, more=_MORE)
+    # Where the lean residuals are known, which more unknowns do not change while they are zero.
+    state = transferred(lean, layout, options, lean.equations.at)
+    fit = _fitted(Model(windowing, layout), options, state, rise, more=_MORE, start=lean.residuals)
     if not fit.bends:
         return fit
     windowing = replace(windowing, trajectory=windowing.trajectory.on_soft_ground())
@@ -414,8 +415,12 @@ def _fitted(
     *,
     few: int = _FEW,
     rough: bool = False,
+    start: Residuals | None = None,
 ) -> Fit:
-    """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last."""
+    """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last.
+
+    ``start`` are the residuals of that state, where they are known.
+    """
     layout, windowing = model.layout, model.windowing
     seconds = windowing.seconds
     curvature = _curvature(layout, seconds)
@@ -425,7 +430,7 @@ def _fitted(
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, few * more**turn)
-        (residuals,) = model.residuals(state, centres)
+        residuals, start = start or model.residuals(state, centres)[0], None
         # A log without noise is no reason to doubt the priors.
         own, before = residual_scales(residuals.values), scales
         scales = np.maximum(own, SCALE_FLOOR)
