@@ -162,7 +162,7 @@ def _value(kind: Any, metavar: str | None) -> str:
     """What follows the option on the command line."""
     kinds = [kind, *get_args(kind)]
     choices = next((get_args(each) for each in kinds if get_origin(each) is Literal), ())
-    if kind is bool:
+    if bool in kinds:
         return ""
     if metavar or choices:
         return f"`{metavar or '|'.join(choices)}`"

@@ -1,21 +1,23 @@
 """``imucalib simulate``: the options of a simulation, and the call of it.
 
-Options have the names of the fields in simulate.options; None is the default of system and grade.
+Most options are the fields in simulate.options; None is the default of system and grade.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, make_dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path  # noqa: TC003 - typer evaluates the annotations
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 import typer
+from typer.models import OptionInfo
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
-from imucalib_cli.cli.options import Quiet, given_fields
+from imucalib_cli.cli.options import Quiet, flag_of, given_fields
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.parsers import (
     imu_name,
@@ -29,145 +31,52 @@ from imucalib_cli.cli.parsers import (
 )
 from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
+from imucalib_cli.simulate.options import (
+    CAMERA,
+    PANELS,
+    SENSORS,
+    LogOptions,
+    NoiseOptions,
+    PhysicsOptions,
+)
 
 if TYPE_CHECKING:
     from imucalib_cli.simulate.config import SystemConfig
-    from imucalib_cli.simulate.options import Vector
 
-    Tilt = tuple[float, float]
     Options = TypeVar("Options", PhysicsOptions, NoiseOptions, LogOptions)
-else:  # typer evaluates these too; the parsers of the options decide the types
-    Tilt = Vector = object
 
 _METRES_PER_UG = 9.80665e-6
-_motion = partial(typer.Option, rich_help_panel="Motion and mount")
-_noise = partial(typer.Option, rich_help_panel="IMU and encoder noise")
-_stamps = partial(typer.Option, rich_help_panel="Stamps and losses")
-_time = partial(_stamps, parser=seconds, metavar="SECONDS")
-_log = partial(typer.Option, rich_help_panel="Log")
-_camera = partial(typer.Option, rich_help_panel="Camera")
+_PARSERS: dict[str, Any] = {
+    "SECONDS": seconds,
+    '"X Y Z"': vector,
+    '"R P Y"': vector,
+    '"X Y"': tilt,
+    "TIME": unix_time,
+}
+"""By what the help shows for the value."""
+_sensors = partial(typer.Option, rich_help_panel=SENSORS)
+_camera = partial(typer.Option, rich_help_panel=CAMERA)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulateOptions:
-    """All options of the simulation itself."""
+    """Options of the simulation that are no field of simulate.options."""
 
-    duration: float | None = _motion(None, help="Length of the log, s.")
-    imu_rate: float | None = _motion(None, help="Rate of the IMU, Hz, any number.")
-    robot_rate: float | None = _motion(None, help="Rate of joint states or poses, Hz, any number.")
-    step: float | None = _motion(
-        None, parser=seconds, metavar="SECONDS", help="Longest integration step."
-    )
-    gravity: float | None = _motion(None, help="Norm of gravity, m/s².")
-    base_tilt: Tilt | None = _motion(
-        None,
-        "--base-tilt-deg",
-        parser=tilt,
-        metavar='"X Y"',
-        help="Turn gravity about x and y of the world, deg.",
-    )
-    mount_xyz: Vector | None = _motion(
-        None,
-        parser=vector,
-        metavar='"X Y Z"',
-        help="True position of the IMU in its link, m; if there are several, of the first.",
-    )
-    mount_rpy: Vector | None = _motion(
-        None, parser=vector, metavar='"R P Y"', help="True orientation of the IMU, rad."
-    )
-    profile: Literal["smooth", "hard"] = _motion("smooth", help="How barbot is pushed.")
-    bandwidth: float | None = _motion(
-        None, help="Bandwidth of every IMU's low-pass filter, Hz; 0: no filter."
-    )
-    publishers: int = _motion(
-        1, min=1, help="Number of joint publishers, each with some of the joints."
-    )
-
-    grade: str | None = _noise(
+    grade: str | None = _sensors(
         None,
         metavar="ideal|industrial|mems",
         help="Noise and biases; single options override it.",
         show_default="ideal",
     )
-    imu_model: str | None = _noise(
+    imu_model: str | None = _sensors(
         None,
         metavar="NAME|FILE",
         autocompletion=complete.imu_models,
         help="Noise and biases of a data sheet: a name from configs/imus (bmi088, adis16448 ...) "
         "or a file; an unknown name lists the names. Replaces --grade; single options override it.",
     )
-    accel_noise_ug: float | None = _noise(None, help="Noise density, µg/sqrt(Hz).")
-    gyro_noise_deg: float | None = _noise(None, help="Noise density, deg/s/sqrt(Hz).")
-    accel_noise: float | None = _noise(None, help="Noise density, m/s²/sqrt(Hz).")
-    gyro_noise: float | None = _noise(None, help="Noise density, rad/s/sqrt(Hz).")
-    accel_white: float | None = _noise(
-        None, help="White noise of a sample, std, m/s², at any rate."
-    )
-    gyro_white: float | None = _noise(
-        None, help="White noise of a sample, std, rad/s, at any rate."
-    )
-    accel_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="Bias, m/s².")
-    gyro_bias: Vector | None = _noise(None, parser=vector, metavar='"X Y Z"', help="Bias, rad/s.")
-    accel_bias_walk: float | None = _noise(None, help="Random walk of the bias, m/s²/sqrt(s).")
-    gyro_bias_walk: float | None = _noise(None, help="Random walk of the bias, rad/s/sqrt(s).")
-    accel_range: float | None = _noise(None, help="Readings saturate here, m/s².")
-    gyro_range: float | None = _noise(None, help="Readings saturate here, rad/s.")
-    accel_coloured: float | None = _noise(None, help="Std of coloured noise, m/s².")
-    gyro_coloured: float | None = _noise(None, help="Std of coloured noise, rad/s.")
-    coloured_time: float | None = _noise(
-        None, parser=seconds, metavar="SECONDS", help="Correlation time of the coloured noise."
-    )
-    spikes: float | None = _noise(None, help="Share of IMU samples with spikes, such as 0.005.")
-    spike_accel: float | None = _noise(None, help="Size of a spike, m/s².")
-    spike_gyro: float | None = _noise(None, help="Size of a spike, rad/s.")
-    encoder_noise: float | None = _noise(None, help="Noise of the encoders, std, rad.")
-    encoder_step: float | None = _noise(None, help="Quantisation step of the encoders, rad.")
-    pose_noise: float | None = _noise(None, help="Noise of poses per axis, std, m.")
-    pose_noise_rotation: float | None = _noise(None, help="Noise of poses per axis, std, rad.")
-
-    time_offset: float | None = _time(
-        None, help="IMU stamp - robot stamp of the same instant, such as -42ms."
-    )
-    stamp_jitter: float | None = _time(None, help="Std of IMU header stamps.")
-    robot_stamp_jitter: float | None = _time(None, help="Std of robot header stamps.")
-    delay: float | None = _time(None, help="Delay from the instant to the receive time.")
-    delay_jitter: float | None = _time(None, help="Mean of an additional exponential delay.")
-    dropouts: float | None = _stamps(None, help="Share of IMU messages that are lost.")
-    robot_dropouts: float | None = _stamps(
-        None, help="Share of joint states or poses that are lost."
-    )
-
-    start: float | None = _log(
-        None,
-        parser=unix_time,
-        metavar="TIME",
-        help="Time of the first stamp, such as 2026-11-23T14:30; UTC unless a zone is given.",
-        show_default="2023-11-14T22:13:20",
-    )
-    compression: str | None = _log(
-        None,
-        help="For .mcap: zstd, lz4 or none; for .bag: lz4, bz2 or none.",
-        show_default="the first of these",
-    )
-    imu_topic: str | None = _log(None, help="Topic of the IMU; if there are several, of the first.")
-    robot_topic: str | None = _log(None, help="Topic of joint states or poses.")
-    imu_frame: str | None = _log(
-        None, help="frame_id of Imu messages; if there are several IMUs, of the first."
-    )
-    robot_description: bool = _log(
-        False, "--robot-description", help="Also publish the URDF, on /robot_description."
-    )
-    tf_static: bool = _log(
-        False, "--tf-static", help="Also publish the IMU's nominal pose, on /tf_static."
-    )
-    joint_prefix: str = _log("", help="Prefix of joint names.", show_default="none")
-    frame_prefix: str = _log("", help="Prefix of frame ids, such as robot1/.", show_default="none")
-    topic_each: bool = _log(False, "--topic-each", help="One topic per joint publisher.")
-    joint_order: str = _log(
-        "chain", help="chain, alphabetical, reversed, or all names, separated by commas."
-    )
-
+    accel_noise_ug: float | None = _sensors(None, help="Noise density, µg/sqrt(Hz).")
+    gyro_noise_deg: float | None = _sensors(None, help="Noise density, deg/s/sqrt(Hz).")
     camera: bool = _camera(
         False,
         "--camera",
@@ -179,14 +88,34 @@ class SimulateOptions:
         parser=local_file,
         help="File with your own camera, like those in configs/cameras.",
     )
-    camera_offset: float | None = _camera(
-        None,
-        parser=seconds,
-        metavar="SECONDS",
-        help="Camera stamp - robot stamp of the same instant.",
+
+
+def _options(kind: type[Any]) -> list[tuple[str, Any, Any]]:
+    """Name, type and option of each field that has a help; None is an option that is not given."""
+    found, types = [], get_type_hints(kind)
+    for each in fields(kind):
+        if isinstance(each.default, OptionInfo):
+            found.append((each.name, types[each.name], each.default))
+        elif each.metadata:
+            told = dict(each.metadata)
+            flag, text = told.pop("flag", flag_of(each.name)), told.pop("text", False)
+            parser = _PARSERS.get(told.get("metavar", ""))
+            value: Any = object if parser else str if text else types[each.name]
+            found.append((each.name, value | None, typer.Option(None, flag, parser=parser, **told)))
+    return found
+
+
+if TYPE_CHECKING:
+    AllOptions = SimulateOptions
+else:
+    _KINDS = (SimulateOptions, PhysicsOptions, NoiseOptions, LogOptions)
+    AllOptions = make_dataclass(
+        "AllOptions",
+        sorted(
+            chain.from_iterable(map(_options, _KINDS)),
+            key=lambda option: PANELS.index(option[2].rich_help_panel),
+        ),
     )
-    image_noise: float | None = _camera(None, help="Noise of the images, std, grey levels.")
-    image_blur: float | None = _camera(None, help="Std of a Gaussian blur, pixels.")
 
 
 def simulate_command(
@@ -218,7 +147,7 @@ def simulate_command(
     ),
     seed: int = typer.Option(0, min=0, help="Seed of all noise."),
     quiet: Quiet = False,
-    options: SimulateOptions,
+    options: AllOptions,
 ) -> None:
     """Simulate a robot with IMUs and write a log, with the ground truth next to it.
 
@@ -234,14 +163,13 @@ def simulate_command(
         from imucalib_cli.simulate.camera_config import load_camera
 
         chosen, camera = load_camera(options.camera_config or chosen.name, chosen)
-    order = _joint_order(options.joint_order, chosen)
     with ProgressBar(quiet=quiet) as bar:
         truth = simulate(
             chosen,
             output,
             physics=_with_options(PhysicsOptions(), options),
             noise=_with_noise(options),
-            log=replace(_with_options(LogOptions(), options), joint_order=order),
+            log=_with_order(options, chosen),
             seed=seed,
             urdf=urdf,
             read=files_of(config, options.camera_config, options.imu_model),
@@ -286,10 +214,13 @@ def _with_noise(options: SimulateOptions) -> NoiseOptions:
     return noise
 
 
-def _joint_order(text: str, system: SystemConfig) -> tuple[str, ...]:
+def _with_order(options: SimulateOptions, system: SystemConfig) -> LogOptions:
+    """Options of the log, with the joints' order by its name."""
+    log = _with_options(LogOptions(), options)
+    order: Any = log.joint_order or "chain"
     joints = tuple(joint.name for joint in system.joints)
     orders = {"chain": (), "alphabetical": tuple(sorted(joints)), "reversed": joints[::-1]}
-    return orders[text] if text in orders else names(text)
+    return replace(log, joint_order=orders[order] if order in orders else names(order))
 
 
 def _say_what_was_written(truth: dict[str, Any], output: Path, urdf: Path | None) -> None:
