@@ -1,16 +1,13 @@
-"""Logs a minute against workers, memory, what a resume costs, and a thousand logs on paper.
+"""Logs a minute against workers, memory, and what a resume costs.
 
     python -m benchmarks.batch [--logs 24] [--seconds 60] [--workers 1 2]
 
 RiHIBot at 500 Hz with MEMS noise is simulated once and copied. Whole commands are timed, the
-shortest of three counts. The thousand logs on 16 cores are a simulation on paper from the parts
-measured here: a worker's time for a log, the start of its process, and what the command itself does
-for each log, one after the other. That 16 workers share a memory bus and a disk is not in it.
+shortest of three counts.
 """
 
 from __future__ import annotations
 
-import heapq
 import math
 import os
 import shutil
@@ -20,7 +17,6 @@ import sys
 import tempfile
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,7 +25,6 @@ import msgspec
 from benchmarks.common import arguments, rihibot_log, table
 from imucalib_cli.batch.batch import Batch
 from imucalib_cli.batch.content_key import context_of, urdf_hash
-from imucalib_cli.batch.local import preloaded
 from imucalib_cli.batch.logs import BatchLog, find_logs
 from imucalib_cli.batch.record import Record
 from imucalib_cli.batch.task import Done, Task
@@ -41,22 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
 
 PROGRAM = [sys.executable, "-m", "imucalib_cli", "batch"]
-STARTS, REPEATS, ROUNDS = 20, 5, 3
-ON_PAPER, CORES = 1000, 16
-STARTER = """
-import sys, time
-from imucalib_cli.process import fresh_processes, prepare_to_compute, prepare_worker
-prepare_to_compute()
-begun = time.perf_counter()
-context = fresh_processes(sys.argv[2:])
-for _ in range(int(sys.argv[1])):
-    process = context.Process(target=prepare_worker)
-    process.start()
-    process.join()
-    print(time.perf_counter() - begun)
-    begun = time.perf_counter()
-"""
-"""In a process of its own: a worker imports the main program too, and that of this is large."""
+REPEATS, ROUNDS = 5, 3
 
 
 def main() -> None:
@@ -90,7 +70,6 @@ def main() -> None:
         for words, rehash in {"by size and time": False, "`--rehash`": True}.items():
             seconds, _, _ = timed(folder, urdf, *(["--rehash"] if rehash else []))
             line(words, seconds, 1e3 * resumed(folder, task, rehash=rehash))
-        on_paper(folder, task)
 
 
 def make_logs(folder: Path, count: int, seconds: float) -> Path:
@@ -192,75 +171,6 @@ def none(_: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
     """An engine for batches that have nothing to do."""
     raise AssertionError(logs)
     yield
-
-
-def on_paper(folder: Path, task: Task) -> None:
-    """Measure the parts, and print what they make of a thousand logs on many cores."""
-    start, first = start_of_a_process(task)
-    log = BatchLog((folder / "logs" / "0.mcap",), "0")
-    seconds = []
-    for _ in range(REPEATS + 1):
-        begun = time.process_time()
-        done = task(log)
-        seconds.append(time.process_time() - begun)
-    del seconds[0]  # with imports
-    own = work_of_the_command(done, folder)
-    print()
-    line = table("part", "s")
-    line(f"a log in a worker, CPU, median of {REPEATS}", f"{statistics.median(seconds):.3f}")
-    line("first process, with all imports", f"{first:.2f}")
-    line(f"each further process, the least of {STARTS}", f"{start:.4f}")
-    line(f"the command itself, for each log, the least of {REPEATS}", f"{own:.4f}")
-    print()
-    line = table(f"cores, {ON_PAPER} logs on paper", "minutes|.1f", "logs a minute|.0f")
-    for cores in (1, 2, 4, 8, CORES, 32):
-        whole = first + simulated(seconds, start, own, cores)
-        line(cores, whole / 60.0, 60.0 * ON_PAPER / whole)
-
-
-def start_of_a_process(task: Task) -> tuple[float, float]:
-    """Seconds to start and end a worker that does nothing, and of the first with its imports."""
-    starter = [sys.executable, "-c", STARTER, str(STARTS), *preloaded(task)]
-    printed = subprocess.run(starter, check=True, capture_output=True, text=True).stdout
-    first, *others = map(float, printed.split())
-    return min(others), first
-
-
-def work_of_the_command(done: Done, folder: Path) -> float:
-    """Seconds that the command itself spends on each log: its files and its record are written."""
-
-    def answers(_: Task, logs: Sequence[BatchLog]) -> Generator[tuple[BatchLog, Done]]:
-        for log in logs:
-            ((_, content),) = done.contents
-            name = f"{log.name}.yaml"
-            record = msgspec.structs.replace(done.record, place=log.place, written=[name])
-            yield log, Done(record=record, contents=((name, content),))
-
-    def once(number: int) -> float:
-        begun = time.perf_counter()
-        result = folder / f"written{number}"
-        count = sum(1 for _ in replace(batch, folder=result).run())
-        return (time.perf_counter() - begun) / count
-
-    empty = folder / "empty"
-    empty.mkdir()
-    for number in range(200):
-        (empty / f"{number}.mcap").touch()
-    logs = find_logs([str(empty)]).logs
-    batch = Batch(logs=logs, task=task_of(folder / "robot.urdf"), engine=answers)
-    return min(map(once, range(REPEATS)))
-
-
-def simulated(seconds: list[float], start: float, own: float, cores: int) -> float:
-    """Seconds until all logs are done: workers in parallel, the command one log after the other."""
-    free: list[float] = [0.0] * cores  # when each worker can take another log
-    command = 0.0  # when the command can do something
-    for number in range(ON_PAPER):
-        begun = max(heapq.heappop(free), command)
-        # what is written of the log before and the start of the next hold the command up
-        command = begun + own
-        heapq.heappush(free, command + start + seconds[number % len(seconds)])
-    return max(free) + own
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
     python -m benchmarks.sweeps --robots ur10e panda mobile --rows quiet everyday --seeds 200 \
         -o sweeps.jsonl --workers 2
-    python -m benchmarks.sweeps --compare before.jsonl after.jsonl
 
 One line of JSON for each log; logs whose line is already there are skipped. Without --robots or
 --rows it takes all that have a name; ``any`` draws a robot, or the sizes of its errors, for each
@@ -149,30 +148,17 @@ def read(file: Path) -> dict[str, Line]:
     return lines
 
 
-def show(*runs: dict[str, Line]) -> None:
-    """Print a line for each robot and row, of the logs that all runs have.
-
-    Args:
-        runs: Lines by their key; the values of several stand side by side.
-    """
-    groups: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for key in sorted(set.intersection(*(set(run_lines) for run_lines in runs))):
-        groups[runs[0][key]["robot"], runs[0][key]["row"]].append(key)
+def show(lines: dict[str, Line]) -> None:
+    """Print a line for each robot and row."""
+    groups: dict[tuple[str, str], Logs] = defaultdict(list)
+    for one in lines.values():
+        groups[one["robot"], one["row"]].append(one)
     line = table("robot", "row", "logs", "failed", *COLUMNS)
     for robot, row in product((*ROBOTS, ANY), (*ROWS, ANY)):
-        if not (keys := groups.get((robot, row))):
-            continue
-        kept = [[one[key] for key in keys if "failed" not in one[key]] for one in runs]
-        failed = [str(len(keys) - len(logs)) for logs in kept]
-        cells = (
-            _beside([column(logs) if logs else "-" for logs in kept]) for column in COLUMNS.values()
-        )
-        line(robot, row, len(keys), _beside(failed), *cells)
-
-
-def _beside(cells: list[str]) -> str:
-    """The runs' values of one cell; once where they are the same."""
-    return cells[0] if len(set(cells)) == 1 else " → ".join(cells)
+        if every := groups.get((robot, row)):
+            kept = [one for one in every if "failed" not in one]
+            cells = (column(kept) if kept else "-" for column in COLUMNS.values())
+            line(robot, row, len(every), len(every) - len(kept), *cells)
 
 
 def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
@@ -192,7 +178,7 @@ def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
 
 
 def main() -> None:
-    """Run the sweeps that are asked for, or compare two that were run, and print the table."""
+    """Run the sweeps that are asked for and print the table."""
     asked = arguments(
         __doc__,
         robots={"choices": (*ROBOTS, ANY), "default": list(ROBOTS)},
@@ -204,14 +190,7 @@ def main() -> None:
         joint_rate={"default": Job.joint_rate, "help": "Hz"},
         output={"flags": ("-o", "--output"), "type": Path, "help": "JSON lines, continued"},
         workers=2,
-        compare={"nargs": "+", "type": Path, "metavar": "FILE", "help": "run nothing"},
     )
-    if asked.compare:
-        for file in asked.compare:
-            if not file.exists():
-                sys.exit(f"{file} does not exist")
-        show(*(read(file) for file in asked.compare))
-        return
     rates = {name: getattr(asked, name) for name in ("seconds", "imu_rate", "joint_rate")}
     seeds = range(asked.first_seed, asked.first_seed + asked.seeds)
     jobs = [
