@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.linalg import norm
 
 from benchmarks.common import table
 from imucalib_cli.estimate.matched import calibrate_matched
@@ -30,23 +31,23 @@ def main() -> None:
     for system, rate in (("rihibot", 500.0), ("rihibot", 100.0), ("barbot", 250.0)):
         clean = clean_recording(system, PhysicsOptions(imu_rate=rate, robot_rate=rate))
         imu, path = streams_of(clean)
-        norm = float(np.linalg.norm(clean.gravity_world))
+        gravity = float(norm(clean.gravity_world))
         print(f"\n{system}, {rate:.0f} Hz")
         line = table(
             *("window s", "matched mm|.6f", "matched deg|.7f", "paper mm|.4f", "paper deg|.5f")
         )
         for seconds in WINDOWS:
             window = WindowChoice(seconds=seconds)
-            ours = calibrate_matched(imu, path, replace(exact_system(norm), window=window))
+            ours = calibrate_matched(imu, path, replace(exact_system(gravity), window=window))
             paper = PaperOptions(
                 window=window,
                 exclusion_threshold=0.0,
                 R_initial=clean.R_parent_imu,
                 t_initial=clean.t_parent_imu,
-                gravity_norm=norm,
+                gravity_norm=gravity,
             )
             errors = (error_of(e, clean) for e in (ours, calibrate_paper(imu, path, paper)))
-            cells = ((1e3 * e.translation_norm, np.degrees(e.rotation_angle)) for e in errors)
+            cells = ((1e3 * norm(e[:3]), np.degrees(norm(e[3:]))) for e in errors)
             line(seconds, *(number for pair in cells for number in pair))
 
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tools.errors import nees
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
@@ -91,7 +93,7 @@ class Scores:
         """One estimate; without a covariance it does not count."""
         if covariance is not None:
             self.errors.append(error)
-            self.nees.append(float(error @ np.linalg.solve(covariance, error)))
+            self.nees.append(nees(error, np.asarray(covariance)))
             self.trusted += trusted
 
     @property

@@ -108,12 +108,13 @@ def run_trial(case: Case, seed: int) -> Trial:
     error, own = error_of(estimate, noisy), noisy.imu
     accel = (estimate.accel_bias - own.accel_bias.mean(axis=0)) / estimate.accel_bias_std
     gyro = (estimate.gyro_bias - own.gyro_bias.mean(axis=0)) / estimate.gyro_bias_std
-    offset = error.time_offset / (estimate.time_offset_std or np.inf)
+    offset = estimate.time_offset - noisy.noise.time_offset
+    in_sigmas = offset / (estimate.time_offset_std or np.inf)
     return Trial(
-        pose=error.pose,
+        pose=error,
         covariance=np.asarray(estimate.covariance),
-        offset=error.time_offset,
-        squares=(offset**2, float(np.mean(accel**2)), float(np.mean(gyro**2))),
+        offset=offset,
+        squares=(in_sigmas**2, float(np.mean(accel**2)), float(np.mean(gyro**2))),
         trusted=estimate.trusted,
     )
 

@@ -16,6 +16,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.linalg import norm
 
 from benchmarks.common import grade, parallel, table
 from imucalib_cli.diagnose.diagnose import needs_diagnosis
@@ -115,9 +116,7 @@ def judge(system: str, fault: Fault, noise: str, seed: int) -> Verdict:
     estimate, asked = case.explained, needs_diagnosis(case.plain)
     error, covariance = error_of(estimate, noisy), np.asarray(estimate.covariance)
     shift, turn = (np.sqrt(np.trace(covariance[part, part])) for part in (slice(3), slice(3, 6)))
-    off = (
-        error.translation_norm > 3 * shift + LEAST[0] or error.rotation_angle > 3 * turn + LEAST[1]
-    )
+    off = norm(error[:3]) > 3 * shift + LEAST[0] or norm(error[3:]) > 3 * turn + LEAST[1]
     finding = case.found[0] if case.found else _learnt(estimate, fault)
     named = finding.code.removeprefix("cause.") if finding else "-" if asked else "not asked"
     right = finding is not None and _right(fault, finding)

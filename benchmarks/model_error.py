@@ -49,7 +49,7 @@ def main() -> None:
             estimate = calibrate_matched(*streams_of(noisy, wrong), MatchedOptions())
             covariance = np.asarray(estimate.covariance)
             stated.append(np.sqrt(np.diag(covariance)[:3]))
-            scores.add(error_of(estimate, noisy).pose, covariance, trusted=estimate.trusted)
+            scores.add(error_of(estimate, noisy), covariance, trusted=estimate.trusted)
         trusted = f"{scores.trusted} of {len(MOUNTS)}"
         line(name, noise, scores.mm, 1e3 * rms(stated), np.mean(scores.nees), trusted)
 

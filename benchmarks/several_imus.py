@@ -26,8 +26,9 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.several_imus import solve_imus_together
-from tests.estimate.estimate_arm import Mount, pose_error
+from tests.estimate.estimate_arm import Mount
 from tests.estimate.estimate_walk import Walk, logged
+from tools.errors import pose_error
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -97,7 +98,7 @@ def main() -> None:
         found: dict[tuple[str, str], Scores] = {}
         for name, way, estimate, mount in rows:
             scores = found.setdefault((name, way), Scores())
-            error = pose_error(estimate, mount)
+            error = pose_error(estimate, mount.R, mount.t)
             scores.add(error, estimate.covariance, trusted=estimate.trusted)
         for key, s in found.items():
             line(*key, len(s.nees), s.mm, s.degrees, s.honesty)

@@ -26,7 +26,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import imucalib_cli
@@ -34,6 +33,7 @@ from benchmarks.common import arguments, rms, table
 from benchmarks.robots import ANY, ROBOTS, ROWS, Case, make_case
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from tools.errors import nees, pose_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,13 +87,11 @@ def run(job: Job) -> Line:
 
 
 def _outcome(estimate: Estimate, case: Case) -> Line:
-    turned = Rotation.from_matrix(estimate.R_parent_imu @ case.R.T).as_rotvec()
-    error = np.concatenate([estimate.t_parent_imu - case.t, turned])
-    covariance = np.asarray(estimate.covariance)
+    error, covariance = pose_error(estimate, case.R, case.t), np.asarray(estimate.covariance)
     return {
         "error": error.tolist(),
         "std": np.sqrt(np.diag(covariance)).tolist(),
-        "nees": float(error @ np.linalg.solve(covariance, error)),
+        "nees": nees(error, covariance),
         "trusted": estimate.trusted,
         "time_offset_error": estimate.time_offset - case.time_offset,
         "corrections": [correction.name for correction in estimate.corrections],

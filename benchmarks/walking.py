@@ -13,8 +13,8 @@ from dataclasses import replace
 from benchmarks.common import Scores, arguments, table
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
-from tests.estimate.estimate_arm import pose_error
 from tests.estimate.estimate_walk import FOOT, Walk
+from tools.errors import pose_error
 
 NOISE = Walk(seconds=60.0, noisy=True)
 SENSORS = replace(NOISE, scale=5e-3, turned=2e-3)
@@ -40,7 +40,7 @@ def main() -> None:
         for seed in range(seeds):
             log = replace(walk, seed=seed).log()
             found = calibrate_matched(log.imu, log.path, MatchedOptions(gravity="none"))
-            scores.add(pose_error(found, FOOT), found.covariance, trusted=found.trusted)
+            scores.add(pose_error(found, FOOT.R, FOOT.t), found.covariance, trusted=found.trusted)
         line(
             *(name, len(scores.nees), scores.mm, scores.degrees),
             *(scores.honesty, scores.trusted / seeds),

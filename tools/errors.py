@@ -1,56 +1,32 @@
-"""Errors of an estimate on a simulated recording, for tests and benchmarks."""
+"""Errors of an estimate whose truth is known, for tests and benchmarks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
-
-from imucalib_cli.robot.rotations import rotvec_from_matrix
+from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.simulate.recording import Recording
 
-Floats = NDArray[np.float64]
+
+def rotation_error(R: Floats, truth: Floats) -> Floats:
+    """Rotation vector of R times truth inverse, rad, parent frame."""
+    return np.asarray(Rotation.from_matrix(R @ truth.T).as_rotvec())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Error:
-    """Estimate minus truth."""
-
-    translation: Floats
-    """(3,), m, parent frame."""
-    rotation: Floats
-    """(3,), rad, rotation vector of estimate times inverse truth, parent frame."""
-    time_offset: float
-    """s."""
-
-    @property
-    def translation_norm(self) -> float:
-        """Distance, m."""
-        return float(np.linalg.norm(self.translation))
-
-    @property
-    def rotation_angle(self) -> float:
-        """Geodesic angle, rad."""
-        return float(np.linalg.norm(self.rotation))
-
-    @property
-    def pose(self) -> Floats:
-        """(6,), in the tangent of the covariance."""
-        return np.concatenate([self.translation, self.rotation])
+def pose_error(estimate: Estimate, R: Floats, t: Floats) -> Floats:
+    """(6,), estimate minus truth, m and rad, parent frame: in the tangent of the covariance."""
+    turned = rotation_error(estimate.R_parent_imu, R)
+    return np.concatenate([estimate.t_parent_imu - t, turned])
 
 
-def error_of(estimate: Estimate, recording: Recording) -> Error:
-    """Compare an estimate with the recording's truth."""
-    return Error(
-        translation=estimate.t_parent_imu - recording.t_parent_imu,
-        rotation=rotvec_from_matrix(estimate.R_parent_imu @ recording.R_parent_imu.T),
-        time_offset=estimate.time_offset - recording.noise.time_offset,
-    )
+def error_of(estimate: Estimate, recording: Recording) -> Floats:
+    """The same for a simulated recording."""
+    return pose_error(estimate, recording.R_parent_imu, recording.t_parent_imu)
 
 
 def nees(error: Floats, covariance: Floats) -> float:

@@ -21,10 +21,10 @@ from tests.estimate.estimate_arm import (
     Solved,
     make_log,
     prior,
-    rotation_error,
     solve,
 )
 from tests.slow import slow_after
+from tools.errors import rotation_error
 
 
 @cache

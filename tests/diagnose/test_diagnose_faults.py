@@ -124,7 +124,7 @@ def test_small_chain_error_is_corrected_and_named_if_significant(
     case = judged(ARM, fault)
     assert case.plain.covariance is not None
     sigma = np.sqrt(np.diag(case.plain.covariance))
-    assert np.all(np.abs(error_of(case.plain, noisy(ARM, fault)).pose) < 4.0 * sigma)
+    assert np.all(np.abs(error_of(case.plain, noisy(ARM, fault))) < 4.0 * sigma)
     blamed: list[Any] = [
         name
         for each in case.explained.findings

@@ -26,6 +26,7 @@ from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.slow import slow_after
+from tools.errors import nees, pose_error
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
@@ -309,17 +310,6 @@ def windowing_of(log: Log, seconds: float) -> Windowing:
     return Windowing(grid, trajectory, plan_windows(odd_length(seconds / grid.dt), 3, grid.dt))
 
 
-def rotation_error(R: Floats, truth: Floats) -> Floats:
-    """Rotation vector of R times truth inverse, rad, parent frame."""
-    return np.asarray(Rotation.from_matrix(R @ truth.T).as_rotvec())
-
-
-def pose_error(estimate: Estimate, mount: Mount) -> Floats:
-    """(6,), translation and rotation error in the parent frame."""
-    turned = rotation_error(estimate.R_parent_imu, mount.R)
-    return np.concatenate([estimate.t_parent_imu - mount.t, turned])
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solved(Estimate):
     """An estimate and the truth of its log."""
@@ -329,7 +319,7 @@ class Solved(Estimate):
     @property
     def error(self) -> Floats:
         """(6,), translation and rotation error in the parent frame."""
-        return pose_error(self, self.mount)
+        return pose_error(self, self.mount.R, self.mount.t)
 
     @property
     def distance(self) -> float:
@@ -355,7 +345,7 @@ class Solved(Estimate):
     @property
     def nees(self) -> float:
         """Square of the pose error in stated sigmas; chi-squared of six degrees of freedom."""
-        return float(self.error @ np.linalg.solve(self.P, self.error))
+        return nees(self.error, self.P)
 
     @property
     def covered(self) -> bool:

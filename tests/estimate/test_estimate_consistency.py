@@ -20,11 +20,11 @@ from tests.estimate.estimate_arm import (
     Moves,
     Solved,
     make_log,
-    rotation_error,
     solve,
     solve_exact,
 )
 from tests.slow import slow_after
+from tools.errors import rotation_error
 
 MOVES = Moves(seed=3, seconds=32.0)
 

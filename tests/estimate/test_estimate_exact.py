@@ -27,11 +27,11 @@ from tests.estimate.estimate_arm import (
     arm_path,
     make_log,
     random_mount,
-    rotation_error,
     solve,
     solve_exact,
 )
 from tests.slow import slow_after
+from tools.errors import rotation_error
 
 MICROMETRE = 1e-6
 ANGLE = np.radians(1e-4)

@@ -15,9 +15,9 @@ from tests.estimate.estimate_arm import (
     Log,
     make_log,
     random_mount,
-    rotation_error,
     windowing_of,
 )
+from tools.errors import rotation_error
 
 
 @pytest.fixture(scope="module")

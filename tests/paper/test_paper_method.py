@@ -22,10 +22,10 @@ from tests.estimate.estimate_arm import (
     Moves,
     make_log,
     parent_motion,
-    rotation_error,
     solve_exact,
 )
 from tests.slow import slow_after
+from tools.errors import rotation_error
 
 MOVES = Moves(seconds=9.0, seed=5)
 NEAR: dict[str, Any] = {

@@ -24,9 +24,9 @@ from tests.estimate.estimate_arm import (
     make_log,
     parent_motion,
     readings,
-    rotation_error,
 )
 from tests.slow import slow_after
+from tools.errors import rotation_error
 
 _DEG = 180.0 / np.pi
 _G = 9.80665
