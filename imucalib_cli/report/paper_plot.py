@@ -65,12 +65,10 @@ _NO_DATES: dict[str, dict[str, Any]] = {
 def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
     """A drawn page of a size in inches, as one of SUFFIXES; InputError without matplotlib."""
     style = optional("matplotlib.style", "--plot needs", "plot")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     with style.context(["default", _STYLE]):  # whatever the user has in matplotlibrc
         figure = Figure(figsize=size, layout="constrained")
-        FigureCanvasAgg(figure)
         draw(figure)
         content = io.BytesIO()
         figure.savefig(content, format=suffix[1:], dpi=_DPI, metadata=_NO_DATES[suffix])

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.optional import optional
 from imucalib_cli.results.atomic import write_whole
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure as Canvas
+    from matplotlib.figure import Figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#999999")
 """Colours of Okabe and Ito, which colour-blind readers can distinguish, then greys."""
@@ -35,21 +35,14 @@ def new_figure(
     *,
     size: tuple[float, float] = (7.2, 4.2),
     share_x: bool = False,
-) -> tuple[Canvas, list[Axes]]:
+) -> tuple[Figure, list[Axes]]:
     """An empty figure and its panels, row by row, without pyplot's global state; size in inches.
 
     Raises:
         InputError: matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure as Canvas
-    except ImportError as error:
-        raise InputError(
-            "figures need matplotlib: pip install 'imucalib[study]', or give --no-figures"
-        ) from error
-    figure = Canvas(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
+    module = optional("matplotlib.figure", "figures need", "study")
+    figure = module.Figure(figsize=size, layout="constrained")
     panels = figure.subplots(rows, columns, squeeze=False, sharex="col" if share_x else False)
     for axes in panels.flat:
         axes.set_prop_cycle(color=COLOURS)
@@ -85,7 +78,7 @@ def label_logarithmic(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def save_svg(figure: Canvas, path: Path) -> None:
+def save_svg(figure: Figure, path: Path) -> None:
     """Write a figure as SVG; the same figure gives the same bytes.
 
     Raises:
