@@ -24,7 +24,10 @@ PANELS = MOTION, SENSORS, STAMPS, LOG, CAMERA = (
 
 
 def _told(default: Any, help: str, *, panel: str, **more: Any) -> Any:  # noqa: A002 - typer's name
-    """A field that the command line has too, with what this says of it."""
+    """A field that the command line has too, and typer's settings of it.
+
+    ``flag`` is its name there if it is another; ``text`` reads a text instead of the field's type.
+    """
     return field(default=default, metadata={"help": help, "rich_help_panel": panel, **more})
 
 

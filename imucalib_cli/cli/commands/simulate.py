@@ -109,6 +109,7 @@ if TYPE_CHECKING:
     AllOptions = SimulateOptions
 else:
     _KINDS = (SimulateOptions, PhysicsOptions, NoiseOptions, LogOptions)
+    # the help lists panels as they come: every panel's options stand together
     AllOptions = make_dataclass(
         "AllOptions",
         sorted(
