@@ -94,7 +94,7 @@ def _outcome(estimate: Estimate, case: Case) -> Line:
         "nees": nees(error, covariance),
         "trusted": estimate.trusted,
         "time_offset_error": estimate.time_offset - case.time_offset,
-        "corrections": [correction.name for correction in estimate.corrections],
+        "corrections": list(estimate.corrections),
         "distrust": [str(sentence) for sentence in estimate.distrust],
         "warnings": [str(sentence) for sentence in estimate.warnings],
     }

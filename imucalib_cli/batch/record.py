@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from imucalib_cli.results.codec import json_schema
-from imucalib_cli.results.result import Result, Tree
+from imucalib_cli.results.result import Result
+from imucalib_cli.tree import Tree
 
 SCHEMA: Literal[1] = 1
 """Version of the record; adding a key keeps it, changing one raises it."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import structs
 
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError
@@ -127,11 +128,10 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
     said = _FOLLOWING | {each.code for each in causes}
     left = tuple(each for each in estimate.findings if each.code not in said)
     # A wrong model's errors of the sensor are none.
-    return _without_advice(replace(estimate, findings=(*causes, *left), corrections=()))
+    return _without_advice(replace(estimate, findings=(*causes, *left), corrections={}))
 
 
 def _without_advice(estimate: Estimate) -> Estimate:
     """Without advice on the motion: it determines nothing while the model is wrong."""
-    return replace(
-        estimate, unobservable=tuple(replace(each, motion=_AFTER) for each in estimate.unobservable)
-    )
+    left = tuple(structs.replace(each, motion=_AFTER) for each in estimate.unobservable)
+    return replace(estimate, unobservable=left)

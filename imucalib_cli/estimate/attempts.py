@@ -6,15 +6,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import structs
 
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.solution.fit import Fit, lean_fit
 from imucalib_cli.estimate.solution.robust import residual_scales
-from imucalib_cli.estimate.window_choice import SeenNoise, Window, choose_window, is_drowned
+from imucalib_cli.estimate.window_choice import SeenNoise, choose_window, is_drowned
 from imucalib_cli.signals.offset import coarse_time_offset
 
 if TYPE_CHECKING:
+    from imucalib_cli.estimate.entries import WindowEntry
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.prepare import CleanImu
     from imucalib_cli.signals.timing.lag import Lag
@@ -38,7 +40,7 @@ class Attempt:
 
     clean: CleanImu
     lean: Fit
-    window: Window
+    window: WindowEntry
     lag: Lag | None
     imu_ticks: bool
 
@@ -96,7 +98,7 @@ def _windowing(
     options: MatchedOptions,
     offset: float,
     seen: SeenNoise | None = None,
-) -> tuple[Windowing, Window]:
+) -> tuple[Windowing, WindowEntry]:
     """Windows as asked, or long enough for the noise, of which enough fit at a time offset."""
     degree = options.degree
     length, window = choose_window(options.window, grid, trajectory, degree, seen)
@@ -108,7 +110,9 @@ def _windowing(
             break
         # Too few windows fit into the log or between its gaps.
         length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
-        window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
+        window = structs.replace(
+            window, reason="automatic: shortened to fit the log and between its gaps"
+        )
         windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     return windowing, window
 

@@ -9,47 +9,18 @@ from imucalib_cli.findings import reasons, status, warnings
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.checks.observability import UnobservableDirection
     from imucalib_cli.estimate.checks.segments import Consistency
     from imucalib_cli.estimate.details import Details
+    from imucalib_cli.estimate.entries import (
+        CorrectionEntry,
+        CorrectionName,
+        ImuModelEntry,
+        ParameterEntry,
+        Unobservable,
+        WindowEntry,
+    )
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
-    from imucalib_cli.estimate.window_choice import Window
     from imucalib_cli.findings import Finding
-
-CorrectionName = Literal[
-    "clock_drift", "gyro_delay", "accel_scale", "gyro_scale", "gyro_misalignment", "gravity_norm"
-]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Correction:
-    """An error of the sensor or the clocks that was found and corrected."""
-
-    name: CorrectionName
-    value: Floats
-    """(1,) s/s, s or m/s²; or (3,), measured over true, or rad about the IMU's axes."""
-    std: Floats
-    """1 sigma, of the same shape and unit."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """One component of the table of unknowns: its prior and its value."""
-
-    name: str
-    """Entry of the table."""
-    label: str
-    """Axis, joint or origin; empty where the entry has one component."""
-    unit: str
-    value: float
-    std: float
-    """1 sigma."""
-    prior_std: float
-    """1 sigma beforehand."""
-    learnt: bool
-    """Whether the prior's size is learnt from the log too."""
-    axis: Floats | None = None
-    """(3,), of an origin: its direction in the frame of the joint whose origin it is."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,32 +46,6 @@ class Residuals:
     white_equivalent: tuple[float, float] | None = None
     """Standard deviation of samples with white noise that would cause these, m/s² and rad/s; not
     written to files."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SensorCheck:
-    """One sensor: standard deviations of a sample's white noise, m/s² or rad/s."""
-
-    expected: float
-    """By the sheet's density, at the log's rate: density * sqrt(rate / 2)."""
-    measured: float
-    """By the deviation of samples from their neighbours."""
-    in_windows: float | None
-    """White noise that would cause the residuals of the windows; None where the method does not
-    give it."""
-    bias_prior: float | None
-    """1 sigma from the sheet that the estimate used; None where it used none."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ImuCheck:
-    """A log against a data sheet."""
-
-    name: str
-    rate: float
-    """Of the log, Hz."""
-    accel: SensorCheck
-    gyro: SensorCheck
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,18 +75,18 @@ class Estimate:
     gyro_bias_std: Floats | None
     gravity_world: Floats
     """(3,), m/s²; zero where there is none."""
-    window: Window
+    window: WindowEntry
     residuals: Residuals
-    corrections: tuple[Correction, ...] = ()
+    corrections: dict[CorrectionName, CorrectionEntry] = field(default_factory=dict)
     """Errors that were corrected."""
-    parameters: tuple[Parameter, ...] = ()
+    parameters: tuple[ParameterEntry, ...] = ()
     """Every unknown beside the pose."""
     consistency: Consistency | None = None
     """None where a component of the pose is held, or the method does not give it."""
-    unobservable: tuple[UnobservableDirection, ...] = ()
+    unobservable: tuple[Unobservable, ...] = ()
     findings: tuple[Finding, ...] = ()
     """The most important first."""
-    imu_check: ImuCheck | None = None
+    imu_check: ImuModelEntry | None = None
     """Comparison of the log with the IMU's data sheet; None where none is named."""
     statistics: LogStatistics | None = None
     """To solve again with other priors; None where the method has none."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
+from msgspec import UNSET
 
 from imucalib_cli.estimate.attempts import best_attempt, with_longer_windows
 from imucalib_cli.estimate.checks import judge
@@ -13,19 +14,15 @@ from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.checks.segments import DECISIVE, Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import details_of, spectra_of
-from imucalib_cli.estimate.estimate import (
-    Correction,
-    CorrectionName,
-    Estimate,
-    Parameter,
-    Residuals,
-)
+from imucalib_cli.estimate.entries import CorrectionEntry, CorrectionName, ParameterEntry
+from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.unknowns import Gravity, Mount, Origin, measured_over_true
 from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
@@ -97,7 +94,7 @@ def calibrate_matched(
         },
     )
     if evidence.mount_moved:  # what looks like errors of the sensor are two mounts
-        found = replace(found, corrections=())
+        found = replace(found, corrections={})
     if not details or found.covariance is None:
         return found
     made = details_of(fit, attempt.clean, dependence, statistics, found.covariance)
@@ -180,36 +177,36 @@ def estimate_of(answer: Answer, log: LogStatistics | None = None, **evidence: An
     )
 
 
-def _parameters(answer: Answer) -> tuple[Parameter, ...]:
+def _parameters(answer: Answer) -> tuple[ParameterEntry, ...]:
     """Every component beside the mount, with its prior."""
     std, prior = answer.std, answer.layout.std_at(answer.u)
     found = []
     for each in answer.layout.placed:
         if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":
             continue
-        values = answer.value(each)
+        values, is_origin = answer.value(each), isinstance(each.unknown.effect, Origin)
         if isinstance(each.unknown.effect, Gravity):
             values = values + answer.options.gravity_norm
         for offset, (label, value) in enumerate(zip(each.labels, values, strict=True)):
             place = each.part.start + offset
             found.append(
-                Parameter(
+                ParameterEntry(
                     name=each.unknown.name,
                     label=label,
                     unit=each.unit,
-                    value=float(value),
-                    std=float(std[place]),
-                    prior_std=float(prior[place]),
-                    learnt=bool(answer.layout.scale[place] >= 0),
-                    axis=each.axes[offset] if isinstance(each.unknown.effect, Origin) else None,
+                    value=plain(value),
+                    std=plain(std[place]),
+                    prior_std=plain(prior[place]),
+                    prior_learnt=bool(answer.layout.scale[place] >= 0),
+                    axis=plain(each.axes[offset]) if is_origin else UNSET,
                 )
             )
     return tuple(found)
 
 
-def _corrections(answer: Answer, *, clock_stepped: bool) -> tuple[Correction, ...]:
+def _corrections(answer: Answer, *, clock_stepped: bool) -> dict[CorrectionName, CorrectionEntry]:
     """Errors of sensor and clocks that stand clear of their sigma."""
-    found = []
+    found: dict[CorrectionName, CorrectionEntry] = {}
     for each in answer.layout.placed:
         name = each.unknown.name
         if name not in _RECORDED or (clock_stepped and name == "clock_drift"):
@@ -221,5 +218,5 @@ def _corrections(answer: Answer, *, clock_stepped: bool) -> tuple[Correction, ..
             value, std = measured_over_true(value, std)
         elif name == "gravity_norm":
             value = value + answer.options.gravity_norm
-        found.append(Correction(name=name, value=value, std=std))  # type: ignore[arg-type]
-    return tuple(found)
+        found[name] = CorrectionEntry(plain(value), plain(std))  # type: ignore[index]
+    return found

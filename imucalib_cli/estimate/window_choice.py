@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.estimate.entries import WindowEntry
 from imucalib_cli.estimate.model.windows import COMMON_IMU, odd_length, shortest_length
 from imucalib_cli.signals.kernels import (
     first_derivative_gain,
@@ -46,22 +47,13 @@ _ARM = 1.0
 position."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Window:
-    """The filter window that was used and why."""
-
-    samples: int
-    seconds: float
-    reason: str
-
-
 def choose_window(
     choice: WindowChoice,
     grid: ImuGrid,
     trajectory: Trajectory,
     degree: int,
     seen: SeenNoise | None = None,
-) -> tuple[int, Window]:
+) -> tuple[int, WindowEntry]:
     """Window length in grid samples, odd, and its description for the user.
 
     ``seen`` is what an earlier fit shows of the noise.
@@ -75,7 +67,7 @@ def choose_window(
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
     length = min(length, 4001)  # stamps in bunches look like a very high rate
     samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
-    return length, Window(samples=samples, seconds=seconds, reason=reason)
+    return length, WindowEntry(samples=samples, seconds=seconds, reason=reason)
 
 
 def _automatic(grid: ImuGrid, trajectory: Trajectory, seen: SeenNoise | None) -> tuple[float, str]:

@@ -17,15 +17,15 @@ from imucalib_cli.estimate.estimate import Residuals
 from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.estimate.unknowns import TABLE
-from imucalib_cli.estimate.window_choice import Window
 from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.input.request import recorded_estimator
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.from_estimate import finding_of, plain, result_of, scalars, tangent
+from imucalib_cli.results.from_estimate import finding_of, result_of, scalars, tangent
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.requirement import CODES, require
 from imucalib_cli.results.statistics_file import StoredLog
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -260,7 +260,7 @@ def _one(log: StoredLog, options: MatchedOptions) -> Estimate:
     return estimate_of(
         answer,
         statistics,
-        window=Window(**structs.asdict(before.window)),
+        window=before.window,
         residuals=_residuals([before]),
         findings=gravest_first([*of_data, *found]),
         notes=dict(before.notes),
@@ -285,7 +285,7 @@ def _several(
         common[f"{name}_std"] = np.sqrt(between + np.mean(known, axis=0)) if known else None
     estimate = estimate_of(
         found.answer,
-        window=Window(**structs.asdict(longest.window)),
+        window=longest.window,
         residuals=_residuals(before),
         findings=(
             *_contradicted(logs, options),

@@ -22,9 +22,9 @@ from imucalib_cli.robot.path import parallel_joints
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from imucalib_cli.estimate.entries import ParameterEntry
     from imucalib_cli.jobs.calibrate import Calibrated
     from imucalib_cli.layout import Block
-    from imucalib_cli.results.result import ParameterEntry
     from imucalib_cli.robot.path import KinematicPath
 
 _HEADS: Final = ("joint", "what", "true - URDF (1 sigma)", "prior (1 sigma)", "")

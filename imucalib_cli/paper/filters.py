@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.entries import WindowEntry
 from imucalib_cli.estimate.model.windows import shortest_length
 from imucalib_cli.estimate.options import PaperOptions
-from imucalib_cli.estimate.window_choice import Window
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.signals.stretches import Stretches
 from imucalib_cli.signals.timing.stamps import gap_breaks, tidy_rows
@@ -98,7 +98,7 @@ def filtered_instants(
     options: PaperOptions,
     R_initial: Floats,
     t_initial: Floats,
-) -> tuple[Instants, Window, int]:
+) -> tuple[Instants, WindowEntry, int]:
     """Filter both sides, pair them, mark starts and stops by a first guess of the pose.
 
     Returns:
@@ -160,7 +160,7 @@ def filtered_instants(
         accel=smooth(accel, 0, dt_imu, whole_imu)[nearest],
         gyro=smooth(gyro, 0, dt_imu, whole_imu)[nearest],
     )
-    window = Window(samples=length, seconds=(length - 1) * dt, reason="as asked")
+    window = WindowEntry(samples=length, seconds=(length - 1) * dt, reason="as asked")
     return instants, window, trajectory.gaps + len(gap_breaks(t_imu))
 
 

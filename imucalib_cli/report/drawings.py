@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.result import ParameterEntry
+    from imucalib_cli.estimate.entries import ParameterEntry
 
 _LABELS, _CELLS, _ROW, _FOOT = 90, 700, 26, 40
 """Widths of labels and cells, heights of a row and the axis, in units of the drawing."""

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import WindowSeries
+    from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.results.comparison.answers import TrendAnswer
-    from imucalib_cli.results.pose import Kind
 
 SUFFIXES = (".svg", ".pdf", ".png")
 _WIDTH, _HEIGHT = 7.2, 8.6

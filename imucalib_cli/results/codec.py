@@ -21,8 +21,9 @@ from imucalib_cli.findings import TEXT
 from imucalib_cli.guarded_yaml import NUMBERS, YamlError, load_yaml
 from imucalib_cli.results.from_estimate import known_directions, tangent
 from imucalib_cli.results.pose import is_covariance
-from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Std, Tree
+from imucalib_cli.results.result import SCHEMA, FindingEntry, Pose, Result, Std
 from imucalib_cli.robot.rotations import matrix_from_quaternion, matrix_from_rpy, rotvec_from_matrix
+from imucalib_cli.tree import Tree
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

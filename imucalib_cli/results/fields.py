@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.entries import Unobservable
     from imucalib_cli.results.result import (
         Bias,
         FindingEntry,
         Observable,
         Result,
         Status,
-        Unobservable,
     )
 
 _GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"

@@ -17,6 +17,7 @@ from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, orthogonal_complement
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
+from imucalib_cli.tree import Tree, plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,11 +25,12 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.entries import Unobservable
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.robot.mount import NominalPose
 
 
-T = TypeVar("T", bound=tree.Tree)
+T = TypeVar("T", bound=Tree)
 
 
 def result_of(
@@ -73,7 +75,7 @@ def result_of(
 
 
 def known_directions(
-    t_parent_imu: Floats, covariance: Floats | None, unobservable: list[tree.Unobservable]
+    t_parent_imu: Floats, covariance: Floats | None, unobservable: list[Unobservable]
 ) -> list[tree.Observable]:
     """The directions that the motion determined, where others are undetermined; else none.
 
@@ -96,11 +98,11 @@ def known_directions(
 
 
 def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagnostics:
-    residuals, check, parts = estimate.residuals, estimate.imu_check, estimate.consistency
-    unobservable = [tree_from(tree.Unobservable, each) for each in estimate.unobservable]
+    residuals, parts = estimate.residuals, estimate.consistency
+    unobservable = list(estimate.unobservable)
     # a sigma that is contradicted says nothing about any direction
     covariance = None if estimate.distrust else estimate.covariance
-    normalised = consistency = imu_model = None
+    normalised = consistency = None
     if residuals.accel_normalised is not None:
         own = plain(residuals.accel_normalised), plain(residuals.gyro_normalised)
         normalised = tree.ResidualNormalised(*own)
@@ -113,9 +115,6 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
             halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
             whiteness=tree.Whiteness(*plain(parts.whiteness)),
         )
-    if check is not None:
-        accel, gyro = (tree_from(tree.SensorCheckEntry, each) for each in (check.accel, check.gyro))
-        imu_model = tree_from(tree.ImuModelEntry, check, accel=accel, gyro=gyro)
     return tree.Diagnostics(
         method=estimate.method,
         unobservable=unobservable,
@@ -124,24 +123,14 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
         distrust=list(estimate.distrust),
         warnings=list(estimate.warnings),
         sigma_source="noise",
-        corrections={
-            each.name: tree_from(tree.CorrectionEntry, each) for each in estimate.corrections
-        },
-        parameters=[
-            tree_from(
-                tree.ParameterEntry,
-                each,
-                prior_learnt=each.learnt,
-                axis=UNSET if each.axis is None else plain(each.axis),
-            )
-            for each in estimate.parameters
-        ],
+        corrections=estimate.corrections,
+        parameters=list(estimate.parameters),
         nominal=None if nominal is None else _nominal(estimate, nominal),
-        window=tree_from(tree.WindowEntry, estimate.window, samples=int(estimate.window.samples)),
+        window=estimate.window,
         residual_rms=tree.ResidualRms(plain(residuals.accel_rms), plain(residuals.gyro_rms)),
         residual_normalised=normalised,
         consistency=consistency,
-        imu_model=imu_model,
+        imu_model=estimate.imu_check,
         windows_used=int(residuals.windows_used),
         windows_dropped=int(residuals.windows_dropped),
         samples_replaced=int(residuals.samples_replaced),
@@ -197,16 +186,6 @@ def tree_from(kind: type[T], source: object, **given: Any) -> T:
     """A tree with the attributes of an object that have the same names, and the given ones."""
     names = [name for name in kind.__struct_fields__ if name not in given]
     return kind(**given, **{name: plain(getattr(source, name)) for name in names})
-
-
-def plain(value: Any) -> Any:
-    """Numbers and arrays as floats, null where not finite; texts stay."""
-    if value is None or isinstance(value, str):
-        return value
-    if isinstance(value, (np.ndarray, list, tuple)):
-        return [plain(each) for each in value]
-    # minus zero becomes zero: its sign means nothing
-    return float(value) + 0.0 if math.isfinite(value) else None
 
 
 def scalars(values: Mapping[str, object]) -> dict[str, tree.Scalar]:

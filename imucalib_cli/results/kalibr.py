@@ -23,11 +23,12 @@ from imucalib_cli.results.codec import FARTHEST, ROTATIONS_AGREE, convert
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
 from imucalib_cli.results.fields import numbers
-from imucalib_cli.results.from_estimate import plain, pose_entry
+from imucalib_cli.results.from_estimate import pose_entry
 from imucalib_cli.results.pose import pose_error
-from imucalib_cli.results.result import SCHEMA, Result, Tree, Vector3
+from imucalib_cli.results.result import SCHEMA, Result
 from imucalib_cli.robot.mount import fixed_transform
 from imucalib_cli.robot.rotations import matrix_from_quaternion, nearest_rotation
+from imucalib_cli.tree import Tree, Vector3, plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,7 +14,8 @@ from imucalib_cli.robot.rotations import matrix_from_rotvec
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.results.result import ParameterEntry, Result
+    from imucalib_cli.estimate.entries import ParameterEntry
+    from imucalib_cli.results.result import Result
     from imucalib_cli.results.urdf_edit import JointOrigin
     from imucalib_cli.robot.urdf import Joint, Robot
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.robot.urdf import Robot
 
-Kind = Literal["translation", "rotation"]
 PARTS: dict[Kind, tuple[slice, str, float]] = {
     "translation": (slice(0, 3), "mm", 1e3),
     "rotation": (slice(3, 6), "deg", math.degrees(1.0)),

@@ -12,8 +12,8 @@ from imucalib_cli.findings import untrusted
 from imucalib_cli.results.pose import PARTS
 
 if TYPE_CHECKING:
+    from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.results.pose import Kind
 
 CODES = frozenset({"require.sigma", "require.no_sigma", "require.text"})
 """Of findings about a sigma that is too large, but not wrong; the last one occurs in stored results

@@ -11,19 +11,27 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec import UNSET, Meta, UnsetType, field
 
-from imucalib_cli.estimate.estimate import CorrectionName
-from imucalib_cli.results.pose import Kind, UncertainPose
+from imucalib_cli.estimate.entries import (
+    CorrectionEntry,
+    CorrectionName,
+    ImuModelEntry,
+    Kind,
+    ParameterEntry,
+    Unobservable,
+    WindowEntry,
+)
+from imucalib_cli.results.pose import UncertainPose
 from imucalib_cli.robot.mount import NominalPose
 from imucalib_cli.robot.rotations import matrix_from_quaternion
+from imucalib_cli.tree import Tree, Vector3
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
 Scalar = bool | int | float | str | None
 Status = Literal["ok", "untrusted"]
-Vector3 = Annotated[list[float], Meta(min_length=3, max_length=3)]
 Vector3OrNull = Annotated[list[float | None], Meta(min_length=3, max_length=3)]
 _NUMBER = {"type": "number"}
 _WITH_W_AT_LEAST_0 = {"prefixItems": [_NUMBER, _NUMBER, _NUMBER, _NUMBER | {"minimum": 0}]}
@@ -32,7 +40,6 @@ Quaternion = Annotated[
     Meta(min_length=4, max_length=4, extra_json_schema=_WITH_W_AT_LEAST_0),
 ]
 Range = Annotated[list[float], Meta(min_length=2, max_length=2)]
-UpTo3 = Annotated[list[float], Meta(min_length=1, max_length=3)]
 Matrix6 = Annotated[
     list[Annotated[list[float | None], Meta(min_length=6, max_length=6)]],
     Meta(min_length=6, max_length=6),
@@ -44,10 +51,6 @@ Value = Scalar | Annotated[list[_Row], Meta(max_length=10_000)]
 
 SCHEMA: Literal[1] = 1
 """Version of the document; adding a key keeps it, changing one raises it."""
-
-
-class Tree(Struct, frozen=True):
-    """A mapping of the document."""
 
 
 class Pose(Tree, frozen=True):
@@ -105,18 +108,6 @@ class Bias(Tree, frozen=True):
     """null where it was not estimated."""
 
 
-class Unobservable(Tree, frozen=True):
-    """A direction of the pose that the motion did not determine."""
-
-    kind: Kind
-    direction_parent: Vector3
-    """Unit vector in the parent frame: along it, or about it."""
-    std: float | None
-    """1 sigma along it, m or rad; null where nothing bounds it."""
-    motion: str
-    """What motion would determine it."""
-
-
 class Observable(Tree, frozen=True):
     """A direction of the pose that the motion determined although it left others open."""
 
@@ -143,40 +134,6 @@ class FindingEntry(Tree, frozen=True):
     """The finding in words."""
 
 
-class ParameterEntry(Tree, frozen=True):
-    """An unknown beside the pose: what was known of it, and what the log showed."""
-
-    name: str
-    """Entry of the table of unknowns (docs/method.md)."""
-    label: str
-    """Axis, joint or origin; empty where there is one component."""
-    unit: str
-    value: float | None
-    std: float | None
-    """1 sigma."""
-    prior_std: float | None
-    """1 sigma beforehand, about zero or the nominal value. Where prior_learnt is true it comes from
-    no data sheet: it is the mean of the standard deviation that this log showed, of all components
-    that share it."""
-    prior_learnt: bool
-    """Whether the size of the prior is learnt from the log."""
-    axis: Vector3 | UnsetType = UNSET
-    """Only of an origin: unit vector in the frame of the joint that the label names."""
-
-
-class CorrectionEntry(Tree, frozen=True):
-    """What was off and has been corrected, by its name.
-
-    clock_drift: s/s, what the IMU's clock gains on the robot's. gyro_delay: s, stamp of the
-    gyroscope - stamp of the accelerometer for the same instant. accel_scale, gyro_scale: measured
-    over true, IMU axes. gyro_misalignment: rad, rotation vector from the gyroscope's axes to the
-    accelerometer's, whose pose the transform is. gravity_norm: m/s2.
-    """
-
-    value: UpTo3
-    std: UpTo3
-
-
 class NominalEntry(Tree, frozen=True):
     """The pose that the URDF (or /tf_static) has, and how far the found one is from it."""
 
@@ -189,14 +146,6 @@ class NominalEntry(Tree, frozen=True):
     """rad."""
     distance_mm: float
     distance_deg: float
-
-
-class WindowEntry(Tree, frozen=True):
-    """The filter window that was used and why."""
-
-    samples: int
-    seconds: float
-    reason: str
 
 
 class ResidualRms(Tree, frozen=True):
@@ -251,30 +200,6 @@ class ConsistencyEntry(Tree, frozen=True):
     segment_chi2: float
     """Scatter of the segments over what noise explains; 1 is noise alone."""
     whiteness: Whiteness
-
-
-class SensorCheckEntry(Tree, frozen=True):
-    """Standard deviations of a sample's white noise, m/s2 or rad/s."""
-
-    expected: float
-    """By the sheet's density: density * sqrt(rate / 2)."""
-    measured: float
-    """By how far samples stand off their neighbours."""
-    in_windows: float | None
-    """White noise that would leave of the windows what the fit leaves; null where the method does
-    not tell."""
-    bias_prior: float | None
-    """1 sigma of the bias that was taken from the sheet; null where none was."""
-
-
-class ImuModelEntry(Tree, frozen=True):
-    """The log against the data sheet of the IMU named by --imu-model."""
-
-    name: str
-    rate: float
-    """Of the log, Hz."""
-    accel: SensorCheckEntry
-    gyro: SensorCheckEntry
 
 
 class BetweenLogs(Tree, frozen=True):
@@ -338,19 +263,19 @@ class Diagnostics(Tree, frozen=True, kw_only=True):
 
     method: Literal["matched", "paper"]
     unobservable: list[Unobservable]
-    observable: list[Observable] = []
+    observable: list[Observable] = field(default_factory=list)
     """Where something is unobservable: what the motion determined all the same."""
-    findings: list[FindingEntry] = []
+    findings: list[FindingEntry] = field(default_factory=list)
     """distrust and warnings are the messages of these: of severity untrusted, and of the others."""
     distrust: list[str]
     warnings: list[str]
     sigma_source: Literal["noise", "segments"]
     """noise; segments in results of earlier versions, whose sigma was widened by the scatter of
     parts of the log."""
-    corrections: dict[CorrectionName, CorrectionEntry] = {}
+    corrections: dict[CorrectionName, CorrectionEntry] = field(default_factory=dict)
     """What of the sensor or the clocks stands clear of its sigma and has been corrected, by name;
     the time offset is the gyroscope's, in the middle of the log."""
-    parameters: list[ParameterEntry] = []
+    parameters: list[ParameterEntry] = field(default_factory=list)
     """Every unknown beside the pose that was found with it."""
     nominal: NominalEntry | None
     window: WindowEntry

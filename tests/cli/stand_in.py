@@ -9,7 +9,7 @@ import numpy as np
 import yaml
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.checks.observability import UnobservableDirection
+from imucalib_cli.estimate.entries import Unobservable
 from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.findings import TEXT, warning
 from tests.conftest import Printed
@@ -26,8 +26,8 @@ ESTIMATE = make_estimate(
     time_offset=0.012,
     findings=(warning(TEXT, text="the moon is full"),),
 )
-SIDEWAYS = UnobservableDirection(
-    kind="translation", direction_parent=np.array([0.0, 1.0, 0.0]), std=None, motion="roll"
+SIDEWAYS = Unobservable(
+    kind="translation", direction_parent=[0.0, 1.0, 0.0], std=None, motion="roll"
 )
 
 

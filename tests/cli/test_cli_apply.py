@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from imucalib_cli.estimate.entries import ParameterEntry
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.results.result import ParameterEntry, Result, SourceFile
+from imucalib_cli.results.result import Result, SourceFile
 from imucalib_cli.robot.urdf import load_robot
 from tests.cli.test_cli_diff import make
 from tests.conftest import Imucalib, Printed

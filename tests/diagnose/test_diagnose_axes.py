@@ -68,7 +68,7 @@ def test_only_the_root_cause_is_named(which: str) -> None:
     found = explained(log().noisy(3, grade), gyro, accel)
     assert len(found.distrust) == 1
     assert words in found.distrust[0]
-    assert found.corrections == ()
+    assert found.corrections == {}
 
 
 def test_common_rotation_of_both_sensors_is_part_of_the_mount() -> None:

@@ -365,7 +365,10 @@ class Solved(Estimate):
     @property
     def corrected(self) -> dict[str, tuple[Floats, Floats]]:
         """Value and 1 sigma of each correction."""
-        return {each.name: (each.value, each.std) for each in self.corrections}
+        return {
+            name: (np.array(each.value), np.array(each.std))
+            for name, each in self.corrections.items()
+        }
 
     @property
     def log_statistics(self) -> LogStatistics:

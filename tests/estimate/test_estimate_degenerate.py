@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.estimate.checks.observability import UnobservableDirection
+from imucalib_cli.estimate.entries import Unobservable
 from tests.estimate.estimate_arm import GRAVITY, Log, Moves, Solved, make_log, parent_motion, solve
 from tests.slow import slow_after
 
@@ -36,13 +36,13 @@ def turning_axis(amplitude: tuple[float, ...]) -> Floats:
     return np.asarray(axis)
 
 
-def of_kind(found: Solved, kind: str) -> list[UnobservableDirection]:
+def of_kind(found: Solved, kind: str) -> list[Unobservable]:
     return [direction for direction in found.unobservable if direction.kind == kind]
 
 
-def assert_along(direction: UnobservableDirection, axis: Floats) -> None:
+def assert_along(direction: Unobservable, axis: Floats) -> None:
     assert np.linalg.norm(direction.direction_parent) == pytest.approx(1.0)
-    assert abs(float(direction.direction_parent @ axis)) > 0.999
+    assert abs(float(np.dot(direction.direction_parent, axis))) > 0.999
 
 
 def assert_covers(found: Solved) -> None:

@@ -221,7 +221,7 @@ def test_base_that_tilts_under_the_arm_is_corrected(robot: str, seed: int) -> No
     assert found.trusted
     assert found.covered
     tilts = {each.label: each for each in found.parameters if each.name == "joint_sag"}
-    clear = [each for label, each in tilts.items() if label.startswith("base")]
+    clear: list[Any] = [each for label, each in tilts.items() if label.startswith("base")]
     assert max(each.value / each.std for each in clear) > 5.0
 
 

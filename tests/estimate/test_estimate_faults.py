@@ -197,7 +197,7 @@ def test_moving_mount_is_found_with_time_and_size(
         size = float(np.linalg.norm(truth))
         allowed = max(3.0 * change[f"{what}_std"], 0.15 * size)
         assert change[what] == approx(size, abs=allowed)
-    assert found.corrections == ()
+    assert found.corrections == {}
     assert share is None or replace(found, mount=moved_by(share)).covered
 
 

@@ -100,7 +100,7 @@ def test_wrong_prior_is_contradicted_with_name_and_size(
     reason, *_ = (each for each in found.findings if each.severity is Severity.UNTRUSTED)
     assert (reason.code, reason.values["option"]) == ("prior.contradicted", option)
     assert reason.values["step"] == pytest.approx(step, abs=within or 4 * free().sigma[0])
-    assert found.corrections == ()
+    assert found.corrections == {}
     # Nor is it taken for a change within the log.
     assert not any(code.startswith("change.") for code in found.codes)
 

@@ -296,6 +296,7 @@ def test_zero_of_a_joint_that_follows_another_is_its_own() -> None:
     steps[index] = replace(step, offset=step.offset + 5e-3)
     found = solve(replace(log, path=replace(log.path, steps=tuple(steps))))
     assert found.covered
+    zero: Any
     (zero,) = (each for each in found.parameters if each.label == "mimic")
     # In the position of the joint that it follows, of which it makes minus a half.
     assert zero.value == pytest.approx(0.01, abs=4.0 * zero.std)

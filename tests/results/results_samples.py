@@ -11,10 +11,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.estimate.checks.observability import UnobservableDirection
 from imucalib_cli.estimate.checks.segments import Consistency
-from imucalib_cli.estimate.estimate import Correction, Estimate, ImuCheck, Residuals, SensorCheck
-from imucalib_cli.estimate.window_choice import Window
+from imucalib_cli.estimate.entries import (
+    CorrectionEntry,
+    ImuModelEntry,
+    SensorCheckEntry,
+    Unobservable,
+    WindowEntry,
+)
+from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -23,12 +28,8 @@ from imucalib_cli.robot.mount import NominalPose
 
 RECORDED = datetime(2026, 5, 4, 9, 15, 2, 250_000, tzinfo=timezone.utc)
 R_TRUE = Rotation.from_euler("xyz", [0.1, -0.4, 2.9])
-UP = UnobservableDirection(
-    kind="translation", direction_parent=np.array([0.0, 0.0, 1.0]), std=None, motion="tilt it"
-)
-ROLL = UnobservableDirection(
-    kind="rotation", direction_parent=np.array([1.0, 0.0, 0.0]), std=0.3, motion="roll it"
-)
+UP = Unobservable(kind="translation", direction_parent=[0.0, 0.0, 1.0], std=None, motion="tilt it")
+ROLL = Unobservable(kind="rotation", direction_parent=[1.0, 0.0, 0.0], std=0.3, motion="roll it")
 
 DOUBTS = (untrusted(TEXT, text="it wobbles"),)
 
@@ -48,7 +49,7 @@ def make_estimate(**changes: Any) -> Estimate:
         gyro_bias=np.zeros(3),
         gyro_bias_std=None,
         gravity_world=np.array([0.0, 0.0, -9.80665]),
-        window=Window(samples=51, seconds=0.1, reason="encoder noise 2e-5 rad"),
+        window=WindowEntry(samples=51, seconds=0.1, reason="encoder noise 2e-5 rad"),
         residuals=Residuals(
             accel_rms=np.full(3, 0.02),
             gyro_rms=np.full(3, 1e-3),
@@ -59,10 +60,10 @@ def make_estimate(**changes: Any) -> Estimate:
             accel_normalised=np.full(3, 1.1),
             gyro_normalised=np.array([0.9, 1.0, 1.1]),
         ),
-        corrections=(
-            Correction(name="accel_scale", value=np.array([1.0, 1.01, 1.0]), std=np.full(3, 1e-4)),
-            Correction(name="clock_drift", value=np.array([2e-5]), std=np.array([1e-7])),
-        ),
+        corrections={
+            "accel_scale": CorrectionEntry(value=[1.0, 1.01, 1.0], std=[1e-4] * 3),
+            "clock_drift": CorrectionEntry(value=[2e-5], std=[1e-7]),
+        },
         consistency=Consistency(
             folds=12,
             fold_std=np.linspace(1e-4, 6e-4, 6),
@@ -72,11 +73,11 @@ def make_estimate(**changes: Any) -> Estimate:
             segment_sigmas=-0.4,
             whiteness=(1.0, 1.3),
         ),
-        imu_check=ImuCheck(
+        imu_check=ImuModelEntry(
             name="bmi088",
             rate=200.0,
-            accel=SensorCheck(expected=0.02, measured=0.1, in_windows=0.03, bias_prior=0.4),
-            gyro=SensorCheck(expected=2e-3, measured=1e-3, in_windows=None, bias_prior=None),
+            accel=SensorCheckEntry(expected=0.02, measured=0.1, in_windows=0.03, bias_prior=0.4),
+            gyro=SensorCheckEntry(expected=2e-3, measured=1e-3, in_windows=None, bias_prior=None),
         ),
         notes={"chi2": float("nan"), "count": 3, "flag": True},
     )

@@ -4,7 +4,6 @@ import json
 import math
 import re
 import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -15,6 +14,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError, UntrustedError
@@ -85,7 +85,7 @@ def test_keys_are_in_schema_order_and_vectors_on_one_line() -> None:
     ("direction", "translation", "place"),
     [
         (UP, [-0.0225, 0.1, None], [-0.0225, 0.1, 0.0]),  # there at its nominal value
-        (replace(UP, direction_parent=np.array([0.8, 0.0, 0.6])), [None, 0.1, None], None),
+        (structs.replace(UP, direction_parent=[0.8, 0.0, 0.6]), [None, 0.1, None], None),
         (ROLL, [-0.0225, 0.1, 1e-5], [-0.0225, 0.1, 1e-5]),
     ],
 )
@@ -528,7 +528,7 @@ def _numbers(text: str) -> list[float]:
 def test_summary_lists_unknowns() -> None:
     text = summarise(make_result(unobservable=(UP, ROLL), findings=DOUBTS))
     assert "UNTRUSTED" in text
-    far = make_result(unobservable=(replace(ROLL, std=math.pi),))
+    far = make_result(unobservable=(structs.replace(ROLL, std=math.pi),))
     assert "sigma 180 deg" in summarise(far)
     assert "not trusted: it wobbles" in text
     assert "translation along (0.00 0.00 1.00) of wrist_3_link, sigma unbounded; tilt it" in text

@@ -1,7 +1,6 @@
 """The rules of ``verify`` and ``diff``: error rates in noise, reasons for unknown verdicts."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import ortho_group
 
-from imucalib_cli.estimate.checks.observability import UnobservableDirection
+from imucalib_cli.estimate.entries import Unobservable
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.comparison.answers import DiffAnswer, VerifyAnswer
 from imucalib_cli.results.comparison.verdicts import diff, verify
@@ -176,7 +175,7 @@ def test_sigma_above_requirement_still_gives_a_verdict() -> None:
     assert moved(found_at(), demanding).verdict == "moved"
 
 
-def _widened(*directions: UnobservableDirection) -> NDArray[np.float64]:
+def _widened(*directions: Unobservable) -> NDArray[np.float64]:
     """As the estimator leaves it: 10 m or pi rad where nothing bounds a direction."""
     covariance = SMALL.copy()
     for direction in directions:
@@ -202,14 +201,14 @@ def test_unknown_translation_prevents_yes_but_not_no() -> None:
     ):
         assert answer(found_at(shift, turn, **blind)).verdict == verdict
     # whatever the tolerance
-    loose = replace(UP, std=0.06)
+    loose = structs.replace(UP, std=0.06)
     found = found_at(covariance=_widened(loose), unobservable=(loose,))
     assert answer(found, Tolerance(translation=1.0, rotation=1.0)).verdict == "unknown"
 
 
 def test_unknown_rotation_prevents_verdicts_that_depend_on_it() -> None:
     """ROLL: nothing is known about x of the parent, so no lever arm either."""
-    free = replace(ROLL, std=None)
+    free = structs.replace(ROLL, std=None)
     blind: dict[str, Any] = {"covariance": _widened(free), "unobservable": (free,)}
     anyhow = Rotation.from_rotvec([2.0, 0, 0]) * Rotation.from_rotvec([0, 0.01, 0])
     for shift, turn, verdict in (

@@ -2,38 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec.structs import replace
 
+from imucalib_cli.estimate.entries import Unobservable
 from imucalib_cli.estimate.solution.algebra import inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.fit import DETERMINED
 from imucalib_cli.estimate.solution.solve import WEAKEST_STD
 from imucalib_cli.estimate.unknowns import LEAN
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.estimate.solution.normal_equations import Answer
 
 
 _LEVEL: Final = "; or state that the base is level (--gravity fixed, or --tilt-std)"
 _PARTS: Final = {"translation": slice(0, 3), "rotation": slice(3, 6)}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UnobservableDirection:
-    """A direction of the pose that the motion did not determine."""
-
-    kind: Literal["translation", "rotation"]
-    direction_parent: Floats
-    """(3,), unit vector in the parent frame: along it, or about it."""
-    std: float | None
-    """1 sigma along the direction, m or rad; None where nothing bounds it."""
-    motion: str
-    """Which motion would determine it, in words."""
 
 
 def excitation(answer: Answer, *, everything: bool = False) -> Floats:
@@ -66,7 +56,7 @@ def undetermined(answer: Answer) -> Bools:
     return np.asarray(std > DETERMINED)
 
 
-def unobservable(answer: Answer) -> tuple[UnobservableDirection, ...]:
+def unobservable(answer: Answer) -> tuple[Unobservable, ...]:
     """Directions of the pose that the motion did not determine, and motions that would.
 
     By the larger of the estimate's covariance and that of ordinary noise with this motion, so that
@@ -92,19 +82,19 @@ def _given(covariance: Floats, part: slice) -> Floats:
     return np.asarray(covariance - across @ inverse_of(covariance[part, part]) @ across.T)
 
 
-def _directions(covariance: Floats, excitation: Floats) -> list[UnobservableDirection]:
+def _directions(covariance: Floats, excitation: Floats) -> list[Unobservable]:
     """Eigen-directions of (6, 6) beyond the limits, translation first, the least known first."""
     rotation = _beyond("rotation", covariance, excitation)
     swept = [_swept(matrix, rotation) for matrix in (covariance, excitation)]
     # A single unknown turn is about the only axis of the motion.
-    turns_about = rotation[0].direction_parent if len(rotation) == 1 else None
+    turns_about = np.array(rotation[0].direction_parent) if len(rotation) == 1 else None
     translation = _beyond("translation", swept[0], swept[1], turns_about)
     if len(translation) == 1:
         translation = [_with_way_out(translation[0])]
     return [*translation, *rotation]
 
 
-def _with_way_out(lost: UnobservableDirection) -> UnobservableDirection:
+def _with_way_out(lost: Unobservable) -> Unobservable:
     """With advice for a robot that cannot move so, as one that drives on a plane."""
     axis = int(np.argmax(np.abs(lost.direction_parent)))
     held, about = "", "--prior-std"
@@ -116,7 +106,7 @@ def _with_way_out(lost: UnobservableDirection) -> UnobservableDirection:
     return replace(lost, motion=lost.motion + words)
 
 
-def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Floats:
+def _swept(covariance: Floats, rotation: Sequence[Unobservable]) -> Floats:
     """Covariance in which an unknown turn of the IMU sweeps its place around a circle.
 
     To first order the turn moves the place along the circle's tangent only; a large turn makes it
@@ -124,7 +114,7 @@ def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Flo
     """
     wide = np.array(covariance)
     for turn in rotation:
-        u = turn.direction_parent
+        u = np.array(turn.direction_parent)
         plane = np.eye(3) - np.outer(u, u)
         size = float(np.linalg.eigvalsh(plane @ covariance[:3, :3] @ plane)[-1])
         if size > DETERMINED**2:
@@ -133,11 +123,11 @@ def _swept(covariance: Floats, rotation: Sequence[UnobservableDirection]) -> Flo
 
 
 def _beyond(
-    kind: Literal["translation", "rotation"],
+    kind: Kind,
     covariance: Floats,
     excitation: Floats,
     turns_about: Floats | None = None,
-) -> list[UnobservableDirection]:
+) -> list[Unobservable]:
     """Eigen-directions of one kind beyond its limit, the least known first."""
     part = _PARTS[kind]
     blocks = [matrix[part, part] for matrix in (covariance, excitation)]
@@ -150,9 +140,9 @@ def _beyond(
             break
         std, axis = float(np.sqrt(variance)), _readable(direction)
         found.append(
-            UnobservableDirection(
+            Unobservable(
                 kind=kind,
-                direction_parent=axis,
+                direction_parent=plain(axis),
                 std=std if std < 0.5 * WEAKEST_STD[kind] else None,
                 motion=_motion(kind, axis, turns_about),
             )
@@ -160,12 +150,12 @@ def _beyond(
     return found
 
 
-def widen(covariance: Floats, directions: Sequence[UnobservableDirection]) -> Floats:
+def widen(covariance: Floats, directions: Sequence[Unobservable]) -> Floats:
     """Covariance (6, 6) in which every unobservable direction has its stated sigma."""
     wide = np.array(covariance)
     for direction in directions:
         part = _PARTS[direction.kind]
-        u = direction.direction_parent
+        u = np.array(direction.direction_parent)
         std = WEAKEST_STD[direction.kind] if direction.std is None else direction.std
         missing = std**2 - float(u @ wide[part, part] @ u)
         if missing > 0.0:

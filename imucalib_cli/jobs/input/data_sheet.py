@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from imucalib_cli.estimate.estimate import ImuCheck, SensorCheck
+from imucalib_cli.estimate.entries import ImuModelEntry, SensorCheckEntry
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.estimate.unknowns import SENSORS
 from imucalib_cli.findings import Finding, warning
@@ -94,7 +94,7 @@ def checked(
 
 def _check(
     imu: ImuSamples, estimate: Estimate, expected: ExpectedImu, dropped: tuple[Sensor, ...]
-) -> ImuCheck:
+) -> ImuModelEntry:
     """Measure a log's noise and compare it with the data sheet's.
 
     Two levels are measured: the deviation of samples from their neighbours, which is noise near
@@ -106,7 +106,7 @@ def _check(
     priors = expected.bias_priors if estimate.method == "matched" else {}
     in_windows = estimate.residuals.white_equivalent or (None, None)
     accel, gyro = (
-        SensorCheck(
+        SensorCheckEntry(
             expected=expected.model.noise(sensor) * float(np.sqrt(rate / 2.0)),
             measured=noise_level(imu.of(sensor)[rows]),
             in_windows=level,
@@ -114,10 +114,10 @@ def _check(
         )
         for sensor, level in zip(SENSORS, in_windows, strict=True)
     )
-    return ImuCheck(name=expected.model.name, rate=rate, accel=accel, gyro=gyro)
+    return ImuModelEntry(name=expected.model.name, rate=rate, accel=accel, gyro=gyro)
 
 
-def _noise(check: ImuCheck, model: ImuModel) -> Iterator[Finding]:
+def _noise(check: ImuModelEntry, model: ImuModel) -> Iterator[Finding]:
     factor = imu_assumptions().noise_factor
     for sensor, found in zip(SENSORS, (check.accel, check.gyro), strict=True):
         values = {

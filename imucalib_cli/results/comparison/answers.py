@@ -22,9 +22,8 @@ from imucalib_cli.results.result import (
     Result,
     SourceFile,
     Status,
-    Tree,
-    Vector3,
 )
+from imucalib_cli.tree import Tree, Vector3
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

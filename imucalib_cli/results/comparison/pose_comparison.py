@@ -13,7 +13,6 @@ from msgspec import UNSET
 from imucalib_cli.digits import decimals, figures, fixed, with_std
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
-from imucalib_cli.results.from_estimate import plain
 from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, correlation, orthogonal_complement
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
@@ -21,12 +20,14 @@ from imucalib_cli.robot.rotations import (
     quaternion_from_matrix,
     rotvec_from_matrix,
 )
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.results.pose import Kind, UncertainPose
+    from imucalib_cli.estimate.entries import Kind
+    from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.requirement import Tolerance
 
 

@@ -13,9 +13,10 @@ from imucalib_cli.findings import warning
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses
 from imucalib_cli.results.fields import contradictions, unobservable_fields
-from imucalib_cli.results.from_estimate import plain, pose_entry, tree_from
+from imucalib_cli.results.from_estimate import pose_entry, tree_from
 from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.result import SCHEMA
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -19,12 +19,13 @@ from imucalib_cli.results.comparison.bounds import chance_of_more
 from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison, compare_poses
 from imucalib_cli.results.comparison.verdicts import within_entry
 from imucalib_cli.results.fields import instant, judgement
-from imucalib_cli.results.from_estimate import plain, pose_entry, tangent, tree_from
+from imucalib_cli.results.from_estimate import pose_entry, tangent, tree_from
 from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.result import SCHEMA
 from imucalib_cli.results.trend import search
 from imucalib_cli.robot.rotations import left_jacobian_inverse, matrix_from_rotvec, rotation_angle
 from imucalib_cli.shown import natural_key
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
