@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import json
-import math
 import zipfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -16,7 +15,6 @@ import msgspec
 import numpy as np
 
 from imucalib_cli import __version__
-from imucalib_cli.combine.imus import SOLVED_TOGETHER
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
 from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
@@ -45,8 +43,6 @@ _ROOM: Final = 1_000_000
 _LARGEST: Final = 64 << 20
 """Bytes of all arrays of a file: fifty times the largest that is written."""
 _KINDS: Final = {each.name: each for each in TABLE}
-_ALIKE: Final = 1e-6
-"""m and rad: the pose from the statistics agrees with the result to far more digits."""
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
     "seconds": float,
     "clock_stepped": bool,
@@ -143,27 +139,7 @@ def _read(path: Path) -> StoredLog:
             "imucalib it came from"
         )
     result = result_from(header["result"], str(path))
-    log = StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
-    _check_agreement(log)
-    return log
-
-
-def _check_agreement(log: StoredLog) -> None:
-    """Raise ValueError unless the statistics give the pose of the result.
-
-    A result that was solved together with other IMUs is not checked: the statistics are of its own
-    fit.
-    """
-    equations = log.statistics.equations
-    if not (equations.level > 0.0 and math.isfinite(equations.level)):
-        raise ValueError("a level of noise that is not positive")
-    if abs(np.linalg.det(equations.at.R) - 1.0) > _ALIKE:
-        raise ValueError("a matrix that is not a rotation")
-    codes = {each.code for each in log.result.diagnostics.findings}
-    if log.result.status == "ok" and SOLVED_TOGETHER not in codes:
-        state, pose = equations.solve(log.statistics.options).state, log.result.pose
-        if np.abs(state.t - pose.t).max() > _ALIKE or np.abs(state.R - pose.R).max() > _ALIKE:
-            raise ValueError("statistics of another result")
+    return StoredLog(name=str(path), result=result, statistics=_statistics(header, arrays))
 
 
 def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatistics:
