@@ -1,6 +1,7 @@
 """Files of statistics: exact, small, and solved again from the command line."""
 
 import io
+import json
 import zipfile
 from dataclasses import fields
 from pathlib import Path
@@ -75,6 +76,16 @@ def test_statistics_read_back_equal(file: Path, content: bytes, calibrated: Cali
     joined = before.parts.reshape(len(few), -1, *few.shape[1:]).sum(axis=1)
     assert np.array_equal(np.triu(few), np.triu(joined))
     assert statistics_bytes(read.result, read.statistics) == content
+
+
+def test_documentation_has_every_array_and_the_schema(content: bytes) -> None:
+    page = (SAMPLE.parents[1] / "docs/several-logs.md").read_text(encoding="utf-8")
+    table = page.partition("## The file of statistics")[2]
+    with np.load(io.BytesIO(content)) as file:
+        header = json.loads(file["header"].tobytes())
+        named = {name.replace("gyro_", "accel_") for name in file.files}
+    assert {name for name in named if f"`{name}`" not in table} == set()
+    assert f"`schema` {header['schema']}," in table
 
 
 def test_log_parts_match_the_report(file: Path, calibrated: Calibrated) -> None:
