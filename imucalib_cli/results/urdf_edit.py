@@ -1,30 +1,33 @@
 """Write a pose into a URDF without changing any other byte.
 
-Expat reports at which byte each element begins, and only the start tag of the origin is parsed
-here. So comments, CDATA, and joints of transmissions or controllers are never taken for the joint.
+The reader of URDFs says at which byte each element begins, and only the start tag of the origin is
+parsed here. So comments, CDATA, and joints of transmissions or controllers are never taken for the
+joint.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
-from xml.parsers import expat
 from xml.sax.saxutils import quoteattr
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.names import numbered
 from imucalib_cli.robot.mount import rigid_transform
 from imucalib_cli.robot.rotations import rpy_from_matrix
+from imucalib_cli.robot.urdf_xml import read_elements
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.urdf import Robot
+    from imucalib_cli.robot.urdf_xml import Element
 
 _DECIMALS = 13
 """Decimal places of metres and radians: exact to 1e-13, and no rounding noise is shown."""
+_SOURCE = "the URDF"
 _SPACE = r"[ \t\r\n]"
 _ATTRIBUTE = rf"{_SPACE}+(?P<name>[^ \t\r\n=/>]+){_SPACE}*={_SPACE}*(?P<value>\"[^\"]*\"|'[^']*')"
 _START_TAG = re.compile(
@@ -131,7 +134,7 @@ def insert_last(urdf: bytes, elements: str) -> bytes:
 
     Raises InputError where the XML is not well-formed, or <robot> has no end tag of its own.
     """
-    at = _root(urdf).end
+    at = read_elements(urdf, _SOURCE, expanded=False).end
     codec = _codec(urdf)
     if not urdf[at:].decode(codec, "surrogatepass").startswith("</"):
         raise InputError("the URDF's <robot> has no end tag: write </robot>")
@@ -164,46 +167,9 @@ def joint_snippet(
     )
 
 
-@dataclass
-class _Element:
-    """An element of XML with the byte offsets of its start and end tags."""
-
-    tag: str
-    attributes: dict[str, str]
-    start: int
-    end: int = 0
-    children: list[_Element] = field(default_factory=list)
-
-
-def _root(urdf: bytes) -> _Element:
-    """The root element and all below it."""
-    parser = expat.ParserCreate()
-    path = [_Element("", {}, 0)]
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        path[-1].children.append(_Element(tag, attributes, parser.CurrentByteIndex))
-        path.append(path[-1].children[-1])
-
-    def end(_: str) -> None:
-        path.pop().end = parser.CurrentByteIndex
-
-    def doctype(*_: object) -> None:
-        raise InputError("the URDF has a DOCTYPE, whose entities could hide the joint: remove it")
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(urdf, True)
-    except expat.ExpatError as error:
-        raise InputError(f"the URDF is not well-formed XML ({error}): repair it") from None
-    except (ValueError, LookupError) as error:
-        raise InputError(f"the URDF's encoding cannot be read ({error})") from None
-    return path[0].children[0]
-
-
-def _joint_of(urdf: bytes, name: str) -> _Element:
+def _joint_of(urdf: bytes, name: str) -> Element:
     """The only joint with this name that is a child of <robot>."""
-    root = _root(urdf)
+    root = read_elements(urdf, _SOURCE, expanded=False)
     joints = [
         each
         for each in (root.children if root.tag == "robot" else ())

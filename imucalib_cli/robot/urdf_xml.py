@@ -30,6 +30,10 @@ class Element:
     tag: str
     attributes: dict[str, str]
     line: int
+    start: int
+    """Byte at which its start tag begins."""
+    end: int = 0
+    """Byte at which its end tag begins, if it has one."""
     children: list[Element] = field(default_factory=list)
 
     def find(self, tag: str) -> Element | None:
@@ -52,6 +56,20 @@ def parse_xml(data: bytes, path: Path | str) -> Element:
     Raises:
         InputError: It is not XML, is xacro, has a DOCTYPE, is too large, or is not a URDF.
     """
+    root = read_elements(data, path)
+    if root.tag != "robot":
+        raise InputError(f"{path}: the root element is <{root.tag}>, not <robot>: give a URDF")
+    if root.find("link") is None:
+        raise InputError(f"{path}: <robot> has no <link>: give a complete URDF")
+    return root
+
+
+def read_elements(data: bytes, path: Path | str, *, expanded: bool = True) -> Element:
+    """The root element of a URDF, or of a file of xacro if it need not be ``expanded``.
+
+    Raises:
+        InputError: It is not XML, is xacro, has a DOCTYPE, or is too large.
+    """
     if len(data) > SIZE_LIMIT:
         raise InputError(
             f"{path}: has more than {SIZE_LIMIT >> 20} MB, too much for a URDF: check --urdf"
@@ -59,7 +77,7 @@ def parse_xml(data: bytes, path: Path | str) -> Element:
     if not data.strip():
         raise InputError(f"{path}: the file is empty: check --urdf")
     try:
-        root = _Reader(path).read(data)
+        return _Reader(path, expanded=expanded).read(data)
     except expat.ExpatError as error:
         raise InputError(
             f"{path}: not well-formed XML ({expat.ErrorString(error.code)}, line {error.lineno}, "
@@ -69,19 +87,14 @@ def parse_xml(data: bytes, path: Path | str) -> Element:
         raise InputError(
             f"{path}: its encoding cannot be read ({error}): save it as UTF-8"
         ) from None
-    if root.tag != "robot":
-        raise InputError(f"{path}: the root element is <{root.tag}>, not <robot>: give a URDF")
-    if root.find("link") is None:
-        raise InputError(f"{path}: <robot> has no <link>: give a complete URDF")
-    return root
 
 
 class _Reader:
     """Elements down to those inside a link's <inertial>; nobody reads deeper ones."""
 
-    def __init__(self, path: Path | str) -> None:
-        self._path = path
-        self._document = Element("", {}, 0)
+    def __init__(self, path: Path | str, *, expanded: bool) -> None:
+        self._path, self._expanded = path, expanded
+        self._document = Element("", {}, 0, 0)
         self._stack = [self._document]
         self._count = 0
         self._parser = expat.ParserCreate()
@@ -97,9 +110,10 @@ class _Reader:
         return InputError(f"{self._path}: {why}")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, self._parser.CurrentLineNumber)
+        at = self._parser.CurrentByteIndex
+        element = Element(tag, attributes, self._parser.CurrentLineNumber, at)
         xacro = f"<{tag}>" if tag.startswith("xacro:") else _xacro_in(element)
-        if xacro:
+        if xacro and self._expanded:
             raise self._refused(
                 f"line {element.line}: {xacro} is xacro, not URDF: expand it first with "
                 f"`xacro {as_word(self._path)} > robot.urdf` and give robot.urdf"
@@ -115,7 +129,7 @@ class _Reader:
         self._stack.append(element)
 
     def _end(self, _tag: str) -> None:
-        self._stack.pop()
+        self._stack.pop().end = self._parser.CurrentByteIndex
 
     def _refuse_doctype(self, *_args: object) -> None:
         raise self._refused(
