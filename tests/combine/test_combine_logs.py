@@ -130,6 +130,7 @@ def test_logs_of_unmoved_mount_equal_sum_of_statistics(
     np.testing.assert_allclose(stated / sigma, 1.0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_disagreeing_log_is_found_and_its_offset_measured() -> None:
     away = np.array([0.004, 0.0, 0.0])
     moves = Moves(seed=77, seconds=15.0)
@@ -140,7 +141,7 @@ def test_disagreeing_log_is_found_and_its_offset_measured() -> None:
 
 
 def test_each_log_keeps_its_own_biases() -> None:
-    logs = recordings(4, 3)
+    logs = recordings(2, 3)
     estimates = [solve(log) for log in logs]
     for own, found, log in zip(together(estimates).own, estimates, logs, strict=True):
         part = found.log_statistics.equations.layout.part("gyro_bias")

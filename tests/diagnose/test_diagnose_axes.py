@@ -10,7 +10,6 @@ from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.options import MatchedOptions
 from tests.estimate.estimate_arm import Log, Moves, make_log, random_mount
-from tests.slow import slow_after
 from tools.faults import EstimatorInputs
 
 SAME = np.eye(3)
@@ -61,7 +60,8 @@ def explained(log: Log, gyro: Floats = SAME, accel: Floats = SAME) -> Estimate:
     return wired.judged(MatchedOptions(either_sign=False)).explained
 
 
-@pytest.mark.parametrize("which", slow_after(1, WIRINGS))
+@pytest.mark.slow
+@pytest.mark.parametrize("which", WIRINGS)
 def test_only_the_root_cause_is_named(which: str) -> None:
     gyro, accel, words = WIRINGS[which]
     grade = "industrial" if "swapped" in which else "mems"

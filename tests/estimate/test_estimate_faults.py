@@ -233,6 +233,7 @@ def test_clock_or_bias_step_is_found_with_time_and_size(
     assert found.covered
 
 
+@pytest.mark.slow
 def test_clock_step_is_in_sigma_of_partly_fixed_pose() -> None:
     log = make_log(OTHER).noisy(1, "industrial")
     stepped = log.with_imu(np.where(log.imu.t > 14.0, log.imu.t + 0.05, log.imu.t))
@@ -262,8 +263,9 @@ def stretched(link: int) -> tuple[tuple[float, float, float], ...]:
     return (*LINKS[:link], (1.01 * x, z, turn), *LINKS[link + 1 :])
 
 
-@pytest.mark.parametrize("link", slow_after(1, [1, 2]))
-@pytest.mark.parametrize("seed", slow_after(1, range(4)))
+@pytest.mark.slow
+@pytest.mark.parametrize("link", [1, 2])
+@pytest.mark.parametrize("seed", range(4))
 def test_link_one_percent_too_long_is_found(link: int, seed: int) -> None:
     moves = replace(LONGEST, seed=seed)
     right = make_log(moves).noisy(seed, "industrial")
@@ -330,7 +332,8 @@ def test_joint_stamps_tens_of_ms_apart_are_untrusted() -> None:
         assert each["value"] == approx(own, abs=5e-3)
 
 
-@pytest.mark.parametrize("seed", slow_after(1, range(5)))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
 def test_contact_shock_is_excluded_from_fit(seed: int) -> None:
     log = make_log(Moves(seconds=30.0)).noisy(seed)
     touched = (log.imu.t > 12.0) & (log.imu.t < 12.5)
@@ -345,8 +348,9 @@ def test_contact_shock_is_excluded_from_fit(seed: int) -> None:
     assert whole.residuals.windows_dropped <= 2
 
 
-@BOTH_GRADES
-@pytest.mark.parametrize("size", slow_after(1, [0.02, 0.1]))
+@pytest.mark.slow
+@pytest.mark.parametrize("grade", GRADES)
+@pytest.mark.parametrize("size", [0.02, 0.1])
 def test_bias_present_only_in_rotation_is_in_sigma(size: float, grade: str) -> None:
     log = log_of(moves=Moves(seed=3, seconds=48.0)).noisy(2, grade)
     turning = np.linalg.norm(log.imu.gyro, axis=1) > 0.1
@@ -358,6 +362,7 @@ def test_bias_present_only_in_rotation_is_in_sigma(size: float, grade: str) -> N
     assert found.distance > clean.distance
 
 
+@pytest.mark.slow
 def test_base_less_level_than_stated_is_reported() -> None:
     gravity = Rotation.from_rotvec([0.03, 0.0, 0.0]).apply([0.0, 0.0, -GRAVITY])
     log = make_log(OTHER, gravity_world=gravity).noisy(1, "industrial")
@@ -510,21 +515,29 @@ ROWS: dict[str, Row] = {
         grades=BOTH,
     ),
     "scale of a sensor that is stated to be ideal": Row(
-        lambda *_: log_of(Flaws(accel_scale=SCALE)).noisy(1), IDEAL_SENSOR, corrected=set()
+        lambda *_: log_of(Flaws(accel_scale=SCALE)).noisy(1),
+        IDEAL_SENSOR,
+        corrected=set(),
+        slow=True,
     ),
     "drift of a clock that is stated to be ideal": Row(
-        lambda *_: log_of(Flaws(drift=2e-4)).noisy(1), IDEAL_SENSOR, corrected=set()
+        lambda *_: log_of(Flaws(drift=2e-4)).noisy(1),
+        IDEAL_SENSOR,
+        corrected=set(),
+        slow=True,
     ),
     "drift about a stated offset": Row(
         lambda *_: log_of(Flaws(drift=2e-4)).noisy(1),
         {"time_offset": 0.0},
         corrected={"clock_drift"},
         trusted=True,
+        slow=True,
     ),
     "stated gravity": Row(
         lambda *_: log_of(gravity_world=(0.0, 0.0, -9.78)).noisy(1),
         {"gravity_norm": 9.78, "gravity_std": 0.0},
         corrected=set(),
+        slow=True,
     ),
     "huge scale": implausible(
         "gyro_scale", Flaws(gyro_scale=(1.0, 1.1, 1.0)), label="y", value=0.1
@@ -535,6 +548,7 @@ ROWS: dict[str, Row] = {
         trusted=True,
         within=(MOUNT, moved_by(0.01)),
         grades=BOTH,
+        slow=True,
     ),
     "biases that walk as usual": Row(walking_as_usual, trusted=True, seeds=2, grades=BOTH),
     "biases that walk far": Row(
@@ -552,16 +566,19 @@ ROWS: dict[str, Row] = {
         trusted=True,
         within=HERE,
     ),
-    "joint states that are held": Row(lambda *_: held(sound(LONGEST, 3)), words="held", most=5e-4),
+    "joint states that are held": Row(
+        lambda *_: held(sound(LONGEST, 3)), words="held", most=5e-4, slow=True
+    ),
     "stamp of zero": Row(
         lambda *_: stamped_zero(sound(SHORT, 3)),
         words="1 with stamps far from the log",
         trusted=True,
         within=HERE,
+        slow=True,
     ),
     "strikes": Row(lambda *_: struck(1.0, 90.0), has={"imu.strikes": {"count": 18, "topic": ""}}),
-    "strikes that are few": Row(lambda *_: struck(10.0, 90.0), lacks=("imu.strikes",)),
-    "strikes that are weak": Row(lambda *_: struck(1.0, 20.0), lacks=("imu.strikes",)),
+    "strikes that are few": Row(lambda *_: struck(10.0, 90.0), lacks=("imu.strikes",), slow=True),
+    "strikes that are weak": Row(lambda *_: struck(1.0, 20.0), lacks=("imu.strikes",), slow=True),
     # Delay and curvature of the resonance are those of a filter, which is found and corrected.
     "mount that rings slowly": Row(
         lambda *_: sprung(4.0), has={"residual.beyond_noise": {}}, within=HERE
@@ -576,12 +593,15 @@ ROWS: dict[str, Row] = {
         within=HERE,
     ),
     "sound log": Row(
-        lambda s, _: sound(replace(LONGEST, seed=s), s), lacks=("window.dependent",), seeds=3
+        lambda s, _: sound(replace(LONGEST, seed=s), s),
+        lacks=("window.dependent",),
+        seeds=3,
+        slow=True,
     ),
     "wrong link": Row(
         lambda *_: at_the_forearm(), words="does not explain the gyroscope", trusted=False
     ),
-    "wrong unit of acceleration": Row(lambda *_: in_g(), trusted=False),
+    "wrong unit of acceleration": Row(lambda *_: in_g(), trusted=False, slow=True),
     "wrong gravity": stating("--gravity", GRAVITY - 9.7, slow=False, **STATED_G),
     "wrong offset": stating("--time-offset", -0.012, time_offset=0.012),
     "wrong bias": stating("--accel-bias", 0.1, accel_bias_std=0.0),
@@ -593,9 +613,14 @@ ROWS: dict[str, Row] = {
         slow=True,
     ),
     "true values": Row(
-        lambda s, _: sound(OTHER, s), TRUE_VALUES, trusted=True, within=HERE, seeds=3
+        lambda s, _: sound(OTHER, s),
+        TRUE_VALUES,
+        trusted=True,
+        within=HERE,
+        seeds=3,
+        slow=True,
     ),
-    "short gaps": Row(lambda *_: with_gaps(0.45, 0.05), lacks=("windows.between_gaps",)),
+    "short gaps": Row(lambda *_: with_gaps(0.45, 0.05), lacks=("windows.between_gaps",), slow=True),
     "long gaps": Row(lambda *_: with_gaps(0.8, 0.4), has={"windows.between_gaps": {}}),
 }
 SENSORS = {

@@ -21,6 +21,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot import urdf_xml
 from imucalib_cli.robot.urdf import Mimic, Robot, load_robot, parse_robot
 from tests.processes import python
+from tests.slow import slow_after
 
 DATA = Path(__file__).parent / "data"
 
@@ -361,8 +362,16 @@ def chain(count: int, *, inside: str = "", kind: str = "revolute") -> str:
     return f'<robot name="x"><link name="n0"/>{"".join(rows)}</robot>'
 
 
-@pytest.mark.parametrize("where", ["<robot name='x'><link name='a'/>{}</robot>",
-                                   "<robot name='x'><link name='a'>{}</link></robot>"])  # fmt: skip
+@pytest.mark.parametrize(
+    "where",
+    slow_after(
+        1,
+        [
+            "<robot name='x'><link name='a'/>{}</robot>",
+            "<robot name='x'><link name='a'>{}</link></robot>",
+        ],
+    ),
+)
 def test_too_many_elements_are_refused(where: str) -> None:
     assert "more than 200000 elements" in refusal(where.format("<a/>" * 250_000))
 

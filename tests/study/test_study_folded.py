@@ -91,6 +91,7 @@ def test_pose_only_estimate_is_accurate_despite_switched_pushes(
     assert np.degrees(error.rotation) < rotation_deg
 
 
+@pytest.mark.slow
 def test_ill_conditioned_covariance_is_invalid_or_consistent() -> None:
     """No noise at all in the gyroscope and much in the accelerometer: no log has that."""
     clean = clean_recording("barbot", replace(HARD, duration=40.0))

@@ -110,6 +110,7 @@ def test_least_absolute_values_give_medians() -> None:
         assert np.abs(mine - found[k]).sum() == pytest.approx(np.abs(mine - medians[k]).sum())
 
 
+@pytest.mark.slow
 def test_optimisers_of_the_same_cost_agree(clean: PoseCost) -> None:
     """From a guess nearby, on clean data: one minimum of each cost."""
     guess = near(0.02, 3.0)
@@ -128,6 +129,7 @@ def test_optimisers_of_the_same_cost_agree(clean: PoseCost) -> None:
             np.testing.assert_allclose(other.R, first.R, atol=most)
 
 
+@pytest.mark.slow
 def test_absolute_sum_is_below_that_of_least_squares(clean: PoseCost, spiked: PoseCost) -> None:
     for cost in (clean, spiked):
         guess = near(0.02, 3.0)

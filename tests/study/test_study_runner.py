@@ -15,6 +15,7 @@ from imucalib_cli.study.runner import run_study
 from imucalib_cli.study.study import Cell, Study
 from imucalib_cli.study.tables import Row, Table
 from tests.processes import runs, start_script, wait_for
+from tests.slow import slow_after
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", slow_after(1, [signal.SIGINT, signal.SIGKILL]))
 def test_workers_exit_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
     """An interrupt as the command line has it: all of the terminal's processes get the signal."""
     script = SCRIPT.format(folder=str(tmp_path))

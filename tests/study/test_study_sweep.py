@@ -85,6 +85,7 @@ def test_small_run_gives_finite_errors_tables_and_figure(name: str, tmp_path: Pa
     assert len(list(tmp_path.iterdir())) == len(figures) == len(tables)
 
 
+@pytest.mark.slow
 def test_run_is_reproducible() -> None:
     small = tiny("encoder", paper_windows=(11,))
     cell = small.cells()[0]
@@ -92,6 +93,7 @@ def test_run_is_reproducible() -> None:
     assert first == again
 
 
+@pytest.mark.slow
 def test_bound_uses_the_unknowns_of_the_method() -> None:
     small = tiny("window")
     cell = small.cells()[0]
