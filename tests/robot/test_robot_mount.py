@@ -74,19 +74,9 @@ def test_mount_has_parent_child_and_nominal_pose(
         np.testing.assert_allclose(mount.nominal.t_parent_imu, T_nominal[:3, 3], atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("parent", "imu_link", "said"),
-    [
-        ("zzz", None, "--parent zzz: .*there are: base, wrist"),
-        (None, "imu_lnk", "--imu-link imu_lnk: .*did you mean 'imu_link'"),
-        ("imu_link", None, "--parent imu_link is the IMU's own frame .* such as plate"),
-    ],
-)
-def test_unusable_links_are_refused_with_alternatives(
-    parent: str | None, imu_link: str | None, said: str
-) -> None:
-    with pytest.raises(ChoiceError, match=said):
-        find_mount(ROBOT, "imu_link", parent, imu_link)
+def test_unknown_imu_link_is_refused_with_alternatives() -> None:
+    with pytest.raises(ChoiceError, match=r"--imu-link imu_lnk: .*did you mean 'imu_link'"):
+        find_mount(ROBOT, "imu_link", None, "imu_lnk")
 
 
 def test_links_joined_by_a_moving_joint_are_not_rigid() -> None:

@@ -6,14 +6,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pupil_apriltags
 import pytest
 from numpy.typing import NDArray
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.camera.render import Images, board_picture
-from imucalib_cli.simulate.camera.view import see, target_points
+from imucalib_cli.simulate.camera.view import see
 from imucalib_cli.simulate.camera_config import CameraConfig, load_camera
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import NoiseOptions
@@ -141,38 +140,6 @@ def test_drawn_corners_match_their_projection(
     assert np.abs(error.mean(axis=0)).max() < 0.003  # pixels
     assert error.std() < 0.025
     assert np.abs(error).max() < 0.12
-
-
-@pytest.mark.slow
-def test_kalibr_refinement_finds_the_corners(
-    record: CameraRecord, images: list[NDArray[np.uint8]]
-) -> None:
-    """Half-width 2, from within a pixel, and no corner moved so far that Kalibr drops it."""
-    for image, corners in zip(images, record.corners, strict=True):
-        seen = corners[np.isfinite(corners[:, 0])]
-        error = refined(image, seen + 0.4, half_window=2) - seen
-        assert np.sqrt((error**2).mean()) < 0.1
-        assert (error**2).sum(axis=1).max() < 1.5  # maxSubpixDisplacement2
-
-
-@pytest.mark.slow
-def test_apriltag_detector_finds_tags_in_order() -> None:
-    """It wants the usual border of one cell and no squares that touch the tags."""
-    picture = board_picture(CAMERA.target, CAMERA.shades, border_bits=1)
-    points = target_points(CAMERA.target)
-    expected = points[:, :2] @ picture.T_pixel_target[:2, :2].T + picture.T_pixel_target[:2, 2]
-    pixels = np.full_like(picture.pixels, 225)
-    for number in range(36):
-        low, high = np.sort(corners_of(expected, number)[[0, 2]], axis=0)
-        (left, top), (right, bottom) = np.ceil(low).astype(int), np.ceil(high).astype(int)
-        pixels[top:bottom, left:right] = picture.pixels[top:bottom, left:right]
-    detector = pupil_apriltags.Detector(families="tag36h11")
-    found = {d.tag_id: d for d in detector.detect(pixels)}
-    assert set(found) == set(range(36))
-    for number, detection in found.items():
-        assert detection.hamming == 0
-        off = detection.corners - corners_of(expected, number)  # from its lower left
-        assert np.abs(off).max() < 1.0  # of 160 pixels a tag
 
 
 def test_squares_at_all_corners_and_white_border() -> None:

@@ -14,15 +14,12 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.contest import Pose
-from imucalib_cli.study.methods.camera import target_pose
 from imucalib_cli.study.methods.liang import (
     LiangOptions,
     Motions,
     Ransac,
-    Still,
     apart,
     calibrate_liang,
-    integrate,
     park_martin,
     ransac,
     standstills,
@@ -102,20 +99,6 @@ def test_ransac_excludes_outliers() -> None:
     np.testing.assert_allclose(found.t, X.t, atol=1e-3)
 
 
-def test_integration_follows_an_analytic_motion() -> None:
-    t = np.linspace(0.0, 2.0, 1001)
-    angle, rate = 0.4 * (1 - np.cos(np.pi * t)), 0.4 * np.pi * np.sin(np.pi * t)
-    axis = np.array([0.48, -0.6, 0.64])
-    R = Rotation.from_rotvec(angle[:, None] * axis)
-    p = np.stack([1 - np.cos(np.pi * t), 0.3 * t**3, 0.1 * t**2 * (t - 2) ** 2], axis=1)
-    a = np.stack([np.pi**2 * np.cos(np.pi * t), 1.8 * t, 0.1 * (12 * t**2 - 24 * t + 8)], axis=1)
-    up = np.array([1.0, 2.0, 9.5])
-    found = integrate(t, rate[:, None] * axis, R.inv().apply(a + up), up)
-    np.testing.assert_allclose(found.p, p[-1], atol=5e-5)
-    np.testing.assert_allclose(found.R, R[-1].as_matrix(), atol=1e-5)
-    np.testing.assert_allclose(found.velocity, [0.0, 3.6, 0.0], atol=5e-5)
-
-
 def test_standstills_match_the_simulation(seen: Recording) -> None:
     noisy = corrupt(seen, NOISE, 0)
     imu = noisy.imu
@@ -130,28 +113,6 @@ def test_standstills_match_the_simulation(seen: Recording) -> None:
     turning = imu.gyro + np.where(imu.stamp < 8.0, 0.1, 0.0)[:, None]  # steady, but no standstill
     later = standstills(imu.stamp, turning, imu.accel, PARAMETERS.still)
     assert [still.start for still in later] == [s.start for s in found if s.start > 8.0]
-
-
-def test_bias_is_observable_from_different_orientations() -> None:
-    ups = 9.8 * Rotation.random(20, rng=np.random.default_rng(3)).apply([0.0, 0.0, 1.0])
-    stills = [
-        Still(slice(0, 100), 0.0, 1.0, np.zeros(3), up + np.array([0.1, -0.2, 0.05])) for up in ups
-    ]
-    np.testing.assert_allclose(static_accel_bias(stills, 9.8), [0.1, -0.2, 0.05], atol=1e-9)
-
-
-def test_poses_from_corners_match_the_simulation(seen: Recording) -> None:
-    pytest.importorskip("cv2")
-    camera, record_ = observed(seen), seen.camera
-    assert record_ is not None
-    for k in (40, 200, 400):
-        pose = target_pose(camera, camera.corners[k])
-        assert pose is not None
-        R = record_.R_world_camera[k].T @ record_.R_world_target
-        p = record_.R_world_camera[k].T @ (record_.p_world_target - record_.p_world_camera[k])
-        np.testing.assert_allclose(pose.R, R, atol=1e-6)
-        np.testing.assert_allclose(pose.t, p, atol=1e-6)
-    assert target_pose(camera, np.full_like(camera.corners[0], np.nan)) is None
 
 
 def as_published(seed: int) -> LiangOptions:

@@ -21,20 +21,6 @@ def test_no_errors_give_the_true_pose(robot: str) -> None:
     assert estimate.time_offset == pytest.approx(case.time_offset, abs=1e-7)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_unobservable_errors_are_not_simulated(robot: str) -> None:
-    sizes = Row(zero=1e-3, origin=5e-4, long_link=0.01, gross_zero=0.01)
-    for seed in range(3):
-        case = make_case(robot, sizes, seed, seconds=10.0)
-        zeros, origins = np.array(case.drawn["zero"]), np.array(case.drawn["origin"])
-        assert zeros[0] == zeros[-1] == 0.0
-        assert np.all(zeros[1:-1] != 0.0)
-        along = ROBOTS[robot].origins[-1].R[:, 2]
-        assert along @ origins[-1] == pytest.approx(0.0, abs=1e-12)
-        told, true = (path.tracks[0].values for path in (case.path, case.true_path))
-        assert np.mean(told - true, axis=0)[-1] == pytest.approx(0.0, abs=1e-12)
-
-
 def test_seed_gives_the_same_draws_in_every_row() -> None:
     small, large = (
         make_case("mobile", Row(noise=MEMS, scale=size, zero=size), 4, seconds=10.0)
