@@ -24,11 +24,10 @@ def pose_error(estimate: Estimate, R: Floats, t: Floats) -> Floats:
     return np.concatenate([estimate.t_parent_imu - t, turned])
 
 
-def error_of(estimate: Estimate, recording: Recording) -> Floats:
-    """The same for a simulated recording."""
-    return pose_error(estimate, recording.R_parent_imu, recording.t_parent_imu)
-
-
-def nees(error: Floats, covariance: Floats) -> float:
-    """Normalised squared error; its mean is the number of components for a correct covariance."""
-    return float(error @ np.linalg.solve(covariance, error))
+def error_of(estimate: Estimate, recording: Recording) -> Error:
+    """Compare an estimate with the recording's truth."""
+    return Error(
+        translation=estimate.t_parent_imu - recording.t_parent_imu,
+        rotation=rotvec_from_matrix(estimate.R_parent_imu @ recording.R_parent_imu.T),
+        time_offset=estimate.time_offset - recording.noise.time_offset,
+    )

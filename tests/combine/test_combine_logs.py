@@ -24,7 +24,7 @@ from tests.estimate.estimate_arm import (
     solve,
 )
 from tests.slow import slow_after
-from tools.errors import rotation_error
+from tests.truth import nees, pose_off
 
 
 @cache
@@ -54,7 +54,7 @@ def together(estimates: list[Solved]) -> Combined:
 
 def error_of(state: State, mount: Mount) -> Floats:
     """(6,), pose of a state less a pose."""
-    return np.concatenate([state.t - mount.t, rotation_error(state.R, mount.R)])
+    return pose_off(state.R, state.t, mount.R, mount.t)
 
 
 OTHER: dict[str, dict[str, Any]] = {
@@ -159,7 +159,7 @@ def test_combined_sigma_matches_errors(scatter: tuple[float, float]) -> None:
     for seed in range(30):
         answer = together([solve(log) for log in recordings(5, 10 + seed, scatter)]).answer
         error = error_of(answer.state, MOUNT)
-        squares.append(error @ np.linalg.solve(answer.pose_covariance, error))
+        squares.append(nees(error, answer.pose_covariance))
     assert np.mean(squares) < 6.0 + 3.0 * 0.6
     if any(scatter):
         # Without scatter sigma holds what five logs cannot rule out, and is larger.

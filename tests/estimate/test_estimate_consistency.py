@@ -23,7 +23,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-from tools.errors import rotation_error
+from tests.truth import rotation_error
 
 MOVES = Moves(seed=3, seconds=32.0)
 

@@ -31,7 +31,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-from tools.errors import rotation_error
+from tests.truth import pose_off
 
 MICROMETRE = 1e-6
 ANGLE = np.radians(1e-4)
@@ -261,7 +261,7 @@ def at_imu() -> Log:
 
 def assert_close(t: np.ndarray, R: np.ndarray, plain: Solved, sigmas: float) -> None:
     """A pose is another estimate's, within so many of its sigmas."""
-    error = np.concatenate([t - plain.t_parent_imu, rotation_error(R, plain.R_parent_imu)])
+    error = pose_off(R, t, plain.R_parent_imu, plain.t_parent_imu)
     assert np.all(np.abs(error) < sigmas * plain.sigma)
 
 

@@ -21,11 +21,10 @@ from tests.estimate.estimate_arm import (
     make_log,
     parent_motion,
     prior,
-    rotation_error,
     solve_exact,
 )
 from tests.slow import slow_after
-from tools.errors import pose_error, rotation_error
+from tests.truth import rotation_error
 
 
 @cache

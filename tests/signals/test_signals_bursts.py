@@ -5,23 +5,12 @@ import pytest
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.signals.timing.bursts import BurstTiming, rate_stretches, time_bursts
+from tests.signals.signals_samples import arrivals
 
 
 def _values(t: Floats) -> Floats:
     """Joints in smooth motion: in even steps if samples are even."""
     return np.stack([np.sin(1.3 * t), np.sin(0.7 * t + 1.0), np.cos(2.1 * t)], axis=1)
-
-
-def _arrivals(
-    t: Floats, rng: np.random.Generator, *, batch: int, same: bool = True, mean: float = 0.005
-) -> Floats:
-    """Handed over ``batch`` at a time, delayed by gamma-distributed latency cut at 20 ms."""
-    group = np.arange(len(t)) // batch
-    sent = t[np.minimum((group + 1) * batch - 1, len(t) - 1)]
-    latency = np.minimum(rng.gamma(2.0, mean / 2.0, group[-1] + 1), 0.02)
-    within = np.zeros(len(t)) if same else 2e-6 * (np.arange(len(t)) % batch)
-    # A queue keeps the order.
-    return np.maximum.accumulate(sent + latency[group] + within)
 
 
 def _timed(stamps: Floats, values: Floats) -> BurstTiming:
@@ -41,7 +30,7 @@ def _off(spread: BurstTiming, t: Floats) -> Floats:
 @pytest.mark.parametrize("batch", [1, 5, 10])
 def test_even_ticks_behind_bursts_are_found(rate: float, batch: int, *, same: bool) -> None:
     t = 3.0 + np.arange(int(60 * rate)) / rate
-    stamps = _arrivals(t, np.random.default_rng(int(rate) + batch), batch=batch, same=same)
+    stamps = arrivals(t, np.random.default_rng(int(rate) + batch), batch=batch, same=same)
     spread = _timed(stamps, _values(t))
     assert np.abs(_off(spread, t)).max() < 0.7e-3
     assert spread.period == pytest.approx(1 / rate, rel=2e-5)
@@ -55,7 +44,7 @@ def test_one_percent_message_loss_is_tolerated(rate: float, batch: int) -> None:
     rng = np.random.default_rng(int(rate) + batch)
     t = np.arange(int(60 * rate)) / rate
     kept = rng.random(len(t)) >= 0.01
-    stamps = _arrivals(t, rng, batch=batch)[kept]
+    stamps = arrivals(t, rng, batch=batch)[kept]
     spread = _timed(stamps, _values(t[kept]))
     raw = stamps - t[kept]
     off = _off(spread, t[kept])
@@ -135,7 +124,7 @@ def test_rate_change_is_not_a_burst(parts: tuple[tuple[float, float], ...], jitt
 def test_bursts_losses_and_gaps_are_not_a_rate_change(batch: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     t = np.arange(6000) / 200.0
-    assert rate_stretches(_arrivals(t, rng, batch=batch)) == ()
+    assert rate_stretches(arrivals(t, rng, batch=batch)) == ()
     kept = (rng.random(6000) < 0.7) | (t < 15.0)
     assert rate_stretches(t[kept]) == ()
     held_up = t.copy()

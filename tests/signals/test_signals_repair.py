@@ -25,8 +25,9 @@ from tests.estimate.estimate_arm import (
     parent_motion,
     readings,
 )
+from tests.signals.signals_samples import arrivals
 from tests.slow import slow_after
-from tools.errors import rotation_error
+from tests.truth import rotation_error
 
 _DEG = 180.0 / np.pi
 _G = 9.80665
@@ -249,10 +250,7 @@ def test_moving_gripper_joint_keeps_still_arm_samples() -> None:
 def _arrive(t: Floats, seed: int, *, batch: int, drops: float) -> tuple[Bools, Floats]:
     rng = np.random.default_rng(seed)
     kept = rng.random(len(t)) >= drops
-    group = np.arange(len(t)) // batch
-    sent = t[np.minimum((group + 1) * batch - 1, len(t) - 1)]
-    delay = np.minimum(rng.gamma(2.0, 0.0025, group[-1] + 1), 0.02)
-    return kept, np.maximum.accumulate(sent + delay[group])[kept]
+    return kept, arrivals(t, rng, batch=batch)[kept]
 
 
 @pytest.mark.parametrize(
