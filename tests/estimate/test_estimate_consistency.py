@@ -118,8 +118,18 @@ def test_halves_with_noise_agree_with_two_calibrations() -> None:
     assert np.all(np.abs(agreement(solve_exact(log)).halves_difference - apart) < 0.5 * sigma)
 
 
+def test_coloured_noise_increases_whiteness() -> None:
+    log = clean().noisy(1)
+    white = np.random.default_rng(1).normal(size=log.imu.accel.shape)
+    # First-order, 2 s long: five times the sensor's own noise in a window.
+    slow = lfilter([0.03], [1.0, -0.995], white, axis=0)
+    accel, gyro = agreement(solve_exact(log.with_imu(accel=log.imu.accel + slow))).whiteness
+    assert accel > 5.0
+    assert gyro < 3.0
+
+
 def test_normalised_residuals_are_one_for_noise_and_larger_for_errors() -> None:
-    white = solve(clean().noisy(1)).residuals
+    white = solve_exact(clean().noisy(1)).residuals
     for normalised in (white.accel_normalised, white.gyro_normalised):
         assert normalised is not None
         np.testing.assert_allclose(normalised, 1.0, atol=0.15)

@@ -22,7 +22,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 
-MOVES = Moves(seconds=40.0)
+MOVES, SHORT = Moves(seconds=40.0), Moves(seconds=20.0)
 OFFSET = 0.02
 
 
@@ -37,11 +37,11 @@ def noisy() -> Solved:
 
 
 def test_measured_and_predicted_are_imu_readings() -> None:
-    log = make_log(MOVES, time_offset=OFFSET)
+    log = make_log(SHORT, time_offset=OFFSET)
     found = solve_exact(log, window=WindowChoice(seconds=0.06), details=True)
     series = details_of(found).windows
     gyro, accel = readings(
-        parent_motion(MOVES, series.t - OFFSET), MOUNT, np.array([0.0, 0.0, -GRAVITY])
+        parent_motion(SHORT, series.t - OFFSET), MOUNT, np.array([0.0, 0.0, -GRAVITY])
     )
     for predicted, residual, true in (
         (series.accel_predicted, series.accel_residual, accel),
@@ -73,9 +73,9 @@ def test_the_stretches_sum_to_the_whole_log() -> None:
 
 
 def test_stretch_without_motion_has_no_information_on_position() -> None:
-    t, moves = np.arange(0.0, 30.0, 0.005), Moves(seconds=20.0)  # then the arm does not move
-    log = make_log(moves, imu_t=t).noisy(1)
-    path = arm_path(t, moves.joints(t)[0])
+    t = np.arange(0.0, 30.0, 0.005)  # the arm does not move from 20 s on
+    log = make_log(SHORT, imu_t=t).noisy(1)
+    path = arm_path(t, SHORT.joints(t)[0])
     stretches = details_of(solve_exact(replace(log, path=path), details=True)).stretches
     assert stretches is not None
     assert stretches.share[stretches.edges[:-1] > 20.0, :3].sum(axis=0).max() < 0.03
@@ -93,18 +93,18 @@ def test_misfit_grows_with_distance_from_time_offset() -> None:
 
 
 def test_shock_is_drawn_as_excluded() -> None:
-    log = make_log(MOVES).noisy(2)
+    log = make_log(SHORT).noisy(2)
     accel = log.imu.accel.copy()
-    struck = np.abs(log.imu.t - 20.0) < 0.05
+    struck = np.abs(log.imu.t - 10.0) < 0.05
     accel[struck] += np.random.default_rng(3).normal(scale=50.0, size=(struck.sum(), 3))
     windows = details_of(solve_exact(log.with_imu(accel=accel), details=True)).windows
     left_out = windows.t[windows.weight == 0.0]
     assert len(left_out)
-    assert np.abs(left_out - 20.0).max() < 1.0
+    assert np.abs(left_out - 10.0).max() < 1.0
 
 
 def test_fixed_values_have_no_profile() -> None:
-    log = make_log(MOVES).noisy(4)
+    log = make_log(SHORT).noisy(4)
     found, plain = (
         solve_exact(log, time_offset=0.0, pose=prior(tx=0.0), details=wanted)
         for wanted in (True, False)

@@ -14,7 +14,7 @@ from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import Log, Moves, arm_path, make_log, solve
 
-MOVES = Moves(seconds=30.0)
+MOVES = Moves(seconds=20.0)
 
 
 @cache

@@ -123,7 +123,7 @@ def test_bound_scales_with_the_noise(arm: Recording) -> None:
 
 
 def test_a_free_body_has_a_bound_without_tilt() -> None:
-    body = recorded("barbot", duration=40.0, imu_rate=100.0, robot_rate=100.0)
+    body = recorded("barbot", duration=20.0, imu_rate=100.0, robot_rate=100.0)
     assert not body.gravity_world.any()
     bound = cramer_rao(body, ACCEL, GYRO)
     without = cramer_rao(body, ACCEL, GYRO, ("accel_bias", "gyro_bias", "time_offset"))
