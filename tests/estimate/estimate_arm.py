@@ -25,6 +25,7 @@ from imucalib_cli.robot.path import FixedStep, JointStep, KinematicPath, Track
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
+from tests.by_pinocchio import Motion, follow
 from tests.slow import slow_after
 from tests.truth import nees, pose_off
 
@@ -101,51 +102,29 @@ def random_mount(seed: int) -> Mount:
     return Mount(R=Rotation.random(rng=rng).as_matrix(), t=rng.uniform(-0.25, 0.25, 3))
 
 
-def model() -> tuple[pin.Model, pin.Data, int]:
+def model() -> tuple[pin.Model, int]:
     """The arm in pinocchio, and the frame of the parent link."""
     arm, parent, place = pin.Model(), 0, pin.SE3.Identity()
     for index, (x, z, turn) in enumerate(LINKS):
         parent = arm.addJoint(parent, pin.JointModelRZ(), place, f"j{index}")
         place = pin.SE3(pin.utils.rotate("x", turn), np.array([x, 0.0, z]))
     frame = arm.addFrame(pin.Frame("parent", parent, 0, place, pin.FrameType.OP_FRAME))
-    return arm, arm.createData(), frame
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ParentMotion:
-    """The parent link: pose in the world, rates and classical acceleration in its own axes."""
-
-    q: Floats
-    R: Floats
-    p: Floats
-    omega: Floats
-    alpha: Floats
-    acceleration: Floats
+    return arm, frame
 
 
 @lru_cache(maxsize=64)
-def _parent_motion(moves: Moves, instants: bytes) -> ParentMotion:
-    t = np.frombuffer(instants)
-    arm, data, frame = model()
-    q, v, a = moves.joints(t)
-    R, p, rates = np.empty((len(t), 3, 3)), np.empty((len(t), 3)), np.empty((3, len(t), 3))
-    for k in range(len(t)):
-        pin.forwardKinematics(arm, data, q[k], v[k], a[k])
-        pin.updateFramePlacements(arm, data)
-        R[k], p[k] = data.oMf[frame].rotation, data.oMf[frame].translation
-        rates[0, k] = pin.getFrameVelocity(arm, data, frame, pin.LOCAL).angular
-        spatial = pin.getFrameAcceleration(arm, data, frame, pin.LOCAL)
-        rates[1, k] = spatial.angular
-        rates[2, k] = pin.getFrameClassicalAcceleration(arm, data, frame, pin.LOCAL).linear
-    return ParentMotion(q=q, R=R, p=p, omega=rates[0], alpha=rates[1], acceleration=rates[2])
+def _parent_motion(moves: Moves, instants: bytes) -> Motion:
+    arm, frame = model()
+    (motion,) = follow(arm, [frame], *moves.joints(np.frombuffer(instants)))
+    return motion
 
 
-def parent_motion(moves: Moves, t: Floats) -> ParentMotion:
-    """By pinocchio, at any instants."""
+def parent_motion(moves: Moves, t: Floats) -> Motion:
+    """The parent link by pinocchio, at any instants."""
     return _parent_motion(moves, np.ascontiguousarray(t).tobytes())
 
 
-def readings(motion: ParentMotion, mount: Mount, gravity_world: Floats) -> tuple[Floats, Floats]:
+def readings(motion: Motion, mount: Mount, gravity_world: Floats) -> tuple[Floats, Floats]:
     """Exact gyroscope and accelerometer of a mount, IMU frame."""
     lever = np.cross(motion.alpha, mount.t)
     lever += np.cross(motion.omega, np.cross(motion.omega, mount.t))

@@ -13,6 +13,7 @@ from imucalib_cli.arrays import Floats
 from imucalib_cli.robot.build import joint_path
 from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Track
 from imucalib_cli.robot.urdf import Robot, load_robot, parse_robot
+from tests.by_pinocchio import follow
 
 DATA = Path(__file__).parent / "data"
 
@@ -37,22 +38,17 @@ def by_pinocchio(
     urdf: str, values: dict[str, Floats], world: str, tip: str
 ) -> tuple[Floats, Floats]:
     model = pinocchio.buildModelFromXML(urdf)
-    data = model.createData()
     count = len(next(iter(values.values()), np.zeros(1)))
-    R, p = np.empty((count, 3, 3)), np.empty((count, 3))
-    for k in range(count):
-        q = pinocchio.neutral(model)
-        for name, value in values.items():
-            joint = model.joints[model.getJointId(name)]
-            if joint.nq == 2:  # continuous: cosine and sine
-                q[joint.idx_q : joint.idx_q + 2] = np.cos(value[k]), np.sin(value[k])
-            else:
-                q[joint.idx_q] = value[k]
-        pinocchio.forwardKinematics(model, data, q)
-        pinocchio.updateFramePlacements(model, data)
-        pose = data.oMf[model.getFrameId(world)].inverse() * data.oMf[model.getFrameId(tip)]
-        R[k], p[k] = pose.rotation, pose.translation
-    return R, p
+    q = np.tile(pinocchio.neutral(model), (count, 1))
+    for name, value in values.items():
+        joint = model.joints[model.getJointId(name)]
+        turns = joint.nq == 2  # continuous: cosine and sine
+        own = [np.cos(value), np.sin(value)] if turns else [value]
+        q[:, joint.idx_q : joint.idx_q + joint.nq] = np.transpose(own)
+    still = np.zeros((count, model.nv))
+    base, end = follow(model, [model.getFrameId(name) for name in (world, tip)], q, still, still)
+    back = base.R.swapaxes(1, 2)
+    return back @ end.R, np.einsum("nij,nj->ni", back, end.p - base.p)
 
 
 def by_us(

@@ -15,6 +15,7 @@ from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import CameraRecord, JointRecord, PoseRecord, Recording
 from imucalib_cli.simulate.urdf import urdf_text
+from tests.by_pinocchio import follow
 
 ROOT = Path(__file__).parents[2]
 
@@ -64,31 +65,29 @@ def imus_by_pinocchio(recording: Recording) -> tuple[Floats, Floats, Floats, Flo
         place = parent.placement * mount
         frame = pin.Frame(f"true_{number}", parent.parentJoint, 0, place, pin.OP_FRAME)
         frames.append(model.addFrame(frame))
-    data = model.createData()
     in_model = [model.joints[model.getJointId(joint.name)] for joint in system.joints]
     place_q, place_v = [joint.idx_q for joint in in_model], [joint.idx_v for joint in in_model]
-    gyro, accel, turn, position = [], [], [], []
-    for qm, vm, am in zip(state.position, state.velocity, state.acceleration, strict=True):
-        q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
-        q[place_q], v[place_v], a[place_v] = (x[-len(in_model) :] for x in (qm, vm, am))
-        if walks:
-            R = Rotation.from_quat(qm[[4, 5, 6, 3]]).as_matrix()
-            q[:3], q[3:7] = qm[:3], qm[[4, 5, 6, 3]]
-            # MuJoCo's trunk: linear in the world, angular in the body; pinocchio's: both in the
-            # body.
-            v[:3], v[3:6] = R.T @ vm[:3], vm[3:6]
-            a[:3], a[3:6] = R.T @ am[:3] - np.cross(v[3:6], v[:3]), am[3:6]
-        pin.forwardKinematics(model, data, q, v, a)
-        pin.updateFramePlacements(model, data)
-        poses = [data.oMf[frame] for frame in frames]
-        turn.append([pose.rotation.copy() for pose in poses])
-        position.append([pose.translation.copy() for pose in poses])
-        gyro.append([pin.getFrameVelocity(model, data, f, pin.LOCAL).angular for f in frames])
-        accel.append(
-            [
-                pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).linear
-                - pose.rotation.T @ recording.gravity_world
-                for frame, pose in zip(frames, poses, strict=True)
-            ]
-        )
-    return np.array(gyro), np.array(accel), np.array(turn), np.array(position)
+    many = np.ones((len(state.t), 1))
+    q, v, a = many * pin.neutral(model), many * np.zeros(model.nv), many * np.zeros(model.nv)
+    for own, theirs, places in (
+        (q, state.position, place_q),
+        (v, state.velocity, place_v),
+        (a, state.acceleration, place_v),
+    ):
+        own[:, places] = theirs[:, -len(in_model) :]
+    if walks:
+        back = Rotation.from_quat(state.position[:, [4, 5, 6, 3]]).inv()
+        q[:, :7] = state.position[:, [0, 1, 2, 4, 5, 6, 3]]
+        # MuJoCo's trunk: linear in the world, angular in the body; pinocchio's: both in the body.
+        v[:, :3], v[:, 3:6] = back.apply(state.velocity[:, :3]), state.velocity[:, 3:6]
+        a[:, :3] = back.apply(state.acceleration[:, :3]) - np.cross(v[:, 3:6], v[:, :3])
+        a[:, 3:6] = state.acceleration[:, 3:6]
+    motions = follow(model, frames, q, v, a)
+    gravity = [each.R.swapaxes(1, 2) @ recording.gravity_world for each in motions]
+    accel = [each.acceleration - down for each, down in zip(motions, gravity, strict=True)]
+    return (
+        np.stack([each.omega for each in motions], axis=1),
+        np.stack(accel, axis=1),
+        np.stack([each.R for each in motions], axis=1),
+        np.stack([each.p for each in motions], axis=1),
+    )

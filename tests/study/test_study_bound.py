@@ -13,6 +13,7 @@ from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.study.bound import NUISANCES, Bound, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
+from tests.by_pinocchio import follow
 from tests.simulate.simulate_samples import recorded
 from tools.errors import error_of
 
@@ -50,19 +51,12 @@ class Brute:
         place = pin.SE3(R_fs, r.t_parent_imu + x[:3])
         tilt = Rotation.from_rotvec([x[12], x[13], 0.0])
         up = -tilt.apply(r.gravity_world)
-        data = self.model.createData()
-        out = np.empty((len(t_imu), 6))
+        model, link = self.model.copy(), self.model.frames[self.frame]
+        frame = pin.Frame("imu", link.parentJoint, 0, link.placement * place, pin.OP_FRAME)
         q, v, a = (self.spline(t_imu, order) for order in range(3))
-        for k in range(len(t_imu)):
-            pin.forwardKinematics(self.model, data, q[k], v[k], a[k])
-            pin.updateFramePlacement(self.model, data, self.frame)
-            velocity = pin.getFrameVelocity(self.model, data, self.frame, pin.LOCAL)
-            spatial = pin.getFrameAcceleration(self.model, data, self.frame, pin.LOCAL)
-            velocity, spatial = place.actInv(velocity), place.actInv(spatial)
-            R_ws = data.oMf[self.frame].rotation @ R_fs
-            linear = spatial.linear + np.cross(velocity.angular, velocity.linear)
-            out[k, :3] = linear + R_ws.T @ up + x[6:9]
-            out[k, 3:] = velocity.angular + x[9:12]
+        (motion,) = follow(model, [model.addFrame(frame)], q, v, a)
+        force = motion.acceleration + motion.R.swapaxes(1, 2) @ up
+        out = np.hstack([force + x[6:9], motion.omega + x[9:12]])
         return np.asarray(out / np.repeat([ACCEL, GYRO], 3)).ravel()
 
     def covariance(self, used: list[int]) -> Floats:
