@@ -1,4 +1,4 @@
-"""Rendered boards, read by OpenCV's detector, by apriltag's own, and as Kalibr's reads its bits."""
+"""Rendered boards, read by OpenCV's detector, and as Kalibr's reads its bits."""
 
 import sys
 from dataclasses import replace
