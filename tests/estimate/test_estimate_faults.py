@@ -520,7 +520,7 @@ ROWS: dict[str, Row] = {
         slow=True,
     ),
     "drift about a stated offset": Row(
-        lambda *_: log_of(Flaws(drift=2e-4)).noisy(1),
+        lambda _, g: log_of(Flaws(drift=2e-4)).noisy(1, g),
         {"time_offset": 0.0},
         corrected={"clock_drift"},
         words="a second on the robot's, 4.8 ms over the log",  # 24 s of 200 µs/s
