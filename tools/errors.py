@@ -1,4 +1,7 @@
-"""Errors of an estimate whose truth is known, for tests and benchmarks."""
+"""How far a pose is from its truth, by scipy, and what its covariance makes of that.
+
+For tests and benchmarks.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +21,21 @@ def rotation_error(R: Floats, truth: Floats) -> Floats:
     return np.asarray(Rotation.from_matrix(R @ truth.T).as_rotvec())
 
 
-def pose_error(estimate: Estimate, R: Floats, t: Floats) -> Floats:
+def pose_off(R: Floats, t: Floats, R_true: Floats, t_true: Floats) -> Floats:
     """(6,), estimate minus truth, m and rad, parent frame: in the tangent of the covariance."""
-    turned = rotation_error(estimate.R_parent_imu, R)
-    return np.concatenate([estimate.t_parent_imu - t, turned])
+    return np.concatenate([t - t_true, rotation_error(R, R_true)])
 
 
-def error_of(estimate: Estimate, recording: Recording) -> Error:
-    """Compare an estimate with the recording's truth."""
-    return Error(
-        translation=estimate.t_parent_imu - recording.t_parent_imu,
-        rotation=rotvec_from_matrix(estimate.R_parent_imu @ recording.R_parent_imu.T),
-        time_offset=estimate.time_offset - recording.noise.time_offset,
-    )
+def pose_error(estimate: Estimate, R: Floats, t: Floats) -> Floats:
+    """The same of an estimate."""
+    return pose_off(estimate.R_parent_imu, estimate.t_parent_imu, R, t)
+
+
+def error_of(estimate: Estimate, recording: Recording) -> Floats:
+    """The same for a simulated recording."""
+    return pose_error(estimate, recording.R_parent_imu, recording.t_parent_imu)
+
+
+def nees(error: Floats, covariance: Floats) -> float:
+    """Square of an error in stated sigmas; of true ones its mean is the number of components."""
+    return float(error @ np.linalg.solve(covariance, error))

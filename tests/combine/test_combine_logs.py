@@ -24,7 +24,7 @@ from tests.estimate.estimate_arm import (
     solve,
 )
 from tests.slow import slow_after
-from tests.truth import nees, pose_off
+from tools.errors import nees, pose_off
 
 
 @cache

@@ -27,7 +27,7 @@ from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.by_pinocchio import Motion, follow
 from tests.slow import slow_after
-from tests.truth import nees, pose_off
+from tools.errors import nees, pose_error
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
@@ -287,11 +287,6 @@ def windowing_of(log: Log, seconds: float) -> Windowing:
     trajectory = Trajectory.of(log.path)
     grid = clean_imu(log.imu).grid(trajectory.interval, use_ticks=False)
     return Windowing(grid, trajectory, plan_windows(odd_length(seconds / grid.dt), 3, grid.dt))
-
-
-def pose_error(estimate: Estimate, mount: Mount) -> Floats:
-    """(6,), translation and rotation error in the parent frame."""
-    return pose_off(estimate.R_parent_imu, estimate.t_parent_imu, mount.R, mount.t)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,7 +23,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-from tests.truth import rotation_error
+from tools.errors import rotation_error
 
 MOVES = Moves(seed=3, seconds=32.0)
 
@@ -116,16 +116,6 @@ def test_halves_with_noise_agree_with_two_calibrations() -> None:
     apart, sigma = halves_of(log)
     # The same noise is in both: they agree far better than their sigma.
     assert np.all(np.abs(agreement(solve_exact(log)).halves_difference - apart) < 0.5 * sigma)
-
-
-def test_coloured_noise_increases_whiteness() -> None:
-    log = clean().noisy(1)
-    white = np.random.default_rng(1).normal(size=log.imu.accel.shape)
-    # First-order, 2 s long: five times the sensor's own noise in a window.
-    slow = lfilter([0.03], [1.0, -0.995], white, axis=0)
-    accel, gyro = agreement(solve_exact(log.with_imu(accel=log.imu.accel + slow))).whiteness
-    assert accel > 5.0
-    assert gyro < 3.0
 
 
 def test_normalised_residuals_are_one_for_noise_and_larger_for_errors() -> None:

@@ -31,7 +31,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-from tests.truth import pose_off
+from tools.errors import pose_off
 
 MICROMETRE = 1e-6
 ANGLE = np.radians(1e-4)

@@ -24,7 +24,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-from tests.truth import rotation_error
+from tools.errors import pose_error, rotation_error
 
 
 @cache

@@ -17,7 +17,7 @@ from tests.estimate.estimate_arm import (
     random_mount,
     windowing_of,
 )
-from tests.truth import rotation_error
+from tools.errors import rotation_error
 
 
 @pytest.fixture(scope="module")

@@ -25,7 +25,7 @@ from tests.estimate.estimate_arm import (
     solve_exact,
 )
 from tests.slow import slow_after
-from tests.truth import rotation_error
+from tools.errors import rotation_error
 
 MOVES = Moves(seconds=9.0, seed=5)
 NEAR: dict[str, Any] = {

@@ -27,7 +27,7 @@ from tests.estimate.estimate_arm import (
 )
 from tests.signals.signals_samples import arrivals
 from tests.slow import slow_after
-from tests.truth import rotation_error
+from tools.errors import rotation_error
 
 _DEG = 180.0 / np.pi
 _G = 9.80665

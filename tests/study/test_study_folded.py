@@ -19,7 +19,7 @@ from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.studies.folded import NoiseStudy, moves_of, stratified_folds, without
 from imucalib_cli.study.tables import Row, Table
 from tests.study.study_samples import study
-from tests.truth import nees
+from tools.errors import nees
 
 HARD = PhysicsOptions(imu_rate=250, robot_rate=250, profile="hard")
 
