@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.cli.main import main
+from tests.cli.stand_in import Estimator
 from tests.logs.logs_samples import Said, T, posed, positions, reading, say, tf, vector, write_log
 
 if TYPE_CHECKING:
@@ -174,6 +175,13 @@ class Imucalib:
     def with_(self, *first: object) -> Imucalib:
         """The same with these arguments before the others."""
         return Imucalib(self._capsys, *self._first, *first)
+
+
+@pytest.fixture
+def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
+    fake = Estimator()
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
+    return fake
 
 
 @pytest.fixture

@@ -38,8 +38,13 @@ def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return run(f'export GITHUB_STEP_SUMMARY="$PWD/summary.md"\n{script}', folder)
 
 
+JOBS = pytest.mark.parametrize(
+    "commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"]
+)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("commands", [github_steps(), gitlab_lines()], ids=["github", "gitlab"])
+@JOBS
 def test_the_commands_of_a_job_run(commands: list[str], tmp_path: Path) -> None:
     """As they stand, but for the installation; then again with what the cache keeps."""
     install, *commands = commands
@@ -57,13 +62,8 @@ def test_the_commands_of_a_job_run(commands: list[str], tmp_path: Path) -> None:
     assert "one recording can be used" in done.stdout
 
 
-@pytest.mark.parametrize(
-    "commands",
-    [
-        pytest.param(github_steps(), id="github"),
-        pytest.param(gitlab_lines(), id="gitlab", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@JOBS
 def test_moved_mount_fails_the_job(commands: list[str], tmp_path: Path) -> None:
     (last,) = (line for line in commands if line.startswith("imucalib trend"))
     still = drawn(1, 12)

@@ -14,10 +14,6 @@ import pytest
 
 from tests.test_docs import PAGES, ROOT, run
 
-QUICK = {"docs/README.md", "docs/motion.md"}
-"""Pages that are tested among the fast tests."""
-
-
 @dataclass(frozen=True)
 class Block:
     """Lines that are typed one after the other."""
@@ -44,16 +40,12 @@ def _block(script: str, said: str, value: str) -> Block:
     return Block(script)
 
 
-def _pages() -> list[object]:
-    return [
-        pytest.param(page, id=name, marks=() if name in QUICK else pytest.mark.slow)
-        for page in PAGES
-        if blocks(page)
-        for name in [str(page.relative_to(ROOT))]
-    ]
+def _name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("page", _pages())
+@pytest.mark.slow
+@pytest.mark.parametrize("page", filter(blocks, PAGES), ids=_name)
 def test_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
     folder = tmp_path / ("sample_data" if page.parent.name == "sample_data" else "")
@@ -63,14 +55,10 @@ def test_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
         assert "Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_all_commands_are_in_tested_blocks(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
     assert not re.findall(
         r"^    (?:imucalib|python3?|pip|git|\.venv\S*) .*", text, flags=re.MULTILINE
     )
-
-
-def test_quick_pages_exist() -> None:
-    assert {str(page.relative_to(ROOT)) for page in PAGES if blocks(page)} >= QUICK

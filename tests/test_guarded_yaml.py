@@ -92,12 +92,11 @@ def test_yaml_bomb_is_one_line_error_in_every_command(
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize("content", [MERGES, DEEP], ids=["merges", "deep"])
-def test_folder_with_yaml_bomb_metadata_is_read(content: str, log_writer: LogWriter) -> None:
+def test_folder_with_yaml_bomb_metadata_is_read(log_writer: LogWriter) -> None:
     """In a process of its own: this once ended in a segmentation fault."""
     folder = log_writer.imu().joints().write().parent
     with (folder / "metadata.yaml").open("a") as file:
-        file.write(content)
+        file.write(DEEP)
     done = python("-m", "imucalib_cli", "inspect", folder, timeout=60)
     assert done.returncode == 0, done.stderr
     assert "/imu/data" in done.stdout

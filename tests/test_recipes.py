@@ -60,6 +60,7 @@ def test_log_format_recipe_works(tmp_path: Path, capfd: pytest.CaptureFixture[st
         assert found["transform"][key] == pytest.approx(expected["transform"][key], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_unknown_recipe_works() -> None:
     """It is estimated with the others, and is nothing in a log that has none of it."""
     found = json.loads(_with_recipe("An unknown", (*ARM, "--format", "json")))
@@ -72,6 +73,7 @@ def test_unknown_recipe_works() -> None:
         assert abs(each["value"]) < 4.0 * each["std"]
 
 
+@pytest.mark.slow
 def test_output_recipe_works(tmp_path: Path) -> None:
     table = (*ARM, "--format", "table")
     into = (*table, "-o", f"{tmp_path}/new/")

@@ -225,6 +225,7 @@ def test_finished_remote_logs_are_skipped_like_local_ones(
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", Estimator())
     served, kept = tmp_path / "served", tmp_path / "results"
     served.mkdir()
     shutil.copy(SAMPLES / "rihibot.mcap", served / "log.mcap")
@@ -273,7 +274,8 @@ def test_worker_processes_calibrate_logs(reader: str, tmp_path: Path) -> None:
     for name, share in (("a", 4), ("b", 5)):
         (tmp_path / f"{name}.mcap").write_bytes(whole[: len(whole) * share // 10])
     (tmp_path / "empty.mcap").touch()
-    command = shlex.join([*BATCH, ".", *ROBOT, "-o", "results", "--report"])
+    quick = ("--robot", "exact", "--sensor-model", "ideal")
+    command = shlex.join([*BATCH, ".", *ROBOT, "-o", "results", "--report", *quick])
     tail = "--format jsonl | head -n 1" if reader == "head" else ""
     done = process(tmp_path, "bash", "-c", f"set -o pipefail; {command} {tail}")
     if reader == "head":

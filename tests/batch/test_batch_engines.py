@@ -73,10 +73,13 @@ import importlib, sys
 from pathlib import Path
 from imucalib_cli.batch.local import preloaded
 from imucalib_cli.batch.logs import BatchLog
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.logs.part import Part
 from tests.batch.batch_tasks import task_for
 log, urdf = map(Path, sys.argv[1:])
-task = task_for(CalibrationRequest(logs=(), urdf=urdf))
+exact = MatchedOptions(robot="exact", sensor_model="ideal")
+task = task_for(CalibrationRequest(logs=(), urdf=urdf, part=Part(end=15.0), estimator=exact))
 for name in preloaded(task):
     importlib.import_module(name)
 before = set(sys.modules)
@@ -144,7 +147,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", slow_after(1, [signal.SIGINT, signal.SIGKILL]))
 def test_workers_exit_with_the_command(how: signal.Signals, tmp_path: Path) -> None:
     texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
     parent = start_script(tmp_path / "stopped.py", STOPPED.format(folder=str(tmp_path)))

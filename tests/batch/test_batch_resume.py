@@ -200,7 +200,7 @@ def test_replaced_log_is_reported(scene: Scene) -> None:
 
 def test_many_logs_with_the_same_name_are_named_quickly(scene: Scene, tmp_path: Path) -> None:
     """Each name is checked once: checking all of them for each of 2000 logs would take hours."""
-    logs = [BatchLog((tmp_path / str(number) / "log.mcap",)) for number in range(20_000)]
+    logs = [BatchLog((tmp_path / str(number) / "log.mcap",)) for number in range(5_000)]
     folder = ResultFolder(scene.results)
     with folder.opened():
         names = [log.name for log in folder.named(logs, (".yaml",))]

@@ -1,19 +1,11 @@
-"""A stand-in for the estimators, and a recording for it."""
+"""A recording for the stand-in of the estimators."""
 
 import shutil
 from pathlib import Path
 
 import pytest
 
-from tests.cli.stand_in import Estimator
 from tests.conftest import Imucalib, LogWriter
-
-
-@pytest.fixture
-def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
-    fake = Estimator()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
-    return fake
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,10 @@
 """A stand-in for the estimators, and answers of the commands that compare."""
 
+from __future__ import annotations
+
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jsonschema
 import numpy as np
@@ -12,8 +14,10 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.entries import Unobservable
 from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.findings import TEXT, warning
-from tests.conftest import Printed
 from tests.results.results_samples import make_estimate
+
+if TYPE_CHECKING:
+    from tests.conftest import Printed
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = jsonschema.Draft202012Validator(

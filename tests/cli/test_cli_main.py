@@ -23,6 +23,7 @@ from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python, wait_for
 from tests.results.results_samples import make_result
+from tests.slow import slow_after
 
 ROOT = Path(__file__).parents[2]
 SAMPLE, BAR = ROOT / "sample_data" / "rihibot", ROOT / "sample_data" / "barbot.bag"
@@ -141,9 +142,9 @@ def test_unwritable_stdout_is_one_line_error(redirection: str, reason: str, argu
     assert done.stderr == f"error: stdout cannot be written: {reason}\n"
 
 
-def test_unused_closed_streams_are_ignored(tmp_path: Path) -> None:
+def test_unused_closed_streams_are_ignored(tmp_path: Path, arm_log: Path) -> None:
     report = tmp_path / "report.txt"
-    assert _in_shell(">&- 2>&- <&-", "inspect", BAR, "-o", report).returncode == 0
+    assert _in_shell(">&- 2>&- <&-", "inspect", arm_log, "-o", report).returncode == 0
     assert "/imu/data" in report.read_text()
     done = _in_shell("<&-", "apply", "-", "--urdf", f"{SAMPLE}.urdf")
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
@@ -171,7 +172,7 @@ def test_closed_stderr_keeps_exit_code(
     assert bool(done.stdout) == (code in {0, 3})
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", slow_after(1, [signal.SIGINT, signal.SIGTERM]))
 def test_interrupt_at_any_moment_prints_no_traceback(number: int) -> None:
     """From the first line of ours to the end: importing, reading, estimating, writing."""
     program = (
@@ -199,7 +200,7 @@ def test_interrupt_at_any_moment_prints_no_traceback(number: int) -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timer signals")
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", slow_after(1, [signal.SIGINT, signal.SIGTERM]))
 def test_ignored_interruption_comes_again(number: int) -> None:
     """A library that swallows every exception does not keep a command going.
 

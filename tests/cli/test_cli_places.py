@@ -359,7 +359,8 @@ def test_extra_files_may_be_in_the_created_output_folder(
     tmp_path: Path, imucalib: Imucalib
 ) -> None:
     sample = Path(__file__).parents[2] / "sample_data" / "rihibot"
-    run = imucalib.with_("run", f"{sample}.mcap", "--urdf", f"{sample}.urdf", "-q")
+    quick = ("--to", "15", "--robot", "exact", "--sensor-model", "ideal", "-q")
+    run = imucalib.with_("run", f"{sample}.mcap", "--urdf", f"{sample}.urdf", *quick)
     folder = tmp_path / "new" / "results"
     extras = ("--report", folder / "page.html", "--residuals", folder / "table.csv")
     run("-o", f"{folder}/", *extras)

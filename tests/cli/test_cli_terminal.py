@@ -30,7 +30,6 @@ from tests.processes import python
 from tests.results.results_samples import DOUBTS, make_result
 from tests.slow import slow_after
 
-SAMPLES = Path(__file__).parents[2] / "sample_data"
 HOSTILE = "/imu\x1b[2J\x1b]0;owned\x07\u202e"
 
 
@@ -278,26 +277,25 @@ def test_tables_fit_the_terminal_without_losing_text(
 
 
 @pytest.mark.parametrize("columns", slow_after(1, [80, 160, 60]))
-def test_width_is_taken_from_the_terminal(columns: int) -> None:
+def test_width_is_taken_from_the_terminal(columns: int, log_writer: LogWriter) -> None:
     """In a process of its own, as a shell starts it."""
     terminal = Terminal(columns)
-    command = ("-m", "imucalib_cli", "inspect", "broad_21_cut.mcap")
+    log = log_writer.imu("/imu/" + 30 * "x").joints().text("/" + 30 * "y").write()
     env = {name: value for name, value in os.environ.items() if name != "COLUMNS"}
     env |= {"NO_COLOR": "1", "TERM": "xterm"}
-    done = python(*command, cwd=SAMPLES, stdout=terminal.slave, env=env)
+    done = python("-m", "imucalib_cli", "inspect", log, stdout=terminal.slave, env=env)
     text = terminal.text()
     assert (done.returncode, done.stderr) == (0, "")
     tables = [line for line in text.split("\n") if re.match(r"  \S", line)]
     assert max(map(len, tables)) <= columns
-    assert (text == python(*command, cwd=SAMPLES).stdout) == (columns == 160)
-
-
-def test_piped_output_does_not_import_rich() -> None:
+    # piped, it is as wide as it is, and rich is not imported
     program = (
         "import sys; from imucalib_cli.cli.main import main; main(sys.argv[1:]);"
         "sys.exit('rich' in sys.modules)"
     )
-    assert python("-c", program, "inspect", SAMPLES / "rihibot.mcap").returncode == 0
+    piped = python("-c", program, "inspect", log)
+    assert piped.returncode == 0
+    assert (text == piped.stdout) == (columns == 160)
 
 
 def test_stderr_messages_stay_one_short_line(capsys: pytest.CaptureFixture[str]) -> None:

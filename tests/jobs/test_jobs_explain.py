@@ -15,6 +15,7 @@ from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import Sources, find_motion, other_frames
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.clock import Clock
+from imucalib_cli.logs.part import Part
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.signals.imu import repair
@@ -32,7 +33,8 @@ def test_imu_that_never_rests_is_not_refused_for_its_unit(monkeypatch: pytest.Mo
     factor = Factor(unit="m/s2", value=1.0, finding=suspect)
     monkeypatch.setattr(repair, "accel_factor", lambda *_, **__: factor)
     log = SAMPLES / "broad_21_cut.mcap"
-    (result,) = calibrate(CalibrationRequest(logs=(log,), parent="sensor_body")).results
+    request = CalibrationRequest(logs=(log,), parent="sensor_body", part=Part(end=15.0))
+    (result,) = calibrate(request).results
     codes = [each.code for each in result.diagnostics.findings]
     assert "residual.beyond_noise" in codes  # so that a cause is searched for
     assert suspect.code not in codes

@@ -19,6 +19,7 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
+from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.slow import slow_after
 from tests.troubleshooting.scene import ARM, noisy
 
@@ -87,7 +88,10 @@ def test_bag_with_robot_description_needs_no_option(tmp_path: Path, suffix: str)
     assert codes[:3] == ["robot.described", "joints.prefixed", "frames.prefixed"]
 
 
-def test_urdf_option_takes_precedence_over_description(tmp_path: Path, urdf: Path) -> None:
+def test_urdf_option_takes_precedence_over_description(
+    tmp_path: Path, urdf: Path, estimator: Estimator
+) -> None:
+    estimator.estimate = replace(ESTIMATE, findings=())
     urdf.write_text(urdf.read_text().replace("rihibot", "mine"))
     result = only(run(log_of(tmp_path, robot_description=True), urdf=urdf))
     assert result.provenance.urdf is not None
@@ -95,9 +99,10 @@ def test_urdf_option_takes_precedence_over_description(tmp_path: Path, urdf: Pat
     assert not result.diagnostics.findings
 
 
+@pytest.mark.usefixtures("estimator")
 def test_tf_static_gives_imu_pose_missing_in_urdf(tmp_path: Path, maker_urdf: Path) -> None:
     result = only(run(log_of(tmp_path, tf_static=True), urdf=maker_urdf))
-    assert_matches_truth(result)
+    assert result.parent == "wrist_3_link"
     nominal = result.diagnostics.nominal
     assert nominal is not None
     assert nominal.joint == ""
@@ -132,14 +137,17 @@ def test_link_that_moves_like_an_imu_of_a_default_frame_is_named(
     assert asked(log, urdf).command == command
 
 
+@pytest.mark.usefixtures("estimator")
 def test_each_imu_can_have_its_own_parent(tmp_path: Path, maker_urdf: Path) -> None:
     log = log_of(tmp_path)
     parents = (("/imu/data", "wrist_3_link"),)
-    assert_matches_truth(only(run(log, urdf=maker_urdf, parents=parents)))
-    assert_matches_truth(only(run(log, urdf=maker_urdf, parent="base_link", parents=parents)))
-    # an --imu-link equal to the frame_id is accepted
-    request = {"urdf": maker_urdf, "parent": "wrist_3_link", "imu_link": "imu_link"}
-    assert_matches_truth(only(run(log, **request)))
+    for wishes in (
+        {"parents": parents},
+        {"parents": parents, "parent": "base_link"},
+        # an --imu-link equal to the frame_id is accepted
+        {"parent": "wrist_3_link", "imu_link": "imu_link"},
+    ):
+        assert only(run(log, urdf=maker_urdf, **wishes)).parent == "wrist_3_link"
 
 
 def test_only_the_selected_part_is_used(tmp_path: Path, urdf: Path) -> None:
@@ -152,6 +160,7 @@ def test_only_the_selected_part_is_used(tmp_path: Path, urdf: Path) -> None:
     assert stamps.transform == seconds.transform
 
 
+@pytest.mark.slow
 def test_seconds_refer_to_the_whole_log(tmp_path: Path, urdf: Path) -> None:
     """The clock is set at 16 s; what is before and after is sound."""
     imu = noisy().imu

@@ -70,6 +70,6 @@ def test_applied_result_leaves_nothing_to_correct(tmp_path: Path, imucalib: Imuc
     after = tmp_path / "calibrated.urdf"
     said = imucalib("apply", "-", "--urdf", before, stdin=result.read_bytes())
     after.write_text(said.out)
-    document = yaml.safe_load(imucalib("run", log, "--urdf", after).out)
-    assert document["diagnostics"]["nominal"]["distance_mm"] < 1e-6
-    assert document["diagnostics"]["nominal"]["distance_deg"] < 1e-6
+    document = yaml.safe_load(imucalib("verify", result, "--urdf", after).out)
+    assert document["translation"]["difference_mm"] < 1e-6
+    assert document["rotation"]["difference_deg"] < 1e-6

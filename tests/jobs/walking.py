@@ -25,7 +25,7 @@ ROBOT = replace(
 
 def of_imu(shape: Shape, topic: str, frame: str, mount: pin.SE3) -> list[Said]:
     """The messages of the robot's log with an IMU there, and no pose of the base."""
-    said = messages(shape, mount=mount, imu_frame=frame, seconds=20.0, seed=2)
+    said = messages(shape, mount=mount, imu_frame=frame, seconds=14.0, seed=2)
     named = {"/imu": topic}
     return [replace(each, topic=named.get(each.topic, each.topic)) for each in said]
 

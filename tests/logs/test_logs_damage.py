@@ -111,7 +111,7 @@ def test_truncated_log_is_used_up_to_the_cut(
     path = one_file(written(messages, storage))
     whole = read_all(path)
     content = path.read_bytes()
-    for share in (0.99, 0.8, 0.5, 0.3):
+    for share in (0.99, 0.3):
         damaged.write_bytes(content[: int(len(content) * share)])
         data = read_all(damaged)
         count = assert_prefix(data, whole)
@@ -121,8 +121,9 @@ def test_truncated_log_is_used_up_to_the_cut(
             assert str(damaged) in data.losses[0]
 
 
-@pytest.mark.parametrize("storage", CHUNKED)
-@pytest.mark.parametrize("junk", [b"", b"\5junk"])
+@pytest.mark.parametrize(
+    ("storage", "junk"), [*((storage, b"") for storage in CHUNKED), ("mcap-zstd", b"\5junk")]
+)
 def test_log_without_index_loses_no_message(
     messages: list[Said], storage: str, junk: bytes, written: Write, damaged: Path
 ) -> None:

@@ -14,21 +14,19 @@ from msgspec import structs
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.segments import parts_of_log
-from imucalib_cli.jobs.calibrate import Calibrated, calibrate
-from imucalib_cli.jobs.input.request import CalibrationRequest
+from imucalib_cli.jobs.calibrate import Calibrated
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
 from tests.conftest import Imucalib
+from tests.report.report_pages import outcome
 
-SAMPLE = Path(__file__).parents[2] / "sample_data/rihibot.mcap"
-URDF = SAMPLE.with_suffix(".urdf")
 MOST = 1_000_000
 """Bytes of a file of an ordinary arm."""
 
 
 @pytest.fixture(scope="module")
 def calibrated() -> Calibrated:
-    (found,) = calibrate(CalibrationRequest(logs=(SAMPLE,), urdf=URDF, details=True)).calibrated
+    (found,) = outcome("rihibot").calibrated
     return found
 
 

@@ -8,11 +8,11 @@ import pytest
 
 from imucalib_cli.messages import MESSAGES
 from tests.slow import slow_after
+from tests.troubleshooting import provoke_files, provoke_recordings
 from tests.troubleshooting.scene import ARM, BODY, Scene, on_arm, on_body
 from tests.troubleshooting.snapshot import (
     LISTED,
     PROVOCATIONS,
-    TABLES,
     provoked,
     stored,
     without_numbers,
@@ -132,7 +132,20 @@ def test_nothing_accuses_joints_where_only_poses_are_tracked(key: str) -> None:
         assert not re.search("joint|encoder|URDF|kinematic chain|controller", line.text), line
 
 
-@pytest.mark.parametrize("key", [row for table in TABLES for row in slow_after(1, table)])
+FAST = {
+    next(iter(table))
+    for table in (
+        *(provoke_files.READING, provoke_files.REMOTE, provoke_files.CHOICES),
+        *(provoke_files.RESULTS, provoke_files.STUDIES),
+        *(provoke_recordings.MOTION, provoke_recordings.UNLISTED),
+    )
+}
+"""Keys that are soon provoked."""
+
+
+@pytest.mark.parametrize(
+    "key", slow_after(len(FAST), sorted(PROVOCATIONS, key=lambda key: key not in FAST))
+)
 def test_user_sees_the_stored_message(key: str, tmp_path: Path) -> None:
     assert provoked(key, tmp_path) == STORED[key]
 
