@@ -85,11 +85,6 @@ def test_pages_show_only_existing_options(page: Path) -> None:
             assert not options, f"{page.name}: imucalib {name}"
 
 
-def test_option_check_covers_the_main_commands() -> None:
-    shown = {name for page in PAGES for name, options in _mentions(page) if options}
-    assert shown >= {"run", "inspect", "simulate", "apply"}
-
-
 def test_no_text_contains_local_paths() -> None:
     places = re.compile(r"(?<![\w./:-])/(?:home|root|work|Users)/\w")
     folders = ("imucalib_cli", "configs", "docs", "benchmarks", "tests", "tools", "sample_data")

@@ -14,6 +14,7 @@ import pytest
 
 from tests.test_docs import PAGES, ROOT, run
 
+
 @dataclass(frozen=True)
 class Block:
     """Lines that are typed one after the other."""
@@ -45,7 +46,7 @@ def _name(page: Path) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", filter(blocks, PAGES), ids=_name)
+@pytest.mark.parametrize("page", list(filter(blocks, PAGES)), ids=_name)
 def test_commands_of_a_page_run(page: Path, tmp_path: Path) -> None:
     shutil.copytree(ROOT / "sample_data", tmp_path / "sample_data")
     folder = tmp_path / ("sample_data" if page.parent.name == "sample_data" else "")

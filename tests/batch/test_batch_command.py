@@ -25,8 +25,6 @@ from tests.batch.test_batch_tables import rows_of
 from tests.cli.stand_in import Estimator
 from tests.conftest import LogWriter
 from tests.web_server import serving
-from tools.fuzz import seeds
-from tools.fuzz.cases import make, sound_case
 
 Logs = Callable[..., list[str]]
 """Makes logs, and gives their names with the robot's options."""
@@ -290,35 +288,6 @@ def test_worker_processes_calibrate_logs(reader: str, tmp_path: Path) -> None:
         assert (results / f"{name}.report.html").stat().st_size > 10_000
     assert done.stderr.count("error: ") == 1
     assert "empty.mcap is empty" in done.stderr
-
-
-@pytest.mark.slow
-def test_damaged_logs_give_the_same_results_as_run(tmp_path: Path) -> None:
-    """Of the fuzzer: bytes, records, messages and pages at fault, checksums made to fit again."""
-    folder = tmp_path / "logs"
-    (folder / "sound").mkdir(parents=True)
-    sound = sound_case(seeds.arm, "mcap-none", folder / "sound")
-    urdf = next(path for path in sound.inputs if path.suffix == ".urdf")
-    kinds = ("messages", "mcap", "bag", "db3", "bytes")
-    for number in range(20):
-        (folder / str(number)).mkdir()
-        make(13, number, kinds, folder / str(number), runs=1.0)
-    options = ["--urdf", str(urdf)]
-    done = process(tmp_path, *BATCH, "logs", *options, "-o", "results")
-    assert "internal error" not in done.stderr
-    files = sorted((tmp_path / "results" / "records").glob("[!.]*.json"))
-    records = [json.loads(path.read_text()) for path in files]
-    assert len(records) >= 21
-    assert done.returncode == 1
-    assert {record["exit_code"] for record in records} >= {0, 1}
-    alone = tmp_path / "alone"
-    for record in records:
-        code = main(["run", str(tmp_path / record["log"]), *options, "-q", "-o", f"{alone}/"])
-        assert code == record["exit_code"], record["log"]
-        results = [yaml.safe_load(path.read_text()) for path in alone.glob("*.yaml")]
-        found = sorted(json.dumps(result["transform"]) for result in results)
-        assert found == sorted(json.dumps(result["transform"]) for result in record["results"])
-        shutil.rmtree(alone, ignore_errors=True)
 
 
 @pytest.mark.slow

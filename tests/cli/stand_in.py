@@ -11,12 +11,12 @@ import numpy as np
 import yaml
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.entries import Unobservable
-from imucalib_cli.estimate.estimate import Estimate
+from imucalib_cli.estimate.checks.observability import UnobservableDirection
 from imucalib_cli.findings import TEXT, warning
 from tests.results.results_samples import make_estimate
 
 if TYPE_CHECKING:
+    from imucalib_cli.estimate.estimate import Estimate
     from tests.conftest import Printed
 
 ROOT = Path(__file__).parents[2]

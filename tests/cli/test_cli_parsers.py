@@ -1,7 +1,6 @@
 """Quantities as users write them."""
 
 import contextlib
-import json
 import math
 from typing import Any
 
@@ -122,15 +121,3 @@ def test_imu_names_match_in_any_spelling() -> None:
         assert parsers.imu_name(text) == text.replace("BMI", "bmi")
     assert parsers.imu_name("ICM-20948") == "icm20948"
     assert parsers.imu_name("Xsens MTi") == "xsens_mti"
-
-
-@pytest.mark.slow
-def test_result_records_fixed_components(run_arm: Imucalib) -> None:
-    """With the estimator itself, on a log that fits no pose: fixed values stay in the result."""
-    options = ("--format", "json", "--fix", "tx,ty,tz,rx,ry,rz", "--sensor-model", "ideal")
-    document = json.loads(run_arm(*options, code=3).out)
-    assert document["transform"]["translation"] == [0.05, 0.0, 0.0]
-    np.testing.assert_array_equal(document["covariance"], np.zeros((6, 6)))
-    told = document["provenance"]["options"]
-    assert told["sensor_model"] == "ideal"
-    assert (told["pose.std"], told["pose.t_parent_imu"]) == ("0 0 0 0 0 0", "0.05 0 0")

@@ -11,15 +11,9 @@ import numpy as np
 import pytest
 
 from imucalib_cli.results.codec import to_yaml
-from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.noise import corrupt
-from imucalib_cli.simulate.options import LogOptions
-from imucalib_cli.simulate.urdf import urdf_text
-from imucalib_cli.simulate.write_log import write_log
 from tests.cli.stand_in import ANSWERS
 from tests.conftest import Imucalib
 from tests.results.results_samples import drawn, named, result, written
-from tests.simulate.simulate_samples import recorded
 
 MOVE = np.array([2e-3, 0.0, 0.0, 0.0, 1e-3, 0.0])
 
@@ -148,35 +142,3 @@ def test_results_are_not_overwritten(still: Path, imucalib: Imucalib) -> None:
     trend("-o", "x.svg", "--plot", "x.svg", code=2)
     said = trend("--plot", "x.gif", code=2)
     assert "expected a file ending in .svg or .pdf or .png" in said.err
-
-
-@pytest.mark.slow
-def test_moved_mount_of_simulated_arm_is_detected(tmp_path: Path, imucalib: Imucalib) -> None:
-    """Four days at one place and three at another, from the engine's physics to the alarm."""
-    system = load_system("rihibot")
-    urdf, results = tmp_path / "robot.urdf", tmp_path / "results"
-    urdf.write_text(urdf_text(system), encoding="utf-8")
-    here = np.array(system.imu.xyz)
-    shift = np.array([2e-3, -1e-3, 1e-3])
-    places = [here] * 4 + [here + shift] * 3
-    clean = {
-        tuple(place): recorded(
-            "rihibot", duration=24.0, imu_rate=100, robot_rate=100, mount_xyz=tuple(place.tolist())
-        )
-        for place in places
-    }
-    for day, place in enumerate(places):
-        log = tmp_path / f"{9 - day}.mcap"
-        noisy = corrupt(clean[tuple(place)], load_grade("industrial"), seed=day)
-        write_log(noisy, log, LogOptions(start=1_750_000_000 + 86_400 * day))
-        imucalib("run", log, "--urdf", urdf, "-q", "-o", f"{results}/")
-    answer = json.loads(imucalib("trend", results, "--format", "jsonl", "-q", code=4).out)
-    (change,) = answer["changes"]
-    assert (Path(change["after"]).name[0], Path(change["before"]).name[0]) == ("6", "5")
-    assert change["after_start"].startswith("2025-06-18T15:06:40")
-    off = np.subtract(change["translation"]["vector_mm"], 1e3 * shift)
-    assert np.all(np.abs(off) < 4.0 * np.array(change["translation"]["std_mm"]))
-    assert np.linalg.norm(off) < 0.5
-    for day in (4, 5, 6):
-        (results / f"{9 - day}.imu_link.yaml").unlink()
-    assert "has not moved: 4 recordings" in imucalib("trend", results).out

@@ -95,12 +95,10 @@ def test_joints_between_two_imus_need_the_urdf(tmp_path: Path, estimator: Estima
     assert result.parent == "trunk_imu"
 
 
-@pytest.mark.parametrize("urdf", [False, True])
-def test_unusable_joints_are_reported(tmp_path: Path, *, urdf: bool) -> None:
-    asked = request(tmp_path, base_imu=TRUNK)
+def test_unusable_joints_are_reported_without_a_urdf(tmp_path: Path) -> None:
     asked = walk_with(
         tmp_path,
-        asked if urdf else replace(asked, urdf=None),
+        replace(request(tmp_path, base_imu=TRUNK), urdf=None),
         lambda joints: replace(joints, position=joints.position[:-1]),
         "/joint_states",
     )
@@ -162,14 +160,3 @@ def test_still_imu_cannot_be_the_base(tmp_path: Path) -> None:
 
     asked = walk_with(tmp_path, request(tmp_path), at_rest)
     assert read_recording(asked).sources.base is None
-
-
-def test_base_imu_in_g_and_degrees_gives_the_same_base(tmp_path: Path) -> None:
-    """Units of the accelerometer are found from gravity at rest."""
-
-    def in_g(imu: Any) -> Any:
-        a = imu.linear_acceleration
-        scaled = T["Vector3"](a.x / 9.80665, a.y / 9.80665, a.z / 9.80665)
-        return replace(imu, linear_acceleration=scaled)
-
-    assert_matches_truth(only(calibrate(walk_with(tmp_path, request(tmp_path), in_g))), ON_LEG)

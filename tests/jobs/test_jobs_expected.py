@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.signal import butter, lfilter
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.jobs.calibrate import calibrate
@@ -24,12 +23,12 @@ from imucalib_cli.simulate.write_log import write_log
 from tests.conftest import Imucalib
 from tests.simulate.simulate_samples import recorded
 
-RATE = 200.0
+RATE = 100.0
 
 
 @lru_cache(maxsize=1)
 def clean() -> Recording:
-    return recorded("barbot", duration=36.0, imu_rate=RATE, robot_rate=125.0)
+    return recorded("barbot", duration=20.0, imu_rate=RATE, robot_rate=RATE)
 
 
 def written(folder: Path, noise: NoiseOptions | str) -> Path:
@@ -67,9 +66,9 @@ def test_noise_matching_data_sheet_is_not_reported(tmp_path: Path) -> None:
     for sensor in (check.accel, check.gyro):
         assert sensor.measured == pytest.approx(sensor.expected, rel=0.05)
         assert sensor.in_windows == pytest.approx(sensor.expected, rel=0.1)
-    # The sheet's own figures: 190 ug and 0.014 deg/s per sqrt(Hz), at 200 Hz.
-    assert check.accel.expected == pytest.approx(190e-6 * 9.80665 * 10.0)
-    assert check.gyro.expected == pytest.approx(np.radians(0.014) * 10.0)
+    # The sheet's own figures: 190 ug and 0.014 deg/s per sqrt(Hz), up to half the rate.
+    assert check.accel.expected == pytest.approx(190e-6 * 9.80665 * np.sqrt(RATE / 2.0))
+    assert check.gyro.expected == pytest.approx(np.radians(0.014) * np.sqrt(RATE / 2.0))
     document = to_document(found)
     assert document["provenance"]["options"]["imu_model"] == "bmi088"
     assert document["diagnostics"]["imu_model"]["accel"]["measured"] == check.accel.measured
@@ -93,30 +92,6 @@ def test_five_times_the_noise_is_reported_without_effect(tmp_path: Path) -> None
         assert getattr(told, key) == getattr(untold, key)
     assert told.status == untold.status == "ok"
     assert untold.diagnostics.imu_model is None
-
-
-@pytest.mark.slow
-def test_too_little_noise_is_reported_with_likely_cause(tmp_path: Path) -> None:
-    quiet = replace(load_imu("bmi088"), accel_noise=1e-4, gyro_noise=1e-5)
-    accel, gyro = of_model(result(written(tmp_path, quiet), "bmi270"))
-    assert "should be 0.016 by the data sheet" in accel
-    assert "the driver filters it, the log is simulated, or this is another IMU" in gyro
-
-    noisy = corrupt(clean(), load_imu("bmi088"), seed=5)
-    b, a = butter(2, 25.0, fs=RATE)
-    imu = replace(
-        noisy.imu,
-        accel=lfilter(b, a, noisy.imu.accel, axis=0),
-        gyro=lfilter(b, a, noisy.imu.gyro, axis=0),
-    )
-    filtered = result(as_log(tmp_path, replace(noisy, imu=imu)), "bmi088")
-    assert len(of_model(filtered)) == 2
-    for sentence in of_model(filtered):
-        assert (
-            "below the cut-off the noise is that of the sheet; the filter's delay is part of"
-            in sentence
-        )
-    assert filtered.time_offset.seconds > 0.005  # as that sentence states
 
 
 def test_bias_priors_come_from_data_sheet_unless_given(tmp_path: Path, imucalib: Imucalib) -> None:
@@ -143,6 +118,7 @@ def test_bias_priors_come_from_data_sheet_unless_given(tmp_path: Path, imucalib:
     assert options["accel_bias_std"] == pytest.approx(0.392266)
 
 
+@pytest.mark.slow
 def test_prior_helps_only_where_log_lacks_information(tmp_path: Path) -> None:
     log = written(tmp_path, "adis16448")
     told = result(log, "adis16448")
@@ -157,6 +133,7 @@ def test_prior_helps_only_where_log_lacks_information(tmp_path: Path) -> None:
     assert np.all(with_sheet <= without * 1.01)  # integrated by points
 
 
+@pytest.mark.slow
 def test_implausible_bias_drops_the_prior_and_keeps_the_result(tmp_path: Path) -> None:
     wild = replace(load_imu("adis16448"), gyro_bias=(0.2, 0.0, -0.1))
     log = written(tmp_path, wild)
@@ -173,18 +150,12 @@ def test_implausible_bias_drops_the_prior_and_keeps_the_result(tmp_path: Path) -
     assert result(log, None, gyro_bias_std=0.0175).status == "untrusted"
 
 
+@pytest.mark.slow
 def test_large_bias_within_data_sheet_is_not_reported(tmp_path: Path) -> None:
     log = written(tmp_path, "icm20948")  # 50 mg, 1 sigma
     told, untold = result(log, "icm20948").diagnostics, result(log, None).diagnostics
     assert any("accelerometer bias of 0.69 m/s² is unusual" in w for w in untold.warnings)
     assert told.warnings == []
-
-
-def test_readings_beyond_sensor_range_are_reported(tmp_path: Path) -> None:
-    noise = replace(load_imu("bmi088"), accel_range=None, spikes=0.002, spike_accel=300.0)
-    spiked = of_model(result(written(tmp_path, noise), "bmi088"))
-    assert len(spiked) == 1
-    assert "are beyond the range of 235.4 m/s² in the data sheet of bmi088" in spiked[0]
 
 
 @pytest.mark.slow

@@ -28,13 +28,20 @@ from tests.logs.logs_samples import (
     write_log,
 )
 
+DESCRIBED = "<robot>\n\t<!-- ° -->\n</robot>"
+"""A text, which is read once although it is said twice."""
 Rows = dict[tuple[str, ...], list[tuple[Any, ...]]]
 
 
 @pytest.fixture(scope="module")
 def messages() -> list[Said]:
     """Fewer than elsewhere, because every storage is written and read for every test."""
-    return mixed_messages(100)
+    said = mixed_messages(100)
+    texts = zip((DESCRIBED, "", DESCRIBED), said, strict=False)
+    described = (
+        say("/robot_description", T["String"](data=text), each.log_ns) for text, each in texts
+    )
+    return [*described, *said]
 
 
 def _ns(stamped: Any) -> int:
@@ -127,9 +134,22 @@ def test_every_storage_reads_like_rosbags(
                 (each.topic, each.msgtype, reader.deserialize(raw, each.msgtype), log_ns)
                 for each, log_ns, raw in reader.messages()
             )
-    data = read_all(path)
+    log = open_log([path])
+    told: list[float] = []
+    data = log.read([topic.name for topic in log.topics if topic.kinds], told.append)
+    assert told == sorted(told)
+    assert told[0] < told[-1] == 1
     assert data.losses == ()
     assert_same(data, rows)
+    topics = {topic.name: topic for topic in log.topics}
+    assert len(topics) == 10
+    for name, topic in topics.items():
+        of_topic = [each for each in messages if each.topic == name]
+        assert topic.count == len(of_topic)
+        assert topic.type == of_topic[0].type.replace("/msg/", "/")
+        assert (topic.start_ns, topic.end_ns) == (of_topic[0].log_ns, of_topic[-1].log_ns)
+    assert [*topics["/chatter"].kinds] == ["text"]
+    assert data.texts["/robot_description"] == (DESCRIBED, "")
     assert data.poses["/tf_static"][0].is_static
     assert data.imus["/imu"].frame_id == "imu_link"
 
@@ -169,19 +189,6 @@ def test_large_messages_among_wanted_ones_are_handled(storage: str, written: Wri
     assert len(only.imus["/imu"]) == 20
     assert only.joints == {}
     assert only.losses == ()
-
-
-def test_topics_list_the_log_content(messages: list[Said], storage: str, written: Write) -> None:
-    log = open_log([written(messages, storage)])
-    topics = {topic.name: topic for topic in log.topics}
-    for name, topic in topics.items():
-        of_topic = [each for each in messages if each.topic == name]
-        assert topic.count == len(of_topic)
-        assert topic.type == of_topic[0].type.replace("/msg/", "/")
-        assert topic.start_ns == of_topic[0].log_ns
-        assert topic.end_ns == of_topic[-1].log_ns
-    assert [*topics["/chatter"].kinds] == ["text"]
-    assert len(topics) == 9
 
 
 @pytest.mark.parametrize("storage", ["mcap-zstd", "bag-lz4"])
@@ -258,24 +265,6 @@ def test_unknown_topic_lists_available_topics(messages: list[Said], written: Wri
     log = open_log([written([*messages, other], "mcap-none", name="other.mcap")])
     with pytest.raises(InputError, match=r"/empty .* holds std_msgs/Empty"):
         log.read(["/empty"])
-
-
-def test_each_text_is_read_once(messages: list[Said], storage: str, written: Write) -> None:
-    described = "<robot>\n\t<!-- ° -->\n</robot>"
-    said = [
-        say("/robot_description", T["String"](data=text), each.log_ns)
-        for text, each in zip((described, "", described), messages, strict=False)
-    ]
-    log = open_log([written([*said, *messages], storage)])
-    assert log.read(["/robot_description"]).texts == {"/robot_description": (described, "")}
-
-
-def test_progress_rises_to_one(messages: list[Said], storage: str, written: Write) -> None:
-    told: list[float] = []
-    open_log([written(messages, storage)]).read(["/imu"], told.append)
-    assert told == sorted(told)
-    assert told[0] < 1
-    assert told[-1] == 1
 
 
 # Files given as one recording that may be two

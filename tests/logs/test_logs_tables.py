@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,20 +11,14 @@ import pytest
 import zstandard
 
 from imucalib_cli.errors import ImucalibError, InputError
-from imucalib_cli.logs import log as logs
 from imucalib_cli.logs.log import LogData, open_log
-from imucalib_cli.logs.open import READERS
-from imucalib_cli.logs.reader import Channel, Piece
 from tests.logs.logs_samples import mixed_messages, write_log
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
+    from collections.abc import Iterable
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.findings import Finding
-    from imucalib_cli.logs.reader import Sink
-    from imucalib_cli.logs.streams import Progress
 
 COUNT = 50
 START_NS = 1_403_636_580_838_555_648
@@ -390,41 +383,3 @@ def test_damage_raises_only_imucalib_errors(tmp_path: Path) -> None:
         except ImucalibError as error:
             assert "\n" not in str(error)  # noqa: PT017 - either way is right
     assert 150 < read_at_all < 350
-
-
-class NpyFile:
-    """A user-defined format, as CONTRIBUTING describes one: time and six values a row."""
-
-    FORMAT = "a NumPy file"
-    IS_TEXT = False
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.losses: list[Finding] = []
-        self._rows = np.load(path)
-        first, last = self._rows["ns"][[0, -1]].tolist()
-        imu = Channel(number=7, name="/npy", type="sensor_msgs/Imu", encoding="text")
-        self.channels = (replace(imu, count=len(self._rows), start_ns=first, end_ns=last),)
-
-    @classmethod
-    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003
-        return head.startswith(b"\x93NUMPY")
-
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:  # noqa: ARG002
-        stamps, values = self._rows["ns"], self._rows["values"]
-        numbers = {"gyro": values[:, :3], "accel": values[:, 3:]}
-        piece = Piece(np.arange(len(stamps)), stamps, stamps, {"frame_id": "imu"}, numbers)
-        sink.add_decoded(self.channels[0], piece)
-        progress(1.0)
-
-
-def test_format_needs_one_class_and_one_registration(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(logs, "READERS", [*READERS, NpyFile])
-    rows = np.zeros(COUNT, dtype=[("ns", np.int64), ("values", np.float64, 6)])
-    rows["ns"], rows["values"] = STAMPS, VALUES
-    np.save(tmp_path / "log.npy", rows)
-    data = read(tmp_path / "log.npy")
-    assert_imu(data, "/npy")
-    assert data.losses == ()
