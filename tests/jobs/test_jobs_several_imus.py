@@ -15,11 +15,17 @@ from imucalib_cli.jobs.kinematics import kinematics_report
 from imucalib_cli.jobs.report import report
 from imucalib_cli.layout import Table
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
-from tests.jobs.robots import random_mount
-from tests.jobs.walking import LEG, ON_LEG, ROBOT, TRUNK, log_of, of_imu, walk
+from tests.jobs.walking import (
+    LEG,
+    ON_LEG,
+    ON_OTHER,
+    OTHER,
+    ROBOT,
+    TRUNK,
+    log_of,
+    walk_on_two_legs,
+)
 
-OTHER = "/imu/other"
-ON_OTHER = random_mount(5)
 BY_ITSELF: dict[str, Any] = {"imu_topics": (LEG,), "base_imu": TRUNK, "parents": ()}
 
 
@@ -28,12 +34,9 @@ def request_of_two(tmp_path_factory: pytest.TempPathFactory) -> CalibrationReque
     """A walk with IMUs on the trunk and on two legs."""
     folder = tmp_path_factory.mktemp("walk")
     (folder / "robot.urdf").write_text(ROBOT.urdf())
-    shape = replace(ROBOT, carrier="FR_calf_link")
-    said = (*walk(), *of_imu(shape, OTHER, "other_imu", ON_OTHER))
-    once = {(each.topic, each.log_ns): each for each in said}.values()
-    ordered = tuple(sorted(once, key=lambda each: each.log_ns))
+    topics = (TRUNK, LEG, OTHER, "/joint_states")
     return CalibrationRequest(
-        logs=(log_of(folder, TRUNK, LEG, OTHER, "/joint_states", said=ordered),),
+        logs=(log_of(folder, *topics, said=walk_on_two_legs()),),
         urdf=folder / "robot.urdf",
         parents=((OTHER, "FR_calf_link"),),
         details=True,

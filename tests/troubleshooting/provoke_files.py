@@ -22,7 +22,7 @@ from tests.conftest import LogWriter
 from tests.jobs.driving import drive, with_a_camera_frame
 from tests.jobs.robots import SHAPES, random_mount, record
 from tests.jobs.robots import messages as robot_messages
-from tests.jobs.walking import LEG, ROBOT, TRUNK, log_of, of_imu, walk
+from tests.jobs.walking import LEG, LONG, OTHER, ROBOT, TRUNK, log_of, walk, walk_on_two_legs
 from tests.logs.logs_samples import vector
 from tests.logs.logs_samples import write_log as write_messages
 from tests.troubleshooting.provoke_recordings import on_the_base
@@ -300,10 +300,11 @@ def walking(
     text = ROBOT.urdf()
     urdf = scene.path("robot.urdf")
     urdf.write_text(text.replace("trunk_imu", frame) if frame else text)
-    raw = [replace(each, topic="/imu/raw") for each in walk() if each.topic == TRUNK]
+    walked = walk(LONG)
+    raw = [replace(each, topic="/imu/raw") for each in walked if each.topic == TRUNK]
     said = tuple(
         replace(each, message=change(each.message)) if each.topic == TRUNK else each
-        for each in sorted([*walk(), *raw], key=lambda each: each.log_ns)
+        for each in sorted([*walked, *raw], key=lambda each: each.log_ns)
     )
     log = log_of(scene.folder, TRUNK, "/joint_states", *topics, said=said)
     return scene.run(log, *arguments) if described else scene.cli("run", log, *arguments)
@@ -313,13 +314,9 @@ def walking(
 def two_legs(scene: Scene, edit: Edit = lambda text: text) -> Seen:
     """Such a log with an IMU on another leg too, and the robot's URDF, perhaps spoilt."""
     scene.path("robot.urdf").write_text(edit(ROBOT.urdf()))
-    other = "/imu/other"
-    shape = replace(ROBOT, carrier="FR_calf_link")
-    said = (*walk(), *of_imu(shape, other, "other_imu", random_mount(5)))
-    kept = {(each.topic, each.log_ns): each for each in said}.values()
-    said = tuple(sorted(kept, key=lambda each: each.log_ns))
-    log = log_of(scene.folder, TRUNK, LEG, other, "/joint_states", said=said)
-    return scene.run(log, "--parent", f"{other}=FR_calf_link")
+    topics = (TRUNK, LEG, OTHER, "/joint_states")
+    log = log_of(scene.folder, *topics, said=walk_on_two_legs(LONG))
+    return scene.run(log, "--parent", f"{OTHER}=FR_calf_link")
 
 
 CHOICES: dict[str, Provocation] = {
