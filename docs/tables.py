@@ -22,16 +22,27 @@ from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.messages import MESSAGES
 from imucalib_cli.report.words import WORDS
 from imucalib_cli.sentences import CAUSES, cause
+from imucalib_cli.signals.imu.data_sheet import imu_names, load_imu_model
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from imucalib_cli.estimate.unknowns import Unknown
+    from imucalib_cli.signals.imu.data_sheet import ImuModel
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
 _VALUE = re.compile(r"\{[^{}]*\}")
 _CONDITION = re.compile(r"\[\w+(?:=[^?\]]*)?\?")
 """Of a clause of a message."""
+_SECTIONS = {
+    "derivation": "4.2",
+    "methods": "4.3",
+    "noise": "4.4",
+    "initial-error": "4.5",
+}
+"""Of the paper, by the study that repeats them."""
+_METHODS = ("paper", "paper, components", "matched, pose only", "matched")
+_JUDGED = re.compile(rf"\| ({'|'.join(_METHODS)}): (.*) \| (.*) \| (met|not met|not judged) \|")
 _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
 
@@ -121,6 +132,51 @@ def _prior(unknown: Unknown) -> str:
     scale = SCALES[unknown.scale]
     walking = "" if scale.walking is None else f"; {scale.walking:g} with a base IMU"
     return f"learnt, {scale.low:g} to {scale.high:g}{walking}"
+
+
+def imus() -> str:
+    """IMUs by their data sheets."""
+    heads = (
+        *("`--imu-model`", "what it is", "noise µg/√Hz", "noise °/s/√Hz", "in-run µg"),
+        *("in-run °/h", "bias mg", "bias °/s", "up to g", "up to °/s", "figures from"),
+    )
+    return _table(heads, (_imu(load_imu_model(name)) for name in imu_names()))
+
+
+def _imu(model: ImuModel) -> tuple[str, ...]:
+    kinds = {"typical": "", "1 sigma": " σ", "max": " max"}
+
+    def figure(value: float | None, kind: str = "typical") -> str:
+        return "-" if value is None else f"{value:g}{kinds[kind]}"
+
+    return (
+        f"[`{model.name}`](../configs/imus/{model.name}.yaml)",
+        f"{model.maker} {model.title}",
+        figure(model.accel_noise_ug),
+        figure(model.gyro_noise_deg),
+        figure(model.accel_bias_instability_ug),
+        figure(model.gyro_bias_instability_deg_h),
+        figure(model.accel_bias_mg, model.accel_bias_kind),
+        figure(model.gyro_bias_deg, model.gyro_bias_kind),
+        figure(max(model.accel_range_g)),
+        figure(max(model.gyro_range_deg)),
+        f"[{model.sources[0].document}]({model.sources[0].url})",
+    )
+
+
+def claims() -> str:
+    """Every claim of the paper that a study judged, by method, as the study printed it."""
+    rows: dict[tuple[str, ...], dict[str, str]] = {}
+    for path in (PACKAGE.parent / "docs/reproduction").glob("*.md"):
+        for line in path.read_text("utf-8").replace("\\", "").splitlines():
+            found = _JUDGED.fullmatch(line)
+            if found is not None:
+                method, claim, figures, verdict = found.groups()
+                row = (_SECTIONS[path.stem], claim, f"`imucalib study {path.stem}`")
+                rows.setdefault(row, {})[method] = f"{figures} ({verdict})"
+    heads = ("section", "claim", "command", *(f"`{method}`" for method in _METHODS))
+    told = ((*row, *(cells.get(each, "") for each in _METHODS)) for row, cells in rows.items())
+    return _table(heads, sorted(told, key=lambda row: row[0]))
 
 
 def rooms() -> str:

@@ -11,11 +11,15 @@ from typing import Any
 _ROOT = Path(__file__).parents[1]
 
 
-def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
-    """What a Python process printed, and its exit code."""
-    command = [sys.executable, *map(str, arguments)]
+def run(*command: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """What a process printed, and its exit code."""
     given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
-    return subprocess.run(command, text=True, check=False, **given)
+    return subprocess.run([*map(str, command)], text=True, check=False, **given)
+
+
+def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Of a Python process."""
+    return run(sys.executable, *arguments, **more)
 
 
 def start_script(script: Path, text: str, **more: Any) -> subprocess.Popen[bytes]:

@@ -14,6 +14,8 @@ from cogapp import Cog
 from docs.tables import imported_rooms
 from imucalib_cli import __version__
 from imucalib_cli.cli.main import app_of
+from imucalib_cli.study.study import STUDIES
+from tests.processes import run
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(
@@ -24,30 +26,23 @@ PAGES = sorted(
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def run(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def shell(script: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Commands of the documents, with this environment's imucalib and python."""
     tools = str(Path(sys.executable).parent)
-    return subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", script],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={
-            **os.environ,
-            "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
-            "OPENBLAS_NUM_THREADS": "1",
-            "PYTHONPATH": str(ROOT),  # for python -m tools
-        },
-        timeout=300,
-    )
+    environment = {
+        **os.environ,
+        "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
+        "OPENBLAS_NUM_THREADS": "1",
+        "PYTHONPATH": str(ROOT),  # for python -m tools
+    }
+    return run("bash", "-euo", "pipefail", "-c", script, cwd=folder, env=environment, timeout=300)
 
 
 def test_readme_output_matches_the_tool() -> None:
     assert README.count("python3 -m venv") == 2  # the commands that CI runs
     found = re.search(r"<!-- output of: (.*?) -->\n```text\n(.*?)\n```", README, flags=re.DOTALL)
     assert found is not None
-    printed = run(found[1], ROOT).stdout.rstrip()
+    printed = shell(found[1], ROOT).stdout.rstrip()
     assert _shape(printed) == _shape(found[2])
     # Digits: the same to a hundredth of the stated sigma. Signs aside, of zero and of half a turn,
     # which is as far one way as the other: its angle and its quaternion have either.
@@ -147,3 +142,26 @@ def test_the_diagram_shows_every_import_between_rooms() -> None:
             reached |= new
         assert needed <= reached
         assert room not in reached
+
+
+REPRODUCTION = (ROOT / "docs/reproduction.md").read_text("utf-8")
+QUOTED = re.compile(r"\[([\w-]+)\]\(reproduction/[\w-]+\.md\): ((?:`[^`]+`(?:, | and )?)+)")
+
+
+def study_output(study: str) -> str:
+    """What a command printed."""
+    return (ROOT / f"docs/reproduction/{study}.md").read_text("utf-8")
+
+
+def test_every_quoted_figure_matches_printed_output() -> None:
+    quotes = QUOTED.findall(REPRODUCTION)
+    assert quotes
+    for study, text in quotes:
+        for figure in re.findall(r"`([^`]+)`", text):
+            assert figure in study_output(study), (study, figure)
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_printed_output_of_every_study_exists(study: str) -> None:
+    assert study_output(study).startswith("### ")
+    assert f"imucalib study {study}" in REPRODUCTION

@@ -24,6 +24,7 @@ from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
 from tests.cli.stand_in import Estimator
 from tests.conftest import LogWriter
+from tests.processes import run
 from tests.web_server import serving
 
 Logs = Callable[..., list[str]]
@@ -62,14 +63,7 @@ def batch(*arguments: object) -> int:
 
 def process(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """The command as a process of its own."""
-    done = subprocess.run(
-        arguments,
-        cwd=folder,
-        env=ENVIRONMENT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(*arguments, cwd=folder, env=ENVIRONMENT)
     assert "Traceback" not in done.stderr
     return done
 

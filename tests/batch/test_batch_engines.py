@@ -21,7 +21,7 @@ from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import InputError
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from tests.batch.batch_tasks import batch, copying, here, task_for
-from tests.processes import runs, start_script, wait_for
+from tests.processes import python, runs, start_script, wait_for
 from tests.slow import slow_after
 
 ROOT = Path(__file__).parents[2]
@@ -107,9 +107,8 @@ def test_timeout_fails_only_the_slow_log(engine: Any, tmp_path: Path) -> None:
 
 def test_workers_import_modules_before_first_log() -> None:
     files = [str(SAMPLES / f"rihibot.{suffix}") for suffix in ("mcap", "urdf")]
-    script = [sys.executable, "-c", IMPORTED, *files]
-    done = subprocess.run(script, cwd=ROOT, check=True, capture_output=True, text=True)
-    assert done.stdout.split() == []
+    done = python("-c", IMPORTED, *files, cwd=ROOT)
+    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
 
 
 def test_process_count_does_not_exceed_workers(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from imucalib_cli.cli.exit_codes import worst
 from imucalib_cli.cli.main import COMMANDS, app_of, main
 from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
-from tests.processes import python, wait_for
+from tests.processes import python, run, wait_for
 from tests.results.results_samples import make_result
 from tests.slow import slow_after
 
@@ -124,10 +124,8 @@ PROGRAM = "import sys; from imucalib_cli.cli.main import main; sys.exit(main())"
 
 
 def _in_shell(redirection: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-    command = ["/bin/sh", "-c", f'exec "$@" {redirection}', "", sys.executable, "-c", PROGRAM]
-    return subprocess.run(
-        [*command, *map(str, arguments)], capture_output=True, text=True, check=False
-    )
+    command = ("/bin/sh", "-c", f'exec "$@" {redirection}', "", sys.executable, "-c", PROGRAM)
+    return run(*command, *arguments)
 
 
 @pytest.mark.slow
@@ -226,9 +224,7 @@ def run():
 imucalib_cli.cli.main.main = run
 raise SystemExit(entry.main())
 """
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=20, check=False
-    )
+    done = python("-c", program, timeout=20)
     assert (done.returncode, done.stdout, done.stderr) == (130, "tidy\n", "")
 
 
@@ -364,6 +360,6 @@ def test_deleted_working_folder_is_one_line_error(tmp_path: Path) -> None:
     script = (
         f"cd {tmp_path} && rmdir {tmp_path} && exec {sys.executable} -m imucalib_cli run x.mcap"
     )
-    done = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=False)
+    done = run("sh", "-c", script)
     assert done.returncode == 1
     assert done.stderr.endswith("error: the working folder no longer exists: change to another\n")

@@ -84,9 +84,9 @@ def test_five_times_the_noise_is_reported_without_effect(tmp_path: Path) -> None
     # bmi270 has no figures for biases, so nothing but the comparison differs.
     told, untold = result(log, "bmi270"), result(log, None)
     accel, gyro = of_model(told)
-    assert "accelerometer's noise is 0.09" in accel
-    assert "6 times the 0.016 of the data sheet of bmi270 at 200 Hz" in accel  # 190 * 5 / 160
-    assert "10 times the 0.0012" in gyro
+    assert "accelerometer's noise is 0.06" in accel
+    assert "6 times the 0.011 of the data sheet of bmi270 at 100 Hz" in accel  # 190 * 5 / 160
+    assert "10 times the 0.00086" in gyro
     assert "--imu-model" in accel
     for key in ("transform", "covariance", "accel_bias"):
         assert getattr(told, key) == getattr(untold, key)
@@ -162,7 +162,7 @@ def test_large_bias_within_data_sheet_is_not_reported(tmp_path: Path) -> None:
 def test_published_method_is_checked_against_data_sheet(tmp_path: Path) -> None:
     log = written(tmp_path, "bmi088")
     found = result(log, "xsens_mti", PaperOptions(gravity_norm=0.0))
-    assert any("3.2 times the 0.0059" in sentence for sentence in of_model(found))
+    assert any("3.2 times the 0.0042" in sentence for sentence in of_model(found))
     assert found.diagnostics.imu_model is not None
     assert found.diagnostics.imu_model.accel.in_windows is None
     assert found.diagnostics.imu_model.accel.bias_prior is None
