@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.results.result import Result
 from tests.conftest import START_NS
 from tests.logs.logs_samples import Said, posed, positions, reading, say, tf, write_log
+from tests.truth import pose_off
 
 Floats = Any
 JointRow = tuple[str, str, str, str, str, str]
@@ -192,12 +193,10 @@ def messages(
 def assert_matches_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-3) -> None:
     """The pose is within four sigmas of the truth, and sigmas of translation are small, m."""
     assert result.status == "ok"
-    assert result.std is not None
-    turn = Rotation.from_matrix(result.pose.R @ mount.rotation.T).as_rotvec(degrees=True)
-    off = np.concatenate([1e3 * (result.pose.t - mount.translation), turn])
-    sigma = np.array([*result.std.translation_mm, *result.std.rotation_deg], dtype=np.float64)
+    off = pose_off(result.pose.R, result.pose.t, mount.rotation, mount.translation)
+    sigma = np.sqrt(np.diag(np.asarray(result.uncertain_pose.covariance)))
     assert (np.abs(off) < 4.0 * sigma).all()
-    assert sigma[:3].max() < 1e3 * largest
+    assert sigma[:3].max() < largest
 
 
 def _pose_message(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:

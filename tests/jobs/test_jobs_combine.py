@@ -22,6 +22,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
+from tests.truth import nees, pose_off
 
 ARM = "rihibot"
 TRUE_T, TRUE_RPY = np.array([-0.0225, 0.1, 0.0]), (np.pi, 0.0, np.pi / 2.0)
@@ -67,9 +68,8 @@ def test_common_pose_error_is_within_sigma(logs: list[StoredLog]) -> None:
     assert not failures
     assert result.status == "ok"
     pose = result.uncertain_pose
-    turn = Rotation.from_matrix(pose.R) * Rotation.from_euler("xyz", TRUE_RPY).inv()
-    off = np.concatenate([pose.t - TRUE_T, turn.as_rotvec()])
-    assert off @ np.linalg.solve(np.asarray(pose.covariance), off) < chi2.isf(1e-4, 6)
+    off = pose_off(pose.R, pose.t, Rotation.from_euler("xyz", TRUE_RPY).as_matrix(), TRUE_T)
+    assert nees(off, np.asarray(pose.covariance)) < chi2.isf(1e-4, 6)
     assert result.diagnostics.combined is not None
     assert [each.name for each in result.diagnostics.combined.logs] == [log.name for log in logs]
     assert len(result.provenance.files) == 3

@@ -85,7 +85,7 @@ def test_five_times_the_noise_is_reported_without_effect(tmp_path: Path) -> None
     told, untold = result(log, "bmi270"), result(log, None)
     accel, gyro = of_model(told)
     assert "accelerometer's noise is 0.06" in accel
-    assert "6 times the 0.011 of the data sheet of bmi270 at 100 Hz" in accel  # 190 * 5 / 160
+    assert "5.9 times the 0.011 of the data sheet of bmi270 at 100 Hz" in accel  # 190 * 5 / 160
     assert "10 times the 0.00086" in gyro
     assert "--imu-model" in accel
     for key in ("transform", "covariance", "accel_bias"):

@@ -16,6 +16,7 @@ from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
+from tests.truth import nees, pose_off
 
 pytestmark = pytest.mark.slow
 
@@ -37,11 +38,11 @@ def calibrated(walk: Recording, folder: Path) -> Calibration:
 
 def square_in_sigmas(found: Calibration, walk: Recording) -> float:
     (true,) = (imu for imu in walk.system.every_imu if imu.topic == SHANK)
-    turn = Rotation.from_matrix(found.R) * Rotation.from_euler("xyz", true.rpy).inv()
-    off = np.concatenate([found.t - np.array(true.xyz), turn.as_rotvec()])
+    R = Rotation.from_euler("xyz", true.rpy).as_matrix()
+    off = pose_off(found.R, found.t, R, np.array(true.xyz))
     assert np.linalg.norm(off[:3]) < 1e-3
     assert found.covariance is not None
-    return float(off @ np.linalg.solve(found.covariance, off))
+    return nees(off, found.covariance)
 
 
 def test_strikes_are_reported_and_used(walk: Recording, tmp_path: Path) -> None:
