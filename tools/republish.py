@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from tools.mcap_file import Payload, write_payloads
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -241,17 +242,18 @@ def _write(
     raw: Callable[[str, Any], bytes],
 ) -> Path:
     """By mcap; schema gives the encoding and the text of a type, raw the bytes of a message."""
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="ros2" if encoding == "cdr" else "")
-        channels: dict[tuple[str, str], int] = {}
-        for topic, kind, message, log_ns in _in_order(messages):
-            if (topic, kind) not in channels:
-                number = writer.register_schema(kind, *schema(kind))
-                channels[topic, kind] = writer.register_channel(topic, encoding, number)
-            writer.add_message(channels[topic, kind], log_ns, raw(kind, message), log_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
+    schemas: dict[str, tuple[str, str, bytes]] = {}
+    payloads = [
+        Payload(
+            topic,
+            encoding,
+            schemas.get(kind) or schemas.setdefault(kind, (kind, *schema(kind))),
+            raw(kind, message),
+            log_ns,
+        )
+        for topic, kind, message, log_ns in _in_order(messages)
+    ]
+    return write_payloads(path, payloads, profile="ros2" if encoding == "cdr" else "")
 
 
 def write_mcap(

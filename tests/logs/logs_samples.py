@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -16,6 +15,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from imucalib_cli.logs.log import LogData, open_log
+from tools.mcap_file import Payload, write_payloads
 
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -99,48 +99,25 @@ def read_all(*paths: Path, csv_columns: tuple[str, ...] = ()) -> LogData:
 
 
 def write_mcap(path: Path, messages: Iterable[Said], *, ros1: bool = False, **options: Any) -> None:
-    with path.open("wb") as file:
-        writer = McapWriter(file, **options)
-        writer.start(profile="ros1" if ros1 else "ros2")
-        channels: dict[tuple[str, str], int] = {}
-        for number, each in enumerate(messages):
-            key = (each.topic, each.type)
-            if key not in channels:
-                store = ROS1 if ros1 else ROS2
-                text, _ = store.generate_msgdef(each.type, ros_version=1 if ros1 else 2)
-                schema = writer.register_schema(
-                    name=each.type.replace("/msg/", "/") if ros1 else each.type,
-                    encoding="ros1msg" if ros1 else "ros2msg",
-                    data=text.encode(),
-                )
-                channels[key] = writer.register_channel(
-                    topic=each.topic,
-                    message_encoding="ros1" if ros1 else "cdr",
-                    schema_id=schema,
-                )
-            writer.add_message(
-                channels[key],
-                log_time=each.log_ns,
-                publish_time=max(each.log_ns - 5, 0),
-                data=each.ros1() if ros1 else each.cdr(),
-                sequence=number,
-            )
-        writer.finish()  # type: ignore[no-untyped-call]
+    kind = "ros1" if ros1 else "ros2"
 
+    @cache
+    def schema(name: str) -> tuple[str, str, bytes]:
+        store = ROS1 if ros1 else ROS2
+        text, _ = store.generate_msgdef(name, ros_version=1 if ros1 else 2)
+        return name.replace("/msg/", "/") if ros1 else name, f"{kind}msg", text.encode()
 
-def write_payloads(
-    path: Path, payloads: Iterable[bytes], schema: tuple[str, str, bytes], encoding: str
-) -> Path:
-    """An MCAP file of one ``/topic``: payloads in an encoding, of a type by a schema."""
-    with path.open("wb") as file:
-        writer = McapWriter(file)
-        writer.start(profile="")
-        number = writer.register_schema(*schema)
-        channel = writer.register_channel("/topic", encoding, number)
-        for payload in payloads:
-            writer.add_message(channel, START_NS, payload, START_NS)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return path
+    payloads = (
+        Payload(
+            each.topic,
+            "ros1" if ros1 else "cdr",
+            schema(each.type),
+            each.ros1() if ros1 else each.cdr(),
+            each.log_ns,
+        )
+        for each in messages
+    )
+    write_payloads(path, payloads, profile=kind, **options)
 
 
 T = {name.rsplit("/", 1)[-1]: kind for name, kind in ROS2.types.items()}

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import CompressionType, IndexType
-from mcap.writer import Writer as McapWriter
 
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.logs import unpacked
@@ -34,6 +33,7 @@ from tests.logs.logs_samples import (
     write_log,
     write_mcap,
 )
+from tools.mcap_file import Payload, write_payloads
 
 
 @pytest.fixture
@@ -162,24 +162,18 @@ def test_mcap_with_partial_index_is_read(
 
 
 def test_other_encodings_do_not_affect_reading(messages: list[Said], tmp_path: Path) -> None:
-    path = tmp_path / "foxglove.mcap"
-    with path.open("wb") as file:
-        writer = McapWriter(file, compression=CompressionType.ZSTD)
-        writer.start(profile="")
-        json = writer.register_schema("imu", "jsonschema", b"{}")
-        plot = writer.register_channel("/plot", "json", json)
-        naked = writer.register_channel("/naked", "protobuf", 0)
-        cdr = writer.register_channel(
-            "/imu",
-            "cdr",
-            writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"broken definition"),
+    broken = ("sensor_msgs/msg/Imu", "ros2msg", b"broken definition")
+    payloads = [
+        payload
+        for each in messages
+        if each.topic == "/imu"
+        for payload in (
+            Payload("/imu", "cdr", broken, each.cdr(), each.log_ns),
+            Payload("/plot", "json", ("imu", "jsonschema", b"{}"), b'{"a": 1}', each.log_ns),
+            Payload("/naked", "protobuf", None, b"\x08\x01", each.log_ns),
         )
-        for each in messages:
-            if each.topic == "/imu":
-                writer.add_message(cdr, each.log_ns, each.cdr(), each.log_ns)
-                writer.add_message(plot, each.log_ns, b'{"a": 1}', each.log_ns)
-                writer.add_message(naked, each.log_ns, b"\x08\x01", each.log_ns)
-        writer.finish()  # type: ignore[no-untyped-call]
+    ]
+    path = write_payloads(tmp_path / "foxglove.mcap", payloads)
     log = open_log([path])
     assert [(each.name, each.encoding, [*each.kinds]) for each in log.topics] == [
         ("/imu", "cdr", ["imu"]),

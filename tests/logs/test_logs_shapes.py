@@ -18,8 +18,8 @@ from imucalib_cli.logs.messages.definitions import DefinitionError, fields_of
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import select_topics
-from tests.logs.logs_samples import write_payloads
 from tools import republish as shapes
+from tools.mcap_file import Payload, write_payloads
 from tools.republish import STORE, header, make
 
 START_NS = shapes.START_NS
@@ -30,6 +30,12 @@ def read(path: Path, *topics: str, columns: str = "") -> LogData:
     told = [joint_columns(columns)] if columns else []
     log = open_log([path], columns=told)
     return log.read(topics or [each.name for each in log.topics])
+
+
+def write(path: Path, encoding: str, schema: tuple[str, str, bytes], *payloads: bytes) -> Path:
+    """Payloads on /topic."""
+    said = (Payload("/topic", encoding, schema, each, START_NS) for each in payloads)
+    return write_payloads(path, said)
 
 
 def low_states(package: str, first_tick: int = 0) -> tuple[list[shapes.Message], Any]:
@@ -303,9 +309,8 @@ def test_empty_json_schemas_keep_known_types(schema: bytes, tmp_path: Path) -> N
         "angular_velocity": {"z": 3, "y": 2, "x": 1},
         "linear_acceleration": shapes.plain_xyz((4, 5, 6)),
     }
-    payloads = (json.dumps(imu).encode(), b"{", b"7", b'{"header": 3}')
-    path = tmp_path / "log.mcap"
-    write_payloads(path, payloads, ("sensor_msgs/Imu", "jsonschema", schema), "json")
+    path, kind = tmp_path / "log.mcap", ("sensor_msgs/Imu", "jsonschema", schema)
+    write(path, "json", kind, json.dumps(imu).encode(), b"{", b"7", b'{"header": 3}')
     data = read(path)
     np.testing.assert_array_equal(data.imus["/topic"].gyro, [[1, 2, 3]])
     np.testing.assert_array_equal(data.imus["/topic"].header_ns, [START_NS])
@@ -339,7 +344,7 @@ def _two(name: str, inner: str) -> str:
 def test_hostile_definitions_are_handled(definition: str, tmp_path: Path) -> None:
     schema = ("acme_msgs/msg/Odd", "ros2msg", definition.encode())
     payload = b"\0\1\0\0" + b"\x01\0\0\0" * 30
-    log = open_log([write_payloads(tmp_path / "log.mcap", [payload], schema, "cdr")])
+    log = open_log([write(tmp_path / "log.mcap", "cdr", schema, payload)])
     if log.topics[0].kinds:
         assert not any(len(each) for each in log.read(["/topic"]).joints["/topic"])
 
@@ -356,7 +361,7 @@ def test_arrays_of_empty_structs_terminate(tmp_path: Path) -> None:
         )
     )
     schema = ("acme_msgs/Odd", "ros1msg", text.encode())
-    path = write_payloads(tmp_path / "log.mcap", [b"\0" * 500], schema, "ros1")
+    path = write(tmp_path / "log.mcap", "ros1", schema, b"\0" * 500)
     assert open_log([path]).topics[0].kinds == {}
 
 

@@ -39,6 +39,7 @@ from tests.troubleshooting.scene import (
     provocation,
 )
 from tests.web_server import serving
+from tools.mcap_file import Payload, write_payloads
 
 LINK = '<link name="base_link" />'
 NAMES = tuple(joint.name for joint in load_system(ARM).joints)
@@ -124,17 +125,8 @@ def overlap(scene: Scene) -> Seen:
 
 
 def other_encoding(scene: Scene) -> Seen:
-    from mcap.writer import Writer
-
-    log = scene.path("log.mcap")
-    with log.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema(name="foxglove.Imu", encoding="jsonschema", data=b"{}")
-        channel = writer.register_channel(topic="/imu", message_encoding="json", schema_id=schema)
-        writer.add_message(channel, log_time=1, data=b"{}", publish_time=1)
-        writer.finish()  # type: ignore[no-untyped-call]
-    return scene.run(log)
+    said = Payload("/imu", "json", ("foxglove.Imu", "jsonschema", b"{}"), b"{}", 1)
+    return scene.run(write_payloads(scene.path("log.mcap"), [said]))
 
 
 def no_memory(scene: Scene) -> Seen:
