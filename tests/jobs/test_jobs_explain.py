@@ -44,7 +44,7 @@ def test_imu_that_never_rests_is_not_refused_for_its_unit(monkeypatch: pytest.Mo
 @pytest.mark.slow
 @pytest.mark.parametrize("told", ["tool", "bar_link"])
 def test_tf_frames_are_tried_like_links(told: str) -> None:
-    imu, path = streams_of(recorded("barbot", duration=45.0, imu_rate=125, robot_rate=125))
+    imu, path = streams_of(recorded("barbot", duration=25.0, imu_rate=125, robot_rate=125))
     (track,) = path.tracks
     half = 0.4 * np.sin(1.3 * track.t)
     values = np.zeros((len(track.t), 7))
