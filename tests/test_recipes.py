@@ -15,6 +15,7 @@ SAMPLE = ROOT / "sample_data"
 PARTS = re.split(r"^### ", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), flags=re.MULTILINE)
 ARM = ("run", f"{SAMPLE}/rihibot.mcap", "--urdf", f"{SAMPLE}/rihibot.urdf", "-q")
 BODY = ("--parent", "sensor_body", "--to", "15", "--format", "json", "-q")
+BODY += ("--robot", "exact", "--sensor-model", "ideal")
 
 
 def _with_recipe(recipe: str, *commands: tuple[str, ...]) -> str:
