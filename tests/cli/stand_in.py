@@ -11,7 +11,6 @@ import numpy as np
 import yaml
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.checks.observability import UnobservableDirection
 from imucalib_cli.findings import TEXT, warning
 from tests.results.results_samples import make_estimate
 

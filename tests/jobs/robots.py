@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.results.result import Result
 from tests.conftest import START_NS
 from tests.logs.logs_samples import Said, posed, positions, reading, say, tf, write_log
-from tests.truth import pose_off
+from tools.errors import pose_off
 
 Floats = Any
 JointRow = tuple[str, str, str, str, str, str]

@@ -22,7 +22,7 @@ from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
-from tests.truth import nees, pose_off
+from tools.errors import nees, pose_off
 
 ARM = "rihibot"
 TRUE_T, TRUE_RPY = np.array([-0.0225, 0.1, 0.0]), (np.pi, 0.0, np.pi / 2.0)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
 from tests.conftest import Imucalib
-from tests.truth import nees, pose_off
+from tools.errors import nees, pose_off
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "sample_data"

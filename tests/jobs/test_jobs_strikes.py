@@ -16,7 +16,7 @@ from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
-from tests.truth import nees, pose_off
+from tools.errors import nees, pose_off
 
 pytestmark = pytest.mark.slow
 
