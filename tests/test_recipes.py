@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[1]
 SAMPLE = ROOT / "sample_data"
 PARTS = re.split(r"^### ", (ROOT / "CONTRIBUTING.md").read_text("utf-8"), flags=re.MULTILINE)
 ARM = ("run", f"{SAMPLE}/rihibot.mcap", "--urdf", f"{SAMPLE}/rihibot.urdf", "-q")
-BODY = ("--parent", "sensor_body", "--to", "15", "--format", "json", "-q")
+BODY: tuple[str, ...] = ("--parent", "sensor_body", "--to", "15", "--format", "json", "-q")
 BODY += ("--robot", "exact", "--sensor-model", "ideal")
 
 

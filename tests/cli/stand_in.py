@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.entries import Unobservable
 from imucalib_cli.findings import TEXT, warning
 from tests.results.results_samples import make_estimate
 
