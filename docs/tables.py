@@ -131,7 +131,8 @@ def _prior(unknown: Unknown) -> str:
         return f"{unknown.std:g}"
     scale = SCALES[unknown.scale]
     walking = "" if scale.walking is None else f"; {scale.walking:g} with a base IMU"
-    return f"learnt, {scale.low:g} to {scale.high:g}{walking}"
+    usual = "" if scale.usual is None else f", usually {scale.usual:g}"
+    return f"learnt, {scale.low:g} to {scale.high:g}{usual}{walking}"
 
 
 def imus() -> str:

@@ -306,6 +306,8 @@ class Scale:
     high: float
     like: Mapping[str, float] = field(default_factory=dict)
     """Its usual ratio to other scales that the same parts or the same measurement determine."""
+    usual: float | None = None
+    """Its size in what is sold most; None where no size is more usual than others."""
     walking: float | None = None
     """Upper limit on robots whose base is measured by an IMU: those that walk, if it differs."""
 
@@ -344,8 +346,8 @@ _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
     "sensor_scale": Scale(low=5e-7, high=2e-2),
-    "sensor_axes": Scale(low=5e-7, high=2e-2),
-    "sensor_turn": Scale(low=5e-7, high=2e-2),
+    "sensor_axes": Scale(low=5e-7, high=2e-2, usual=2e-3),
+    "sensor_turn": Scale(low=5e-7, high=2e-2, usual=2e-3),
     "accel_square": Scale(low=1e-7, high=3e-4),
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
@@ -378,6 +380,10 @@ measured holes or by eye. A compass is off by some degrees, and positions by sat
 tenth of a second old; a tracker gives both at once. Zeros are never assumed better than one arc
 minute, as on calibrated arms: zeros of joints that stand still in a log are known only from those
 of the others.
+
+Axes have a usual size, since a log of one or two joints shows few of their components: if these
+are small by chance, the others would be taken to be small too. Data sheets state 0.05 deg for
+industrial sensors and 0.5 to 2 % for consumer ones, as the largest: 1 sigma of 0.4 to 7 mrad.
 
 The rotation between the triads of the two sensors is that of two chips in one package, and no log
 shows it without the pose. It is not assumed as small as the skews of each triad, which a log shows:

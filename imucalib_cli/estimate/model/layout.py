@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
@@ -176,14 +176,17 @@ class Layout(Prior):
         return with_priors(self.placed, options, self.still)
 
 
-def alike(scales: Sequence[str]) -> tuple[tuple[int, int, float], ...]:
-    """Pairs of learnt scales that are alike in size, and how large the one is over the other."""
-    return tuple(
+def known_sizes(scales: Sequence[str]) -> dict[str, Any]:
+    """What is known of learnt scales beforehand, as the fields of a :class:`Prior`."""
+    each = [(at, SCALES[name]) for at, name in enumerate(scales)]
+    alike = [
         (at, scales.index(other), ratio)
-        for at, name in enumerate(scales)
-        for other, ratio in SCALES[name].like.items()
+        for at, scale in each
+        for other, ratio in scale.like.items()
         if other in scales
-    )
+    ]
+    usual = [(at, scale.usual) for at, scale in each if scale.usual is not None]
+    return {"alike": tuple(alike), "usual": tuple(usual)}
 
 
 def places_of(parts: Iterable[slice]) -> Indices:
@@ -251,7 +254,7 @@ def with_priors(
         scale=np.concatenate(scale),
         scales=tuple(scales),
         bounds=np.log(np.array(limits).reshape(-1, 2)),
-        alike=alike(scales),
+        **known_sizes(scales),
         still=still,
     )
 

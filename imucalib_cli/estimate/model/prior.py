@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 _ALIKE: Final = math.log(3.0)
 """Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
+_USUAL: Final = math.log(2.0)
+"""Half of all scales that have a usual size are within a factor of two of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,6 +31,8 @@ class Prior:
     """(k, 2), limits of the logarithms of the scales."""
     alike: tuple[tuple[int, int, float], ...] = ()
     """Pairs of scales that are alike, and their usual ratio."""
+    usual: tuple[tuple[int, float], ...] = ()
+    """Scales that have a usual size, and that size."""
 
     @property
     def free(self) -> Bools:
@@ -38,7 +42,11 @@ class Prior:
     def only(self, kept: Bools) -> Prior:
         """Of some of the components."""
         return Prior(
-            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, alike=self.alike
+            std=self.std[kept],
+            scale=self.scale[kept],
+            bounds=self.bounds,
+            alike=self.alike,
+            usual=self.usual,
         )
 
     def std_at(self, u: Floats) -> Floats:
@@ -50,12 +58,16 @@ class Prior:
     def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
         """Of logarithms of the scales, k arrays, within their bounds and up to a constant.
 
-        It is flat but for the ratios of scales that are alike. With ``newest`` only those between
-        this scale and the ones before it count.
+        It is flat but for usual sizes, and for the ratios of scales that are alike. With ``newest``
+        only that of this scale counts, and those between it and the ones before it.
         """
-        total = np.zeros(1)
-        for one, other, ratio in self.alike:
-            if newest in {None, max(one, other)}:
-                # Cauchy's: a log that shows another ratio is believed.
-                total = total - np.log1p(((u[one] - u[other] - math.log(ratio)) / _ALIKE) ** 2)
-        return total
+        away = [
+            (u[one] - math.log(size)) / _USUAL for one, size in self.usual if newest in {None, one}
+        ]
+        away += [
+            (u[one] - u[other] - math.log(ratio)) / _ALIKE
+            for one, other, ratio in self.alike
+            if newest in {None, max(one, other)}
+        ]
+        # Cauchy's: a log that shows another size or ratio is believed.
+        return sum((-np.log1p(each**2) for each in away), start=np.zeros(1))
