@@ -183,6 +183,7 @@ def _estimate_one(
         notes={
             "gyro_unit": repaired.gyro_unit,
             "accel_unit": repaired.accel_unit,
+            "imu_samples_at_fault": repaired.samples_at_fault,
             **estimate.notes,
         },
     )

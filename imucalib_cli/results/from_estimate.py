@@ -111,7 +111,9 @@ def _diagnostics(estimate: Estimate, nominal: NominalPose | None) -> tree.Diagno
             tree.ConsistencyEntry,
             parts,
             folds=parts.folds,
+            fold_std=tree.Tangent(*tangent(parts.fold_std)),
             halves=tree.Halves(*tangent(parts.halves_difference), plain(parts.halves_sigmas)),
+            whiteness=tree.Whiteness(*plain(parts.whiteness)),
         )
     return tree.Diagnostics(
         method=estimate.method,

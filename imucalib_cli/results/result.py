@@ -182,14 +182,24 @@ class Halves(Tree, frozen=True):
     """Root mean square of the difference in sigmas; 1 is chance."""
 
 
+class Whiteness(Tree, frozen=True):
+    """Loudest band of the residuals' spectrum over the median band; 1 is white."""
+
+    accel: float
+    gyro: float
+
+
 class ConsistencyEntry(Tree, frozen=True):
     """How well the parts of the log agree; null where it is too short to be cut."""
 
     folds: int
     """Contiguous segments of the log."""
+    fold_std: Tangent
+    """Standard deviation of the pose by leaving each segment out in turn (jackknife)."""
     halves: Halves
     segment_chi2: float
     """Scatter of the segments over what noise explains; 1 is noise alone."""
+    whiteness: Whiteness
 
 
 class BetweenLogs(Tree, frozen=True):

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -47,6 +48,7 @@ def test_undisturbed_log_is_consistent(seed: int, grade: str) -> None:
     assert parts.folds == 6
     assert 0.3 < parts.segment_chi2 < 2.5
     assert parts.halves_sigmas < 2.0
+    assert max(parts.whiteness) < 3.0
 
 
 @pytest.mark.parametrize("seed", slow_after(1, [1, 3]))
@@ -76,8 +78,13 @@ def test_short_log_is_checked_for_consistency() -> None:
 
 
 @pytest.mark.slow
-def test_halves_agree_with_sigma_for_pure_noise() -> None:
+def test_jackknife_and_halves_agree_with_sigma_for_pure_noise() -> None:
     found = [solve(clean().noisy(seed)) for seed in range(6)]
+    # Seven folds of one log give a sigma to a third; the mean over logs to a tenth.
+    ratios = [agreement(each).fold_std / each.sigma for each in found]
+    typical = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert np.all((typical > 0.5) & (typical < 2.0))
+    assert 0.75 < np.mean(typical) < 1.5
     squares = [agreement(each).halves_sigmas ** 2 for each in found]
     low, high = (float(chi2.ppf(p, 6 * len(squares))) for p in (0.0005, 0.9995))
     # Each half's own scatter may widen the yardstick, so that it is at most chi-squared.
@@ -116,6 +123,16 @@ def test_halves_with_noise_agree_with_two_calibrations() -> None:
     apart, sigma = halves_of(log)
     # The same noise is in both: they agree far better than their sigma.
     assert np.all(np.abs(agreement(solve_exact(log)).halves_difference - apart) < 0.5 * sigma)
+
+
+def test_coloured_noise_increases_whiteness() -> None:
+    log = clean().noisy(1)
+    white = np.random.default_rng(1).normal(size=log.imu.accel.shape)
+    # First-order, 2 s long: five times the sensor's own noise in a window.
+    slow = lfilter([0.03], [1.0, -0.995], white, axis=0)
+    accel, gyro = agreement(solve(log.with_imu(accel=log.imu.accel + slow))).whiteness
+    assert accel > 5.0
+    assert gyro < 3.0
 
 
 def test_normalised_residuals_are_one_for_noise_and_larger_for_errors() -> None:

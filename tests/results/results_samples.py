@@ -66,10 +66,12 @@ def make_estimate(**changes: Any) -> Estimate:
         },
         consistency=Consistency(
             folds=12,
+            fold_std=np.linspace(1e-4, 6e-4, 6),
             halves_difference=np.linspace(-3e-4, 2e-4, 6),
             halves_sigmas=1.2,
             segment_chi2=0.9,
             segment_sigmas=-0.4,
+            whiteness=(1.0, 1.3),
         ),
         imu_check=ImuModelEntry(
             name="bmi088",

@@ -56,6 +56,9 @@ class Consistency:
 
     folds: int
     """Number of contiguous segments of the log."""
+    fold_std: Floats
+    """(6,), standard deviation of the pose by leaving each segment out in turn (jackknife), m and
+    rad: to compare with the stated sigma."""
     halves_difference: Floats
     """(6,), pose by the second half less pose by the first, m and rad."""
     halves_sigmas: float
@@ -64,6 +67,9 @@ class Consistency:
     """Scatter of the segments over what noise explains, per degree of freedom."""
     segment_sigmas: float
     """How unlikely so much scatter is by chance, as a normal deviate."""
+    whiteness: tuple[float, float]
+    """Loudest band of the residuals' spectrum over its median, accelerometer and gyroscope, in the
+    pass band of the filters; 1 is white."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,6 +204,8 @@ class Segments:
         A, b = self._sums.folds()
         others = inverse_of(self._total - A)
         each = (others @ b[:, :, None])[:, pose, 0]
+        scatter = each - each.mean(axis=0)
+        fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
         half, block = len(self._A) // 2, np.ix_(pose, pose)
         solutions, covariances, left = [], [], np.zeros((6, 6))
         for part in (slice(0, half), slice(half, None)):
@@ -215,10 +223,12 @@ class Segments:
         ratio, sigmas = self._disagreement(each, others[:, pose][:, :, pose], pose)
         return Consistency(
             folds=FOLDS,
+            fold_std=fold_std,
             halves_difference=difference,
             halves_sigmas=float(np.sqrt(apart / max(seen.shape[1], 1))),
             segment_chi2=ratio,
             segment_sigmas=sigmas,
+            whiteness=self._fit.statistics.whiteness(self._fit.levels),
         )
 
     def _disagreement(self, changes: Floats, left: Floats, pose: Indices) -> tuple[float, float]:

@@ -165,6 +165,14 @@ class Statistics:
         """(2, bands), whether the window's kernel lets a band through."""
         return np.asarray(self.response > _PASSED * self.response.max(axis=1, keepdims=True))
 
+    def whiteness(self, levels: Floats) -> tuple[float, float]:
+        """Loudest band over the median one, accelerometer and gyroscope; 1 is white."""
+        accel, gyro = (
+            float(each[passed].max() / max(float(np.median(each[passed])), 1e-300))
+            for each, passed in zip(levels, self.passed, strict=True)
+        )
+        return accel, gyro
+
 
 def turned(matrices: Floats, T: Floats) -> Floats:
     """T A T' of matrices A (..., n, n); most rows of T are those of the identity."""

@@ -59,6 +59,8 @@ class Repaired:
     gyro_unit: str = "rad/s"
     """Unit that the gyroscope was recorded in."""
     accel_unit: str = "m/s2"
+    samples_at_fault: int = 0
+    """IMU samples that were left out as frozen or saturated."""
     suspects: tuple[Finding, ...] = ()
     """Findings that do not matter if the fit is good, and are the likely cause if it is poor."""
     contradicted: tuple[Finding, ...] = ()
@@ -144,7 +146,13 @@ def _without_faults(
     lost = moved[np.unique(turning.bins_of(imu.t[out]))].sum() / max(moved.sum(), 1e-12)
     if lost > _MOST_LOST:
         findings.append(untrusted("imu.motion_left_out", share=lost))
-    return replace(repaired, samples=sound, turning=turning, findings=tuple(findings))
+    return replace(
+        repaired,
+        samples=sound,
+        turning=turning,
+        findings=tuple(findings),
+        samples_at_fault=int(out.sum()),
+    )
 
 
 def _without_held_robot(repaired: Repaired) -> Repaired:

@@ -39,6 +39,8 @@ class StampHealth:
     """First to last plausible stamp, s."""
     rate_hz: float
     """1 / median interval, or the mean rate if stamps are bunched; 0 for fewer than two."""
+    median_interval: float
+    """s."""
     jitter: float
     """Standard deviation of the intervals, s, from quartiles so that gaps do not count."""
     longest_gap: float
@@ -60,7 +62,7 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
     stamps = stamp_ns[_is_set(stamp_ns)]
     steps: Floats = np.diff(stamps) / _NS
     forward = steps[steps > 0]
-    duration = rate = jitter = longest = 0.0
+    duration = rate = median = jitter = longest = 0.0
     gaps = bursts = 0
     if len(forward):
         duration, longest = float(stamps.max() - stamps.min()) / _NS, float(forward.max())
@@ -78,6 +80,7 @@ def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
         count=len(stamp_ns),
         duration=duration,
         rate_hz=rate,
+        median_interval=median,
         jitter=jitter,
         longest_gap=longest,
         gaps=gaps,

@@ -217,6 +217,8 @@ class UnitGuess:
     accel_at_rest: float = 0.0
     """Median norm over the calmest stretches, in the unit of the log."""
     accel_unit: AccelGuess = "unknown"
+    gyro_at_rest: float = 0.0
+    """Median norm over the calmest stretches, in the unit of the log; it is bias and noise."""
     gyro_largest: float = 0.0
     """99.9th percentile of the norm, in the unit of the log."""
     gyro_unit: Literal["rad/s", "deg/s"] = "rad/s"
@@ -251,7 +253,10 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     unrest = _relative_deviation(accel) + _relative_deviation(gyro)
     calm = np.argsort(unrest, kind="stable")[: max(1, count // 10)]
     shaken = np.sqrt(np.median(accel[calm].var(axis=1).sum(axis=1)))
-    at_rest = float(np.median(np.linalg.norm(accel[calm].mean(axis=1), axis=1)))
+    at_rest, gyro_at_rest = (
+        float(np.median(np.linalg.norm(values[calm].mean(axis=1), axis=1)))
+        for values in (accel, gyro)
+    )
     largest = largest_rate(imu)
     unit = _accel_unit(at_rest, gravity, float(shaken) / max(at_rest, 1e-300))
     findings, values = [], {"topic": imu.topic, "norm": at_rest}
@@ -268,6 +273,7 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
     return UnitGuess(
         accel_at_rest=at_rest,
         accel_unit=unit,
+        gyro_at_rest=gyro_at_rest,
         gyro_largest=largest,
         gyro_unit="deg/s" if in_degrees else "rad/s",
         findings=tuple(findings),
