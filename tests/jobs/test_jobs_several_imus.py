@@ -17,6 +17,7 @@ from imucalib_cli.layout import Table
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
 from tests.jobs.walking import (
     LEG,
+    LONG,
     ON_LEG,
     ON_OTHER,
     OTHER,
@@ -36,7 +37,7 @@ def request_of_two(tmp_path_factory: pytest.TempPathFactory) -> CalibrationReque
     (folder / "robot.urdf").write_text(ROBOT.urdf())
     topics = (TRUNK, LEG, OTHER, "/joint_states")
     return CalibrationRequest(
-        logs=(log_of(folder, *topics, said=walk_on_two_legs()),),
+        logs=(log_of(folder, *topics, said=walk_on_two_legs(LONG)),),
         urdf=folder / "robot.urdf",
         parents=((OTHER, "FR_calf_link"),),
         details=True,
