@@ -67,6 +67,34 @@ def test_losses_are_counted_if_arrivals_show_the_period() -> None:
     assert np.sqrt(np.mean(_off(spread, t[kept]) ** 2)) < 1.5e-3
 
 
+def _polled(t: Floats, poll: float) -> Floats:
+    """Fetched by a bus every ``poll`` s, and handed over one after the other."""
+    count = np.ceil(t / poll)
+    first = np.searchsorted(count, count)
+    return np.asarray(count * poll + 1.2e-4 * (np.arange(len(t)) - first))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("loss", [0.0, 0.003])
+@pytest.mark.parametrize(
+    ("poll", "rate"),
+    [(0.008, 200.0), (0.016, 200.0), (0.019, 200.0), (0.01, 200.0), (0.004, 400.0), (0.01, 240.0)],
+)
+def test_a_polled_bus_is_not_a_loss(poll: float, rate: float, loss: float, seed: int) -> None:
+    """Its rate and the device's beat: the spectrum of arrivals has peaks at other rates, too."""
+    rng = np.random.default_rng(seed)
+    # The clocks slip, and within the log the polls begin to find another phase.
+    t = 3.2 - 2.5e-5 + np.arange(int(25 * rate)) / rate * (1.0 + 2e-6 * (seed + 1))
+    kept = rng.random(len(t)) >= loss
+    if loss:
+        for at in rng.integers(0, len(t) - 50, 3):
+            kept[at : at + int(0.06 * rate)] = False
+    spread = _timed(_polled(t, poll)[kept], _values(t[kept]))
+    assert spread.lost == pytest.approx((~kept).sum(), abs=4)
+    # Not only up to a constant: the delay is part of the time offset, and no more than that.
+    assert np.abs(spread.t - t[kept]).max() < poll
+
+
 def test_a_pause_of_the_log_keeps_its_length() -> None:
     rng = np.random.default_rng(5)
     t = np.arange(12_000) / 200.0

@@ -8,7 +8,7 @@ delay is never negative. The shortest delay becomes part of the time offset.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -19,6 +19,8 @@ from imucalib_cli.signals.noise import MAD_TO_STD
 from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, usual_interval
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from imucalib_cli.arrays import Floats, Indices
 
 _LEAST = 200
@@ -48,13 +50,19 @@ _LEAST_AVERAGED = 16
 _MOST_AVERAGED = 256
 """Units per lower edge if single losses cannot be located, for delays that scatter over one period.
 Longer delays need more units, losses fewer."""
-_PHASES = 40
+_ROUNDING = 1e-6
+"""Periods."""
+_LOSS_SPAN = 128
+_LEAST_LOST = 1.5
+_EVEN = 0.25
+"""Variance of the losses in spans of as many messages, over their mean: 1 by chance, more in
+bursts."""
 _MOST_LOST = 1.15
 """Largest ratio of samples taken to messages received."""
-_PEAK_OVER_CHANCE = 6.0
 _PEAK_OVER_REST = 5.0
-"""Height of the period's peak in the spectrum of arrivals, relative to independent arrivals and to
-its neighbours: chance reaches 4."""
+"""Height of the period's peak in the spectrum of arrivals, relative to its neighbours: chance
+reaches 4."""
+_MOST_PEAKS = 6
 _MOST_BINS = 1 << 25
 """Largest spectrum: of an hour at 1 kHz."""
 _RATE_SPAN = 64
@@ -79,7 +87,7 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BurstTiming:
-    """Sampling times of a stream stamped in bursts, up to a constant."""
+    """Sampling times of a stream stamped in bursts, as late as the messages with the least delay."""
 
     t: Floats
     """(N,), s, in the order of the messages, strictly increasing."""
@@ -91,6 +99,8 @@ class BurstTiming:
     """Messages that seem to be missing."""
     scatter: float
     """Scatter of the delays' lower edge along the log, s."""
+    drifts: bool = False
+    """Whether that is more than chance, so that messages are missing or the device is uneven."""
 
 
 def bunched_share(t: Floats) -> float:
@@ -125,16 +135,19 @@ def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
     if not _evenly_sampled(t, np.hstack(values), period):
         return None
     single = _Units(t, np.arange(len(t)), 1)
-    found = _straight(t, single, period)
-    if found is not None and found.scatter < max(_NEGLIGIBLE, _WITHIN * period):
-        return found
-    # A wrong count of messages may fit a line by chance. The simple count is used only if it is not
-    # much worse than a count of batches or of losses.
-    units = _batches(t, period) or single
-    if units.samples > 1:
-        found = _better(found, _straight(t, units, period))
-    found = _better(found, _with_losses(t, units, period))
-    return found if found is not None else _followed(t, units, period)
+    batches = _batches(t, period)
+    ways = (single,) if batches is None else (single, batches)
+    counts = _counts(t, ways, period)
+    best = next(counts)
+    # A wrong count may fit by chance, and those that a poll suggests fit well. So a count needs no
+    # rival if it is never off for long, and one with more missing messages must be clearly better.
+    while best.scatter >= max(_NEGLIGIBLE, _WITHIN * period):
+        other = next(counts, None)
+        if other is None:
+            return _followed(t, ways[best.batch > 1], period) if best.drifts else best
+        if other.scatter < _CLEARLY * best.scatter and not _evenly_lost(other):
+            best = other
+    return best
 
 
 def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
@@ -172,10 +185,19 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
     return tuple(found) if len(found) > 1 else ()
 
 
-def _better(plain: BurstTiming | None, other: BurstTiming | None) -> BurstTiming | None:
-    if plain is None or other is None:
-        return plain or other
-    return other if other.scatter < _CLEARLY * plain.scatter else plain
+def _counts(t: Floats, ways: tuple[_Units, ...], period: float) -> Iterator[BurstTiming]:
+    """Ways to count the messages: as received, then by the number of missing ones."""
+    yield from (_straight(t, units, period) for units in ways)
+    lossy = (_with_losses(t, units, each) for units in ways for each in _periods_in(units.arrival))
+    yield from sorted(lossy, key=lambda count: count.lost)
+
+
+def _evenly_lost(count: BurstTiming) -> bool:
+    """Whether messages seem to be missing at even intervals: their period is a poll's alias."""
+    number = np.round((count.t - count.t[0]) / count.period)
+    lost = np.diff((number - np.arange(len(number)))[::_LOSS_SPAN])
+    few, usual, many = np.percentile(lost, (16, 50, 84))
+    return bool(usual > _LEAST_LOST and (0.5 * (many - few)) ** 2 < _EVEN * usual)
 
 
 def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
@@ -203,12 +225,17 @@ class _Units:
 
 
 def _batches(t: Floats, period: float) -> _Units | None:
-    """Batches, if most bursts have one size or a multiple of it."""
+    """Batches, if most bursts have one size or a multiple of it.
+
+    Other sizes are batches that lost messages. A poll also finds more than the usual number.
+    """
     starts = np.concatenate([[0], np.flatnonzero(np.diff(t) >= SHORT * period) + 1])
     sizes = np.diff(np.concatenate([starts, [len(t)]]))
     batch = int(np.argmax(np.bincount(sizes)))
     whole = np.abs(sizes / batch - np.round(sizes / batch)) < 1e-9
     if batch < _LEAST_BATCH or float(sizes[whole].sum()) < _BATCHED * len(t):
+        return None
+    if (~whole & (sizes > batch)).sum() > (sizes < batch).sum():
         return None
     # Two delayed batches may arrive as one burst.
     count = np.maximum(np.round(sizes / batch), 1).astype(np.intp)
@@ -219,8 +246,8 @@ def _batches(t: Floats, period: float) -> _Units | None:
     return _Units(t[ends - 1][group], first, batch)
 
 
-def _straight(t: Floats, units: _Units, period: float) -> BurstTiming | None:
-    """Ticks of a constant rate from the first unit to the last; None if the count drifts."""
+def _straight(t: Floats, units: _Units, period: float) -> BurstTiming:
+    """Ticks of a constant rate from the first unit to the last."""
     index = np.arange(len(units.arrival), dtype=np.float64)
     residual = units.arrival - units.samples * period * index
     centre, low = _low_edge(residual)
@@ -231,10 +258,9 @@ def _straight(t: Floats, units: _Units, period: float) -> BurstTiming | None:
     # Independent delays scatter the chunks' edges too, but much less.
     delays = residual - np.polyval(line, index)
     chance = float(np.var(delays)) * len(low) / len(residual)
-    if scatter > _NEGLIGIBLE**2 and (wanders or scatter > _CHANCE**2 * chance):
-        return None
+    drifts = scatter > _NEGLIGIBLE**2 and (wanders or scatter > _CHANCE**2 * chance)
     ticks = units.samples * period * index + np.polyval(line, index)
-    return _between(t, units, np.asarray(ticks), 0)
+    return replace(_between(t, units, np.asarray(ticks), 0), drifts=drifts)
 
 
 def _low_edge(residual: Floats, size: int = 0) -> tuple[Floats, Floats]:
@@ -255,26 +281,20 @@ def _robust_line(x: Floats, y: Floats) -> Floats:
     return np.asarray(line)
 
 
-def _with_losses(t: Floats, units: _Units, period: float) -> BurstTiming | None:
-    """Ticks if messages are missing; None if arrivals do not show the device's period.
+def _with_losses(t: Floats, units: _Units, period: float) -> BurstTiming:
+    """Ticks of this period, s, if messages are missing.
 
     Each loss raises the lower edge of arrival - index * period by a whole period.
     """
-    arrival = units.arrival
-    found = _period_in(arrival, units.samples * period)
-    if found is None:
-        return None
-    index = np.arange(len(arrival), dtype=np.float64)
-    residual = arrival - found * index
+    index = np.arange(len(units.arrival), dtype=np.float64)
+    residual = units.arrival - period * index
     # Delays are not negative, and the number of losses only grows.
-    edge = np.minimum.accumulate(residual[::-1])[::-1] - residual[0]
-    best, cost = np.zeros(len(residual)), np.inf
-    for phase in np.linspace(0.0, 1.0, _PHASES, endpoint=False):
-        lost = np.maximum.accumulate(np.floor(edge / found + phase))
-        delay = float(np.mean(residual - residual[0] + found * (phase - lost)))
-        if delay < cost:
-            best, cost = lost, delay
-    return _between(t, units, found * (index + best), int(best[-1] - best[0]))
+    edge = np.minimum.accumulate(residual[::-1])[::-1] / period
+    # Of all phases of the ticks, the one with the least mean delay.
+    rest = np.sort(edge % 1.0)
+    phase = rest[np.argmax(rest - index / len(index))] - _ROUNDING
+    steps = np.floor(edge - phase)
+    return _between(t, units, period * (index + steps + phase), int(steps[-1] - steps[0]))
 
 
 def _followed(t: Floats, units: _Units, period: float) -> BurstTiming:
@@ -289,26 +309,30 @@ def _followed(t: Floats, units: _Units, period: float) -> BurstTiming:
     return _between(t, units, np.asarray(ticks), 0)
 
 
-def _period_in(arrival: Floats, usual: float) -> float | None:
-    """The device's period, s, despite missing messages; None if it cannot be seen.
+def _periods_in(arrival: Floats) -> Floats:
+    """What the device's period may be, s, despite missing messages.
 
     Losses change the count and not the phase, so the period is a peak in the spectrum of arrivals,
-    even if delays are a few times as long. It is at most the median interval.
+    even if delays are a few times as long. So are multiples and aliases of a poll's rate, often
+    higher ones. The period is at most the mean interval.
     """
+    usual = usual_interval(arrival)
     step = usual / 8.0
     bins = ((arrival - arrival[0]) / step).astype(np.intp)
     if bins[-1] > _MOST_BINS:
-        return None
+        return np.zeros(0)
     counts = np.bincount(bins).astype(np.float64)
     size = 1 << int(np.ceil(np.log2(2 * len(counts))))
-    spectrum = np.abs(np.fft.rfft(counts - counts.mean(), size))
+    # With low side lobes, which would be peaks.
+    spectrum = np.abs(np.fft.rfft((counts - counts.mean()) * np.hanning(len(counts)), size))
     frequency = np.arange(len(spectrum)) / (size * step)
     band = np.flatnonzero((frequency > 0.998 / usual) & (frequency < _MOST_LOST / usual))
-    peak = band[np.argmax(spectrum[band])]
-    chance = _PEAK_OVER_CHANCE * np.sqrt(len(arrival))
-    if spectrum[peak] < max(chance, _PEAK_OVER_REST * np.median(spectrum[band])):
-        return None
-    return 1.0 / float(frequency[peak])
+    before, at, after = (spectrum[band + k] for k in (-1, 0, 1))
+    high = (at > before) & (at >= after) & (at >= _PEAK_OVER_REST * np.median(at))
+    best = np.flatnonzero(high)[np.argsort(at[high])[-_MOST_PEAKS:]]
+    # At the vertex of a parabola: half a bin would drift by a quarter of a period over the log.
+    past = 0.5 * (before - after)[best] / (before + after - 2.0 * at)[best]
+    return np.asarray(size * step / (band[best] + past))
 
 
 def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> BurstTiming:
