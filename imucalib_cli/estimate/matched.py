@@ -121,8 +121,9 @@ def _residuals(fit: Fit, spikes: int) -> Residuals:
 
 def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:
     fit, attempt, change = evidence.fit, evidence.attempt, evidence.change
-    # Of the offset between stamps: by jitter, and half of a step.
+    # Of the offset between stamps: by delays, jitter, and half of a step.
     offset_variance = fit.model.windowing.trajectory.stamp_variance
+    offset_variance += attempt.clean.samples.delay_std**2
     if attempt.imu_ticks and attempt.clean.ticks is not None:
         offset_variance += attempt.clean.ticks.mean_variance
     stepped = change is not None and change.kind == "clock"

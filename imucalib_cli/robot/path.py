@@ -44,6 +44,8 @@ class Track:
     readings of an IMU whose motion they tell, rad/s and m/s²."""
     names: tuple[str, ...] = ()
     """The joint of each column; empty for a pose."""
+    delay_std: float = 0.0
+    """s: by how much all stamps together may be late or early, if they were arrival times."""
 
     @cached_property
     def whole(self) -> Track:

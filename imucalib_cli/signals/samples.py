@@ -31,6 +31,8 @@ class ImuSamples:
     """For messages."""
     absent: tuple[Sensor, ...] = ()
     """Sensors that the log has only as NaN; here they are zero."""
+    delay_std: float = 0.0
+    """s: by how much all stamps together may be late or early, if they were arrival times."""
 
     def __len__(self) -> int:
         return len(self.t)

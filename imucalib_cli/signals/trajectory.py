@@ -62,6 +62,8 @@ class CleanTrack:
     """Readings of the IMU from which the values are computed, if they are."""
     spikes: int = 0
     """Samples of that IMU that were bridged."""
+    delay_std: float = 0.0
+    """s: by how much all stamps together may be late or early."""
 
     @cached_property
     def breaks(self) -> Indices:
@@ -138,7 +140,8 @@ def _cleaned(track: Track) -> CleanTrack:
     held = len(kept) < len(t)
     if held:
         t, values = t[kept], values[kept]
-    return CleanTrack(track.name, t, values, constant_rate_ticks(t), held)
+    ticks = constant_rate_ticks(t)
+    return CleanTrack(track.name, t, values, ticks, held, delay_std=track.delay_std)
 
 
 def _reckoned(track: Track) -> CleanTrack:
@@ -154,6 +157,7 @@ def _reckoned(track: Track) -> CleanTrack:
         ticks=None,
         readings=grid,
         spikes=clean.spikes,
+        delay_std=track.delay_std,
     )
 
 
@@ -259,11 +263,10 @@ class Trajectory:
 
     @property
     def stamp_variance(self) -> float:
-        """Variance of the stamps' mean error, s²: jitter that ticks average out."""
-        if not self.use_ticks:
-            return 0.0
-        found = [track.ticks.mean_variance for track in self.tracks if track.ticks is not None]
-        return max(found, default=0.0)
+        """Variance of the stamps' mean error, s²: delays, and jitter that ticks average out."""
+        jitter = [track.ticks.mean_variance for track in self.tracks if track.ticks is not None]
+        delays = [track.delay_std**2 for track in self.tracks]
+        return max(delays, default=0.0) + (max(jitter, default=0.0) if self.use_ticks else 0.0)
 
     @property
     def base_readings(self) -> ImuGrid | None:

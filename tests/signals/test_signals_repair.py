@@ -270,6 +270,29 @@ def test_bursts_in_both_streams_keep_the_result(batch: int, drops: float) -> Non
     _assert_close_to_truth(_estimate(mended), log)
 
 
+@pytest.mark.parametrize("stream", ["imu", "robot"])
+@pytest.mark.parametrize("poll", [0.008, 0.01])
+def test_sigma_of_the_time_offset_knows_of_polls(poll: float, stream: str) -> None:
+    log = _log()
+    (track,) = log.path.tracks
+    true = log.imu.t if stream == "imu" else track.t
+    stamps = np.ceil(true / poll) * poll
+    if stream == "imu":
+        late = log.with_imu(stamps, log.imu.gyro, log.imu.accel)
+    else:
+        late = log.with_joints(t=stamps)
+    mended = _repaired(late)
+    (told,) = mended.findings
+    assert told.code == "stamps.bunched"
+    estimate = _estimate(mended)
+    _assert_close_to_truth(estimate, log)
+    assert estimate.time_offset_std is not None
+    assert estimate.time_offset_std < 0.5 * poll
+    delay = float(np.mean(stamps - true)) * (1.0 if stream == "imu" else -1.0)
+    for offset in (0.05, 0.05 + delay):
+        assert abs(estimate.time_offset - offset) < 2.0 * estimate.time_offset_std
+
+
 def test_non_finite_numbers_are_counted() -> None:
     log = _log()
     values = log.path.tracks[0].values.copy()

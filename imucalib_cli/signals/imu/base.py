@@ -50,7 +50,8 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
         findings += [fault.finding(imu) for fault in faults]
         imu = imu.at(~rows_at_fault(imu, faults))
     values = np.hstack([imu.gyro, imu.accel])
-    return Track(name=imu.topic, kind="imu", t=imu.t, values=values), tuple(findings)
+    track = Track(name=imu.topic, kind="imu", t=imu.t, values=values, delay_std=imu.delay_std)
+    return track, tuple(findings)
 
 
 def is_turning(imu: ImuSamples) -> bool:

@@ -237,41 +237,45 @@ def _unexplained(streams: Repaired) -> float:
 
 def _even(
     name: str, t: Floats, *values: Floats, as_recorded: tuple[str, ...] = ()
-) -> tuple[Floats, list[Finding]]:
-    """Stamps without bursts, and a finding if there were bursts or the rate changes."""
+) -> tuple[Floats, float, list[Finding]]:
+    """Stamps without bursts, s by which they may be late, and a finding.
+
+    It is about bursts or a rate that changes.
+    """
     usable = usable_rows(t, *values)
     rows = slice(None) if usable.all() else usable  # a slice copies nothing
     stretches = rate_stretches(t[rows])
     if stretches:
         rates, starts = zip(*stretches, strict=True)
-        return t, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
+        return t, 0.0, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
     timed = time_bursts(t[rows], *(each[rows] for each in values))
     if timed is None:
-        return t, []
+        return t, 0.0, []
     even = t.copy()
     facts = {"stream": name, "share": bunched_share(t[rows])}
     if name in as_recorded:
         even[rows] = gathered(t[rows])
-        return even, [warning("stamps.surplus", **facts)]
+        return even, 0.0, [warning("stamps.surplus", **facts)]
     even[rows] = timed.t
     facts |= {"period": timed.period, "batch": timed.batch, "lost": timed.lost}
-    return even, [warning("stamps.bunched", **facts)]
+    return even, timed.delay_std, [warning("stamps.bunched", **facts)]
 
 
 def mended_imu(
     imu: ImuSamples, as_recorded: tuple[str, ...] = ()
 ) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
-    t, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
+    t, delay_std, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
     tidy = tidy_rows(t, imu.gyro, imu.accel)
     if any(tidy.left_out.values()):
         findings.append(warning("imu.samples_left_out", **tidy.left_out))
-    return replace(imu, t=tidy.of(t), gyro=tidy.of(imu.gyro), accel=tidy.of(imu.accel)), findings
+    imu = replace(imu, t=tidy.of(t), gyro=tidy.of(imu.gyro), accel=tidy.of(imu.accel))
+    return replace(imu, delay_std=delay_std), findings
 
 
 def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
     """A track on even stamps, without single messages that jump away and back."""
-    t, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
+    t, delay_std, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
     if tidy.not_finite or tidy.backward or tidy.astray:
         findings.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
@@ -281,9 +285,9 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
         whole = track.values.copy()  # the diagnosis of rival publishers uses them too
         whole[tidy.rows] = values
         track = replace(track, values=whole)
-    track = replace(track, t=t)
     if track.kind == "imu":  # it is repaired already, and its readings may leap
-        return track, findings
+        return replace(track, t=t), findings
+    track = replace(track, t=t, delay_std=delay_std)
     out = np.zeros(len(values), dtype=bool)
     if track.kind == "pose":
         out, found = _flipped(track.name, tidy.of(t), values)

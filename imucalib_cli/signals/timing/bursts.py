@@ -87,7 +87,7 @@ class Stretch(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BurstTiming:
-    """Sampling times of a stream stamped in bursts, as late as the messages with the least delay."""
+    """Sampling times of a stream stamped in bursts, as if the shortest delay were none."""
 
     t: Floats
     """(N,), s, in the order of the messages, strictly increasing."""
@@ -99,6 +99,8 @@ class BurstTiming:
     """Messages that seem to be missing."""
     scatter: float
     """Scatter of the delays' lower edge along the log, s."""
+    delay_std: float
+    """Standard deviation of the delays, s, apart from rare long ones."""
     drifts: bool = False
     """Whether that is more than chance, so that messages are missing or the device is uneven."""
 
@@ -344,10 +346,12 @@ def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> BurstT
     share = (within + 0.5) / sizes[unit] - (1.0 - 0.5 / units.samples)
     placed = ticks[unit] + unit_period * share
     missing = (len(ticks) + lost_units) * units.samples - len(t)
+    delay = t - placed
     return BurstTiming(
         t=placed,
         period=unit_period / units.samples,
         batch=units.samples,
         lost=max(missing, 0) if missing >= units.samples else 0,
-        scatter=float(np.std(_low_edge(t - placed)[1])),
+        scatter=float(np.std(_low_edge(delay)[1])),
+        delay_std=0.5 * float(np.subtract(*np.percentile(delay, (84, 16)))),
     )
