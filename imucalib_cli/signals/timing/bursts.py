@@ -54,7 +54,8 @@ _ROUNDING = 1e-6
 """Periods."""
 _LOSS_SPAN = 128
 _LEAST_LOST = 1.5
-_EVEN = 0.25
+_LEAST_SPANS = 12
+_EVEN = 0.15
 """Variance of the losses in spans of as many messages, over their mean: 1 by chance, more in
 bursts."""
 _MOST_LOST = 1.15
@@ -188,16 +189,19 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
 
 
 def _counts(t: Floats, ways: tuple[_Units, ...], period: float) -> Iterator[BurstTiming]:
-    """Ways to count the messages: as received, then by the number of missing ones."""
+    """Ways to count the messages: as received, then with ever more missing ones."""
     yield from (_straight(t, units, period) for units in ways)
-    lossy = (_with_losses(t, units, each) for units in ways for each in _periods_in(units.arrival))
-    yield from sorted(lossy, key=lambda count: count.lost)
+    periods = [(each, units) for units in ways for each in _periods_in(units.arrival)]
+    for each, units in sorted(periods, key=lambda pair: -pair[0] / pair[1].samples):
+        yield _with_losses(t, units, each)
 
 
 def _evenly_lost(count: BurstTiming) -> bool:
     """Whether messages seem to be missing at even intervals: their period is a poll's alias."""
     number = np.round((count.t - count.t[0]) / count.period)
     lost = np.diff((number - np.arange(len(number)))[::_LOSS_SPAN])
+    if len(lost) < _LEAST_SPANS:
+        return False
     few, usual, many = np.percentile(lost, (16, 50, 84))
     return bool(usual > _LEAST_LOST and (0.5 * (many - few)) ** 2 < _EVEN * usual)
 
@@ -325,16 +329,16 @@ def _periods_in(arrival: Floats) -> Floats:
         return np.zeros(0)
     counts = np.bincount(bins).astype(np.float64)
     size = 1 << int(np.ceil(np.log2(2 * len(counts))))
-    # With low side lobes, which would be peaks.
-    spectrum = np.abs(np.fft.rfft((counts - counts.mean()) * np.hanning(len(counts)), size))
-    frequency = np.arange(len(spectrum)) / (size * step)
-    band = np.flatnonzero((frequency > 0.998 / usual) & (frequency < _MOST_LOST / usual))
-    before, at, after = (spectrum[band + k] for k in (-1, 0, 1))
+    counts -= counts.mean()
+    counts *= np.hanning(len(counts))  # side lobes would be peaks
+    first, end = (round(ratio * size * step / usual) for ratio in (0.998, _MOST_LOST))
+    spectrum = np.abs(np.fft.rfft(counts, size)[first - 1 : end + 1])
+    before, at, after = spectrum[:-2], spectrum[1:-1], spectrum[2:]
     high = (at > before) & (at >= after) & (at >= _PEAK_OVER_REST * np.median(at))
-    best = np.flatnonzero(high)[np.argsort(at[high])[-_MOST_PEAKS:]]
+    peaks = np.flatnonzero(high)[np.argsort(at[high])[-_MOST_PEAKS:]]
     # At the vertex of a parabola: half a bin would drift by a quarter of a period over the log.
-    past = 0.5 * (before - after)[best] / (before + after - 2.0 * at)[best]
-    return np.asarray(size * step / (band[best] + past))
+    past = 0.5 * (before - after)[peaks] / (before + after - 2.0 * at)[peaks]
+    return np.asarray(size * step / (first + peaks + past))
 
 
 def _between(t: Floats, units: _Units, ticks: Floats, lost_units: int) -> BurstTiming:
