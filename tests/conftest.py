@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 os.environ.update(no_proxy="*", NO_PROXY="*")  # the servers of tests are on this machine
 SLOW_PART = "IMUCALIB_SLOW_PART"
-"""Environment variable: 0/3, 1/3 or 2/3 leaves in that third of the slow tests alone."""
+"""Environment variable: K/N leaves in the K-th part, from 0, of N parts of the slow tests alone."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
