@@ -346,8 +346,8 @@ _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
     "sensor_scale": Scale(low=5e-7, high=2e-2),
-    "sensor_axes": Scale(low=5e-7, high=2e-2, usual=2e-3),
-    "sensor_turn": Scale(low=5e-7, high=2e-2, usual=2e-3),
+    "sensor_axes": Scale(low=5e-7, high=2e-2, usual=1e-2),
+    "sensor_turn": Scale(low=5e-7, high=2e-2, usual=1e-2),
     "accel_square": Scale(low=1e-7, high=3e-4),
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
@@ -382,8 +382,8 @@ minute, as on calibrated arms: zeros of joints that stand still in a log are kno
 of the others.
 
 Axes have a usual size, since a log of one or two joints shows few of their components: if these
-are small by chance, the others would be taken to be small too. Data sheets state 0.05 deg for
-industrial sensors and 0.5 to 2 % for consumer ones, as the largest: 1 sigma of 0.4 to 7 mrad.
+are small by chance, the others would be taken to be small too. Data sheets of consumer sensors
+state 0.5 to 2 %, those of industrial ones 0.05 deg.
 
 The rotation between the triads of the two sensors is that of two chips in one package, and no log
 shows it without the pose. It is not assumed as small as the skews of each triad, which a log shows:

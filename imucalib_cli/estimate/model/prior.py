@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 _ALIKE: Final = math.log(3.0)
 """Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
-_USUAL: Final = math.log(2.0)
-"""Half of all scales that have a usual size are within a factor of two of it."""
+_USUAL: Final = math.log(10.0)
+"""Half of all scales that have a usual size are within a factor of ten of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
