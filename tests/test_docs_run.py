@@ -136,6 +136,16 @@ def test_moved_mount_fails_the_job(commands: list[str], tmp_path: Path) -> None:
     assert (tmp_path / "trend.svg").exists()
 
 
+def test_every_artifact_is_written_by_its_job() -> None:
+    (github,), (gitlab,) = GITHUB["jobs"].values(), GITLAB.values()
+    kept = github["steps"][-1]["with"]["path"].split()
+    commands = "\n".join(github_steps())
+    for path in (*kept, "junit.xml", "$GITHUB_STEP_SUMMARY"):
+        assert path in commands
+    for path in (*gitlab["artifacts"]["paths"], gitlab["artifacts"]["reports"]["junit"]):
+        assert path in "\n".join(gitlab_lines())
+
+
 def instructions() -> list[tuple[str, str]]:
     """Of the container file, in their order."""
     text = (ROOT / "Containerfile").read_text(encoding="utf-8")
@@ -203,7 +213,7 @@ def _figures(text: str) -> list[float]:
 
 
 @pytest.mark.slow
-def test_every_page_of_the_site_is_built(tmp_path: Path) -> None:
+def test_site_is_whole_and_loads_nothing_from_the_network(tmp_path: Path) -> None:
     pytest.importorskip("mkdocs", reason="needs mkdocs: pip install '.[docs]'")
     env = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = python("-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path, cwd=ROOT, env=env)
@@ -213,3 +223,11 @@ def test_every_page_of_the_site_is_built(tmp_path: Path) -> None:
         built = tmp_path / page.relative_to(ROOT / "docs").with_suffix(".html")
         assert built.exists() or page.name == "README.md"
     assert {"index.html", "CONTRIBUTING.html"} <= {each.name for each in tmp_path.iterdir()}
+    loads = re.compile(
+        r"""<(?:script|img|iframe|link)\b[^>]*?(?:src|href)=["']?(https?://[^"' >]+)"""
+    )
+    for page in tmp_path.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert loads.findall(text) == [], page.name
+        for picture in re.findall(r"<img [^>]*>", text):
+            assert re.search(r'alt="[^"]{20,}"', picture), picture
