@@ -6,8 +6,10 @@ that shall end so; ``<!-- run with --duration 15 -->`` for what each ``imucalib 
 block is given besides, to take less time. Pictures are what the scripts beside them make.
 """
 
+import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 from dataclasses import dataclass
@@ -152,6 +154,17 @@ def instructions() -> list[tuple[str, str]]:
     lines = re.sub(r"\\\n", " ", text).splitlines()
     found = [line.split(maxsplit=1) for line in lines if line and not line.startswith("#")]
     return [(word, rest) for word, rest in found]
+
+
+def test_container_runs_the_command_without_root() -> None:
+    told = dict(instructions())  # of each the last one
+    bases = [rest for word, rest in instructions() if word == "FROM"]
+    assert all(re.match(r"docker\.io/library/python:3\.1[0-3]-slim\b", base) for base in bases)
+    assert json.loads(told["ENTRYPOINT"]) == ["imucalib"]
+    assert not told["USER"].startswith(("0", "root"))
+    assert "OPENBLAS_NUM_THREADS=1" in shlex.split(told["ENV"])
+    known = {"FROM", "COPY", "RUN", "ENV", "USER", "WORKDIR", "ENTRYPOINT", "CMD"}
+    assert {word for word, _ in instructions()} <= known
 
 
 @pytest.mark.slow
