@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from imucalib_cli.estimate.model.prior import Prior
+from imucalib_cli.estimate.model.prior import ALIKE, COMMON, Prior, Usual
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
@@ -176,17 +176,14 @@ class Layout(Prior):
         return with_priors(self.placed, options, self.still)
 
 
-def known_sizes(scales: Sequence[str]) -> dict[str, Any]:
-    """What is known of learnt scales beforehand, as the fields of a :class:`Prior`."""
-    each = [(at, SCALES[name]) for at, name in enumerate(scales)]
-    alike = [
-        (at, scales.index(other), ratio)
-        for at, scale in each
-        for other, ratio in scale.like.items()
-        if other in scales
-    ]
-    usual = [(at, scale.usual) for at, scale in each if scale.usual is not None]
-    return {"alike": tuple(alike), "usual": tuple(usual)}
+def usual(scales: Sequence[str]) -> Iterator[Usual]:
+    """What is usual of learnt scales: their sizes, and ratios to others among them."""
+    for at, scale in enumerate(SCALES[name] for name in scales):
+        if scale.usual is not None:
+            yield Usual(at, None, scale.usual, COMMON)
+        for other, ratio in scale.like.items():
+            if other in scales:
+                yield Usual(at, scales.index(other), ratio, ALIKE)
 
 
 def places_of(parts: Iterable[slice]) -> Indices:
@@ -254,7 +251,7 @@ def with_priors(
         scale=np.concatenate(scale),
         scales=tuple(scales),
         bounds=np.log(np.array(limits).reshape(-1, 2)),
-        **known_sizes(scales),
+        usual=tuple(usual(scales)),
         still=still,
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -13,10 +13,21 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
 
-_ALIKE: Final = math.log(3.0)
-"""Half of all pairs of scales that are alike have a ratio within a factor of three of the usual."""
-_USUAL: Final = math.log(10.0)
-"""Half of all scales that have a usual size are within a factor of ten of it."""
+ALIKE: Final = 3.0
+"""Half of all pairs of scales that are alike have a ratio within this factor of the usual."""
+COMMON: Final = 10.0
+"""Half of all scales that have a usual size are within this factor of it."""
+
+
+class Usual(NamedTuple):
+    """What is usual of a learnt scale: its size, or its ratio to another scale."""
+
+    scale: int
+    over: int | None
+    """The other scale; None: one."""
+    size: float
+    within: float
+    """Half of all systems are within this factor of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -29,10 +40,7 @@ class Prior:
     """(n,), index of the learnt scale; -1 where the prior is given."""
     bounds: Floats
     """(k, 2), limits of the logarithms of the scales."""
-    alike: tuple[tuple[int, int, float], ...] = ()
-    """Pairs of scales that are alike, and their usual ratio."""
-    usual: tuple[tuple[int, float], ...] = ()
-    """Scales that have a usual size, and that size."""
+    usual: tuple[Usual, ...] = ()
 
     @property
     def free(self) -> Bools:
@@ -42,11 +50,7 @@ class Prior:
     def only(self, kept: Bools) -> Prior:
         """Of some of the components."""
         return Prior(
-            std=self.std[kept],
-            scale=self.scale[kept],
-            bounds=self.bounds,
-            alike=self.alike,
-            usual=self.usual,
+            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, usual=self.usual
         )
 
     def std_at(self, u: Floats) -> Floats:
@@ -58,16 +62,13 @@ class Prior:
     def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
         """Of logarithms of the scales, k arrays, within their bounds and up to a constant.
 
-        It is flat but for usual sizes, and for the ratios of scales that are alike. With ``newest``
-        only that of this scale counts, and those between it and the ones before it.
+        It is flat but for usual sizes and ratios. With ``newest`` only the size of this scale
+        counts, and its ratios to the ones before it.
         """
-        away = [
-            (u[one] - math.log(size)) / _USUAL for one, size in self.usual if newest in {None, one}
-        ]
-        away += [
-            (u[one] - u[other] - math.log(ratio)) / _ALIKE
-            for one, other, ratio in self.alike
-            if newest in {None, max(one, other)}
-        ]
-        # Cauchy's: a log that shows another size or ratio is believed.
-        return sum((-np.log1p(each**2) for each in away), start=np.zeros(1))
+        total = np.zeros(1)
+        for scale, over, size, within in self.usual:
+            if newest in {None, scale if over is None else max(scale, over)}:
+                away = u[scale] - (0.0 if over is None else u[over]) - math.log(size)
+                # Cauchy's: a log that shows another one is believed.
+                total = total - np.log1p((away / math.log(within)) ** 2)
+        return total

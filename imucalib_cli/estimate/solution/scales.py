@@ -355,8 +355,8 @@ class Marginal(Protocol):
 def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
-    The scales have a flat prior in their logarithms between their bounds, but for pairs that are
-    alike: the logarithm of their ratio is Cauchy's about the usual.
+    The scales have a flat prior in their logarithms between their bounds, but for usual sizes and
+    ratios: their logarithms are Cauchy's about the usual.
 
     Args:
         problem: The normal equations.
