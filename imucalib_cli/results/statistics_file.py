@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import zipfile
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -42,6 +43,8 @@ _ROOM: Final = 1_000_000
 """Bytes for all matrices; parts are joined until they fit."""
 _LARGEST: Final = 64 << 20
 """Bytes of all arrays of a file: fifty times the largest that is written."""
+_ROUNDING: Final = 1e-6
+"""Of the determinant of a rotation: far more than that of doubles."""
 _KINDS: Final = {each.name: each for each in TABLE}
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
     "seconds": float,
@@ -145,6 +148,11 @@ def _read(path: Path) -> StoredLog:
 def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatistics:
     if not all(np.isfinite(each).all() for each in arrays.values()):
         raise ValueError("numbers that are not finite")
+    level, R = float(header["level"]), arrays["R"].reshape(3, 3)
+    if not 0.0 < level < math.inf:
+        raise ValueError("a level of noise that is not positive")
+    if abs(np.linalg.det(R) - 1.0) > _ROUNDING:
+        raise ValueError("a matrix that is not a rotation")
     options = msgspec.convert(
         header["options"], MatchedOptions, dec_hook=lambda _, numbers: np.array(numbers)
     )
@@ -153,7 +161,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
     layout = with_priors(placed, options, tuple(header["still"]))
     n = layout.size
     at = State(
-        R=arrays["R"].reshape(3, 3),
+        R=R,
         t=arrays["t"].reshape(3),
         gravity=arrays["gravity"].reshape(3),
         x=arrays["x"].reshape(n),
@@ -164,7 +172,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
             layout=layout,
             at=at,
             score=arrays["score"].reshape(n),
-            level=float(header["level"]),
+            level=level,
             **{name: _unpacked(arrays[name], n) for name in _SYMMETRIC},
         ),
         options=options,

@@ -207,3 +207,30 @@ def test_damaged_file_is_one_line_error(seed: int, content: bytes, tmp_path: Pat
     path.write_bytes(data)
     with pytest.raises(InputError):
         read_statistics(path)
+
+
+def _wrong_level(level: float) -> Any:
+    def changed(arrays: dict[str, Any]) -> dict[str, Any]:
+        header = {**json.loads(arrays["header"].tobytes()), "level": level}
+        return {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _wrong_level(0.0),
+        _wrong_level(-1.0),
+        _wrong_level(np.nan),
+        lambda arrays: {"R": 2.0 * arrays["R"]},
+        lambda arrays: {"score": arrays["score"] * np.inf},
+    ],
+)
+def test_impossible_numbers_are_one_line_error(change: Any, content: bytes, tmp_path: Path) -> None:
+    with np.load(io.BytesIO(content)) as file:
+        arrays = {name: file[name] for name in file.files}
+    path = tmp_path / "log.npz"
+    np.savez(path, **{**arrays, **change(arrays)})
+    with pytest.raises(InputError, match="damaged or has no statistics"):
+        read_statistics(path)
