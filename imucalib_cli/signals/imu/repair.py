@@ -269,8 +269,8 @@ def mended_imu(
     tidy = tidy_rows(t, imu.gyro, imu.accel)
     if any(tidy.left_out.values()):
         findings.append(warning("imu.samples_left_out", **tidy.left_out))
-    imu = replace(imu, t=tidy.of(t), gyro=tidy.of(imu.gyro), accel=tidy.of(imu.accel))
-    return replace(imu, delay_std=delay_std), findings
+    gyro, accel = tidy.of(imu.gyro), tidy.of(imu.accel)
+    return replace(imu, t=tidy.of(t), gyro=gyro, accel=accel, delay_std=delay_std), findings
 
 
 def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:

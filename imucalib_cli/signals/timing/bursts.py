@@ -51,19 +51,22 @@ _MOST_AVERAGED = 256
 """Units per lower edge if single losses cannot be located, for delays that scatter over one period.
 Longer delays need more units, losses fewer."""
 _ROUNDING = 1e-6
-"""Periods."""
+"""Periods by which a tick that stands on an arrival may seem to be after it."""
 _LOSS_SPAN = 128
+"""Messages to a span, in which losses are counted."""
 _LEAST_LOST = 1.5
+"""Losses to a span: fewer are whole numbers that show no scatter."""
 _LEAST_SPANS = 12
+"""Spans, whose scatter is then known to a fifth."""
 _EVEN = 0.15
-"""Variance of the losses in spans of as many messages, over their mean: 1 by chance, more in
-bursts."""
+"""Variance of the losses of spans, over their mean: 1 by chance, more in bursts."""
 _MOST_LOST = 1.15
 """Largest ratio of samples taken to messages received."""
 _PEAK_OVER_REST = 5.0
 """Height of the period's peak in the spectrum of arrivals, relative to its neighbours: chance
 reaches 4."""
 _MOST_PEAKS = 6
+"""Peaks that are tried: the device's, and the highest that a poll makes."""
 _MOST_BINS = 1 << 25
 """Largest spectrum: of an hour at 1 kHz."""
 _RATE_SPAN = 64
