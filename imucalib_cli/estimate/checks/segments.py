@@ -132,7 +132,7 @@ class PartSums:
         """
         free, level = np.flatnonzero(equations.layout.free), equations.level
         step, inverse = problem.solve(u)
-        A = parts[:, 1:, 1:][:, free][:, :, free] / level
+        A = np.ascontiguousarray(parts[:, 1:, 1:][:, free][:, :, free]) / level
         # The readings' own noise in the score is spread evenly.
         b = (parts[:, 1:, 0] - noise / len(parts))[:, free] / level
         return cls(A, b + A @ step, np.diag(problem.precision(u)), inverse)
@@ -178,9 +178,6 @@ class Segments:
         sums = PartSums.of(normal, noise, problem, fit.u, fit.equations)
         self._sums, self._total = sums, problem.information + sums.P
         self._A, self._b, self._P, self._inverse = sums.A, sums.b, sums.P, sums.inverse
-        self._A_after, self._b_after = (
-            np.cumsum(each[::-1], axis=0)[::-1] for each in (sums.A, sums.b)
-        )
         self._empty = np.asarray(~sums.A.any(axis=(1, 2)))
         grid = fit.model.windowing.grid
         first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
@@ -302,7 +299,9 @@ class Segments:
         cuts = slice(least, len(self._A) - least + 1)
         if cuts.start >= cuts.stop:
             return None
-        cross, score = self._A_after[cuts][..., part], self._b_after[cuts][..., part]
+        cross, score = (
+            np.cumsum(each[::-1, ..., part], axis=0)[::-1][cuts] for each in (self._A, self._b)
+        )
         left, size = self._sizes(part, cross, cross[:, part], score)
         # Components that only one part of the log shows do not count as changed: their information
         # beside the other unknowns is rounding.

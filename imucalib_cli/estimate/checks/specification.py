@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
-from imucalib_cli.estimate.model.windows import odd_length, plan_windows, thinned
+from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.algebra import embedded, squared_distance
 from imucalib_cli.estimate.solution.fit import Linearised
 from imucalib_cli.estimate.solution.normal_equations import WindowAnswer
@@ -27,19 +27,16 @@ from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
-    from imucalib_cli.estimate.model.design import Model
+    from imucalib_cli.estimate.model.design import Model, Residuals
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.estimate.solution.fit import Fit
 
 
-FACTORS: Final = (0.5, 2.0)
 _FEWEST_PARTS: Final = 12
 """Twice the components that are compared; each part has four lengths of the window, so that parts
 are nearly independent."""
 _MOST: Final = 4000
 """Windows, about four minutes: more of them cost time, and change the result little."""
-_NODES: Final = 9
-"""Node intervals to a window, half of the fit's: a difference needs columns to a tenth only."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,32 +62,22 @@ class Dependence(WindowAnswer):
 
 def window_dependence(fit: Fit) -> list[Dependence]:
     """Solve at half and at twice the window; nothing where the log or the window is too short."""
-    windowing, own = fit.model.windowing, fit.model.windowing.plan
+    windowing = fit.model.windowing
     if not fit.layout.free[fit.layout.pose].all():
         return []
-    others: list[tuple[Model, Indices]] = []
-    centres = fit.centres[fit.weights > 0.0]
-    for factor in FACTORS:
-        length = odd_length((own.length - 1) * factor)
-        # A window of nine samples cannot be halved any more.
-        if length < 9 or not _sound(fit, length):
+    own_answer = _solved(
+        fit, fit.parts.sum(axis=0), fit.parts[:, 1:, 0], fit.statistics.noise_score
+    )
+    used, found = fit.weights > 0.0, []
+    for plan, residuals in fit.by_other_windows:
+        if not _sound(fit, plan.length):
             continue
-        hop = own.hop * math.ceil(factor)  # as many to a length
-        plan = plan_windows(length, own.degree, windowing.grid.dt, hop=hop, nodes=_NODES)
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fitting = thinned(np.intersect1d(centres, model.centres(fit.equations.at)), _MOST)
-        if _lengths(fitting, plan) >= _FEWEST_PARTS:
-            others.append((model, fitting))
-    if not others:
-        return []
-    every = np.unique(np.concatenate([fitting for _, fitting in others]))
-    plans = tuple(model.windowing.plan for model, _ in others)
-    found = fit.model.residuals(fit.equations.at, every, plans)
-    own_answer = _solved(fit, fit.parts, fit.statistics.noise_score)
-    return [
-        _difference(fit, own_answer, model, centres, residuals.values[np.isin(every, centres)])
-        for (model, centres), residuals in zip(others, found, strict=True)
-    ]
+        fits = used & np.isin(fit.centres, model.centres(fit.equations.at))
+        centres = thinned(fit.centres[fits], _MOST)
+        if _lengths(centres, plan) >= _FEWEST_PARTS:
+            found.append(_difference(fit, own_answer, model, centres, residuals))
+    return found
 
 
 def _lengths(centres: Indices, plan: WindowPlan) -> float:
@@ -99,21 +86,26 @@ def _lengths(centres: Indices, plan: WindowPlan) -> float:
 
 
 def _difference(
-    fit: Fit, own: tuple[Floats, Floats, Floats], model: Model, centres: Indices, residuals: Floats
+    fit: Fit,
+    own: tuple[Floats, Floats, Floats],
+    model: Model,
+    centres: Indices,
+    residuals: Residuals,
 ) -> Dependence:
     """Solve at another window; the covariance of the difference comes from how parts scatter."""
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
+    at = np.searchsorted(fit.centres, centres)
     there = Linearised(
         model,
         fit.equations.at,
         centres,
-        residuals,
-        fit.weights[np.searchsorted(fit.centres, centres)],
+        residuals.values[at],
+        fit.weights[at],
         fit.residual_scales * (plan.gains / fit.model.windowing.plan.gains),
         fit.noise,
     )
-    step, influence, inverse = _solved(fit, *there.parts())
+    step, influence, inverse = _solved(fit, *there.sums())
     own_step, own_influence, own_inverse = own
     each = (own_influence - influence).reshape(parts, PARTS // parts, 6).sum(axis=1)
     scatter = each - each.mean(axis=0)
@@ -129,17 +121,21 @@ def _difference(
     )
 
 
-def _solved(fit: Fit, matrices: Floats, noise_score: Floats) -> tuple[Floats, Floats, Floats]:
+def _solved(
+    fit: Fit, total: Floats, scores: Floats, noise_score: Floats
+) -> tuple[Floats, Floats, Floats]:
     """The answer by one window, about the fit's point of linearisation, with its learnt scales.
+
+    The arguments are as in :meth:`Linearised.sums`.
 
     Returns:
         Step (n,) of the free components, the contribution (PARTS, 6) of each part of the log to the
         pose, and the pose's rows (6, n) of the inverse information.
     """
     free = np.flatnonzero(fit.layout.free)
-    step, inverse = fit.problem(matrices.sum(axis=0), noise_score).solve(fit.u)
+    step, inverse = fit.problem(total, noise_score).solve(fit.u)
     inverse = inverse[np.searchsorted(free, fit.layout.pose)]
-    each = matrices[:, 1:, 0][:, free] / fit.equations.level
+    each = scores[:, free] / fit.equations.level
     return step, -(each @ inverse.T), np.asarray(inverse)
 
 

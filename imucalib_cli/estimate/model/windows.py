@@ -35,6 +35,8 @@ WINDOWS_PER_LENGTH = 3
 three to a length, a ten-thousandth of the noise folds onto slow motion."""
 NODES = 18
 """Node intervals to a window, on which columns are computed: six to a hop."""
+_FEWER_NODES = 9
+"""The same of other windows, whose answers are compared: that needs columns to a tenth only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +162,23 @@ class Windowing:
     def white_gains(self) -> Floats:
         """(2,), white noise of a window over that of the IMU's samples."""
         return np.asarray(self.plan.gains * np.sqrt(self.grid.refine))
+
+    @property
+    def other_plans(self) -> tuple[WindowPlan, ...]:
+        """Half and twice the window, about the same centres or every second one."""
+        plan, dt = self.plan, self.grid.dt
+        lengths = (odd_length((plan.length - 1) * factor) for factor in (0.5, 2.0))
+        return tuple(
+            plan_windows(
+                length,
+                plan.degree,
+                dt,
+                hop=plan.hop * max(length // plan.length, 1),
+                nodes=_FEWER_NODES,
+            )
+            for length in lengths
+            if length >= 9  # a window of nine samples cannot be halved any more
+        )
 
     @property
     def base_noise(self) -> Floats:

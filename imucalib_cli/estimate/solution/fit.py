@@ -57,7 +57,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.layout import Layout
-    from imucalib_cli.estimate.model.windows import Windowing
+    from imucalib_cli.estimate.model.windows import Windowing, WindowPlan
     from imucalib_cli.estimate.options import MatchedOptions
 
 
@@ -102,6 +102,12 @@ class Linearised:
     """Of the residuals."""
 
     @property
+    def frequency(self) -> Floats:
+        """(bands,), Hz, middle of each band of its spectrum."""
+        windowing = self.model.windowing
+        return band_frequencies(windowing.plan, self.centres, windowing.grid.dt)
+
+    @property
     def windows(self) -> float:
         """Number of windows by their weights."""
         return float(self.weights.sum()) / max(float(self.weights.max()), 1e-300)
@@ -118,11 +124,16 @@ class Linearised:
             rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
             yield part, rows * root[part, :, None]
 
-    def parts(self) -> tuple[Floats, Floats]:
-        """Normal matrices (PARTS, n + 1, n + 1) of [e J], calibrated, and noise (n,) in J'e."""
+    def sums(self) -> tuple[Floats, Floats, Floats]:
+        """Calibrated sums over the windows.
+
+        Returns:
+            [e J]' [e J] (n + 1, n + 1), J'e of parts (PARTS, n), and noise (n,) in J'e.
+        """
         matrices = part_matrices(self.centres, self.rows(), self.model.layout.size + 1)
-        T, noise_score = self.calibration(matrices.sum(axis=0))
-        return turned(matrices, T), noise_score
+        total = matrices.sum(axis=0)
+        T, noise_score = self.calibration(total)
+        return turned(total, T), matrices[:, 1:, 0] @ T[1:, 1:].T, noise_score
 
     def calibration(self, total: Floats) -> tuple[Floats, Floats]:
         """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
@@ -143,6 +154,8 @@ class Fit(Answer):
     noise: NoiseSpectrum
     centres: Indices
     residuals: Residuals
+    by_other_windows: tuple[tuple[WindowPlan, Residuals], ...]
+    """About the same point and centres; zero of windows that do not fit there."""
     weights: Floats
     """(W,), robust."""
     residual_scales: Floats
@@ -256,8 +269,7 @@ class Fit(Answer):
             state=state,
             residuals=self.residuals.values if residuals is None else residuals,
         )
-        matrices, noise_score = there.parts()
-        total = matrices.sum(axis=0)
+        total, _, noise_score = there.sums()
         A, b = total[1:, 1:], total[1:, 0] - noise_score
         white = A * self.equations.level
         equations = replace(
@@ -318,7 +330,10 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     layout = lay_out(windowing.trajectory, options, payload=False)
     # Where the lean residuals are known, which more unknowns do not change while they are zero.
     state = transferred(lean, layout, options, lean.equations.at)
-    fit = _fitted(Model(windowing, layout), options, state, rise, more=_MORE, start=lean.residuals)
+    others, start = windowing.other_plans, lean.residuals
+    fit = _fitted(
+        Model(windowing, layout), options, state, rise, more=_MORE, start=start, others=others
+    )
     if not fit.bends:
         return fit
     windowing = replace(windowing, trajectory=windowing.trajectory.on_soft_ground())
@@ -326,7 +341,7 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     state, every = transferred(fit, layout, options), len(fit.centres)
     # What bends upwards is the payload or the base, which were missing.
     state.x[layout.sags] = np.maximum(state.x[layout.sags], 0.0)
-    return _fitted(Model(windowing, layout), options, state, rise, more=1, few=every)
+    return _fitted(Model(windowing, layout), options, state, rise, more=1, few=every, others=others)
 
 
 def _globally(
@@ -416,10 +431,12 @@ def _fitted(
     few: int = _FEW,
     rough: bool = False,
     start: Residuals | None = None,
+    others: tuple[WindowPlan, ...] = (),
 ) -> Fit:
     """Gauss-Newton steps from a state, each with ``more`` times as many windows as the last.
 
-    ``start`` are the residuals of that state, where they are known.
+    ``start`` are the residuals of that state, where they are known; of ``others`` the residuals are
+    kept too.
     """
     layout, windowing = model.layout, model.windowing
     seconds = windowing.seconds
@@ -430,9 +447,12 @@ def _fitted(
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, few * more**turn)
-        residuals, start = start or model.residuals(state, centres)[0], None
+        all_used = len(centres) == len(every)
+        known = [start] if start and not turn else None
+        plans = (windowing.plan, *others) if all_used else (windowing.plan,)
+        residuals, *by_others = known or model.residuals(state, centres, plans)
         # A log without noise is no reason to doubt the priors.
-        own, before = residual_scales(residuals.values), scales
+        before, own = scales, residual_scales(residuals.values)
         scales = np.maximum(own, SCALE_FLOOR)
         least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
         if not turn:  # poses that were computed with the IMU have less noise than its readings
@@ -442,7 +462,6 @@ def _fitted(
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        frequency = band_frequencies(windowing.plan, centres, windowing.grid.dt)
         at = Linearised(model, state, centres, residuals.values, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
@@ -461,14 +480,12 @@ def _fitted(
             )
             x, white = state.x + embedded(step, layout.free), scales / windowing.plan.noise_gains
             left = levels * (white**2)[:, None]
-            noise = NoiseSpectrum.of(model, x, frequency, left, stats.passed)
+            noise = NoiseSpectrum.of(model, x, at.frequency, left, stats.passed)
             level = max(_level(stats, layout, levels, inverse), least_level)
         std = np.sqrt(np.diag(inverse))
         settled = _error_after(step, std, curvature[layout.free]) < _SETTLED
-        all_used = more == 1 or len(centres) == len(every)
-        if turn == _PASSES - 1 or (turn and settled and all_used):
-            break
-        if rough and sure and not falls:
+        enough = turn and settled and (more == 1 or all_used)
+        if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
         step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
@@ -493,6 +510,7 @@ def _fitted(
         noise=noise,
         centres=centres,
         residuals=residuals,
+        by_other_windows=tuple(zip(others, by_others, strict=False)),
         weights=weights,
         residual_scales=scales,
         runner_up_rise=rise,

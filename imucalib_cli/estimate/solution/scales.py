@@ -24,6 +24,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
+from imucalib_cli.estimate.solution.algebra import inverse_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -175,23 +177,21 @@ class Reduced:
             constant=0.5 * float(fit - log_det + np.log(P).sum()),
         )
 
-    def _scaled(self, u: Floats) -> tuple[Floats, Floats, Floats]:
-        """H of unit diagonal, the units (l,) that make it so, and the gradient in these units."""
+    def _equations(self, u: Floats) -> tuple[Floats, Floats]:
+        """H (l, l), and the gradient (l,)."""
         P = np.exp(-2.0 * u)[self.scale]
         H = self.information.copy()
         H.flat[:: len(H) + 1] += P
-        unit = 1.0 / np.sqrt(H.diagonal())
-        H *= unit
-        H *= unit[:, None]
-        return H, unit, unit * (self.score + P * self.offset)
+        return H, self.score + P * self.offset
 
     def likelihood(self, u: Floats) -> float:
         """As :meth:`Problem.likelihood`."""
-        scaled, unit, gradient = self._scaled(u)
+        H, gradient = self._equations(u)
+        unit = 1.0 / np.sqrt(H.diagonal())
         # The last row of this factor is the gradient over that of H: one factor serves for both.
         bordered = np.empty((len(unit) + 1,) * 2)
-        bordered[:-1, :-1], bordered[-1, :-1] = scaled, gradient
-        bordered[-1, -1] = _HUGE
+        bordered[:-1, :-1] = H * unit * unit[:, None]
+        bordered[-1, :-1], bordered[-1, -1] = unit * gradient, _HUGE
         root = np.linalg.cholesky(bordered)
         half, log_P = root[-1, :-1], -2.0 * u[self.scale]
         fit = half @ half - np.exp(log_P) @ self.offset**2
@@ -220,12 +220,9 @@ class Reduced:
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.solve`, of these components alone."""
-        scaled, unit, gradient = self._scaled(u)
-        inverse = np.linalg.inv(scaled)
-        step = -unit * (inverse @ gradient)
-        inverse *= unit
-        inverse *= unit[:, None]
-        return step, np.asarray(inverse)
+        H, gradient = self._equations(u)
+        inverse = inverse_of(H)
+        return -(inverse @ gradient), inverse
 
     def whole(self, step: Floats) -> Floats:
         """(n,), step of all components."""
