@@ -68,10 +68,10 @@ def _channel_spikes(channel: Floats, floor: float) -> Bools:
     # neighbourhood, replace it, and test again.
     for _ in range(_ROUNDS):
         off = np.abs(deviation_from_neighbours(work))
-        peak = off >= np.maximum.reduce([np.roll(off, shift) for shift in _SIDES])
-        new = peak & (off > limit) & ~found
+        new = (off > limit) & ~found
         if not new.any():
             break
+        new &= off >= np.maximum.reduce([np.roll(off, shift) for shift in _SIDES])
         found |= new
         _bridge(work, found)
     # Samples between two spikes may be marked too: those close to the interpolation are fine.

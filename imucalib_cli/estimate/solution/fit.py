@@ -122,7 +122,8 @@ class Linearised:
             # would be smaller, and a small unit of length would seem to fit better.
             J[:, :3, unit] += self.residuals[part, :3, None] / 3.0
             rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
-            yield part, rows * root[part, :, None]
+            rows *= root[part, :, None]
+            yield part, rows
 
     def sums(self) -> tuple[Floats, Floats, Floats]:
         """Calibrated sums over the windows.
