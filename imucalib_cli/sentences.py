@@ -282,7 +282,7 @@ CAUSES: dict[str, str] = {
     "let the publisher reorder them",
     "conjugate": "the rotations of {first} are inverted while the positions are not (…): publish "
     "conjugate quaternions",
-    "zero": "the zero of joint {first} is off by {size:deg+.4g} (true angle minus "
+    "zero": "the zero of joint {first} is off by {size:deg+.4g}[ ± {std:deg.2g}] (true angle minus "
     "position) (…): turn the joint's origin in the URDF by it, or correct the encoder's zero",
     "offset": "the IMU's stamps are {size:later} than the robot's, beyond the search of "
     "±{max_offset:g} s (…): rerun with --max-offset {size:beyond}",
@@ -316,6 +316,7 @@ _DETAILS: dict[str, tuple[str, ...]] = {
     "quaternion": ("order",),
     "offset": ("given", "max_offset"),
     "axes": ("form", "which", "order"),
+    "zero": ("std",),
     "base_imu": ("link", "base"),
 }
 """Further values for the words of a kind, in the order of a finding."""
@@ -330,8 +331,9 @@ Tie = tuple[str, tuple[str, ...], tuple[float, ...], tuple[Detail, ...]]
 def _clauses(
     kind: str, names: tuple[str, ...], sizes: tuple[float, ...], *detail: Detail
 ) -> list[str]:
-    # links of older results have none that are joined to them
-    values: dict[str, Any] = dict(zip(_DETAILS.get(kind, ()), detail, strict=kind != "link"))
+    # Links of older results have none that are joined to them, and zeros no sigma.
+    strict = kind not in {"link", "zero"}
+    values: dict[str, Any] = dict(zip(_DETAILS.get(kind, ()), detail, strict=strict))
     values |= {
         "first": names[0] if names else "",
         "all": " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:]))),
@@ -407,12 +409,13 @@ def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind
     )
 
 
-def unusual_bias(name: str, size: float) -> str:
-    """A bias that is larger than usual."""
+def unusual_bias(name: str, size: float, std: float | None = None) -> str:
+    """A bias that is larger than usual; older results have no ``std``."""
+    error = "" if std is None else f" ± {std:.2g}"
     whose = " of the base IMU" if name.startswith(_OF_BASE) else ""
     if name.endswith("accel_bias"):
         return (
-            f"an accelerometer bias{whose} of {size:.2g} m/s² is unusual: a scale error, or "
+            f"an accelerometer bias{whose} of {size:.2g}{error} m/s² is unusual: a scale error, or "
             "another --gravity norm?"
         )
-    return f"a gyroscope bias{whose} of {size:.2g} rad/s is unusual: is its unit right?"
+    return f"a gyroscope bias{whose} of {size:.2g}{error} rad/s is unusual: is its unit right?"

@@ -26,7 +26,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.attempts import best_attempt
 from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.model.windows import Windowing
-from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit
+from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit, whole_fit
 from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Unknown
 from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.offset import coarse_time_offset
@@ -37,7 +37,7 @@ from imucalib_cli.signals.trajectory import Trajectory
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.diagnose.hypotheses import PoorFit
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
@@ -63,8 +63,10 @@ _NOISES: Final = 3.0
 _FALL: Final = 2.0
 """Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
 _FAR_FALL: Final = 5.0
-"""Least fall of both sensors' residuals from which a cause is named though it leaves more than a
-right model does: a further error, as of late readings or slow motion, does not excuse so much."""
+"""Least fall of all residuals that contradict what was given from which a cause is named though it
+leaves more than a right model does: a further error, as of slow motion, does not excuse so much."""
+_WHOLE: Final = 4
+"""How many hypotheses are fitted with every unknown, where none is good without."""
 _KEPT: Final[dict[Kind | None, int]] = {
     "zero": 4,
     "offset": 5,
@@ -92,24 +94,24 @@ class Trial:
     """How well one model explains the IMU."""
 
     hypothesis: Hypothesis
-    lean: Fit
+    fit: Fit
 
     @cached_property
     def left(self) -> Floats:
         """(2,), residual of a window, m/s² and rad/s, trimmed root mean square."""
-        values = self.lean.residuals.values
+        values = self.fit.residuals.values
         return np.array([trimmed_rms(values[:, :3]), trimmed_rms(values[:, 3:])])
 
     @cached_property
     def total(self) -> Floats:
         """(2,), what the kinematics say: acceleration without gravity, and rotation."""
-        moves = self.lean.residuals
+        moves = self.fit.residuals
         return np.array([trimmed_rms(moves.acceleration), trimmed_rms(moves.rate)])
 
     @property
     def noise(self) -> Floats:
         """(2,), residual of a window by the sensor's own white noise."""
-        return own_noise(self.lean.model.windowing)
+        return own_noise(self.fit.model.windowing)
 
     @property
     def shares(self) -> Floats:
@@ -119,12 +121,17 @@ class Trial:
     @property
     def offset(self) -> float:
         """IMU stamp - robot stamp, s."""
-        return self.lean.model.shifts(self.lean.state)[1][0]
+        return self.fit.model.shifts(self.fit.state)[1][0]
+
+    @property
+    def explains(self) -> Bools:
+        """(2,), whether it explains acceleration and rotation as well as a right model."""
+        return np.asarray((self.shares < _GOOD) | (self.left < _NOISES * self.noise))
 
     @property
     def good(self) -> bool:
-        """Whether it explains as well as a right model."""
-        return bool(((self.shares < _GOOD) | (self.left < _NOISES * self.noise)).all())
+        """Whether it explains both."""
+        return bool(self.explains.all())
 
     @property
     def turns_alike(self) -> bool:
@@ -134,11 +141,16 @@ class Trial:
     def falls_from(self, given: Trial) -> bool:
         """Whether it is decisively better than what was given."""
         falls = self._falls(given)
-        return bool(falls.max() > _FALL) and self.lean.evidence_over(given.lean) > DECISIVE
+        return bool(falls.max() > _FALL) and self.fit.evidence_over(given.fit) > DECISIVE
 
     def falls_far_from(self, given: Trial) -> bool:
-        """Whether it explains most of what both sensors contradict in what was given."""
-        return bool(self._falls(given).min() > _FAR_FALL) and self.falls_from(given)
+        """Whether it explains most of all that contradicts what was given."""
+        far = self._falls(given) > _FAR_FALL
+        return bool((far | given.explains).all()) and not given.good and self.falls_from(given)
+
+    def with_every_unknown(self) -> Trial:
+        """The same with the whole table, instead of what a lean fit has."""
+        return replace(self, fit=whole_fit(self.fit, self.fit.options))
 
     def _falls(self, given: Trial) -> Floats:
         return np.asarray(np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise))
@@ -196,8 +208,10 @@ class Fitter:
         except InputError:
             return None
         if hypothesis.kind == "zero":
-            zero = hypothesis.sizes[0] + lean.state.x[lean.model.layout.part("joint_zero")].sum()
-            hypothesis = replace(hypothesis, sizes=(float(np.angle(np.exp(1j * zero))),))
+            found = lean.of("joint_zero")
+            zero = hypothesis.sizes[0] + found[0].sum()
+            sizes, detail = (float(np.angle(np.exp(1j * zero))),), (float(found[1].sum()),)
+            hypothesis = replace(hypothesis, sizes=sizes, detail=detail)
         if hypothesis.kind == "base_clock":
             later = hypothesis.sizes[0] + float(lean.of("base_time_offset")[0].sum())
             hypothesis = replace(hypothesis, sizes=(later,))
@@ -256,23 +270,37 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
     return samples.at(kept)
 
 
-def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> list[Trial]:
+def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> tuple[list[Trial], Trial]:
     """Alternatives that explain decisively: the best, and those the log cannot distinguish from it.
 
     Where what was given is good, only single faults count.
+
+    Returns:
+        The alternatives, and what was given, with the same unknowns.
     """
     single = [*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given)]
     found = _best(given, single)
     if found or given.good:
-        return found
+        return found, given
     links = (trial for trial in single if trial.hypothesis.kind == "link" and trial.turns_alike)
-    return (
+    found = (
         _best(given, _tried(fitter, double_faults(poor), given))
         or _most_likely([each for each in links if each.falls_from(given)], given)
         # With another base fewer joints can be wrong, so it explains other faults too.
         or _best(given, _tried(fitter, other_bases(poor), given))[:1]
         or _most_likely([trial for trial in single if trial.falls_far_from(given)], given)
     )
+    return (found, given) if found else _with_every_unknown(single, given)
+
+
+def _with_every_unknown(trials: list[Trial], given: Trial) -> tuple[list[Trial], Trial]:
+    """As :func:`explaining`: further errors, of a robot that bends say, may hide a right model."""
+    better = [trial for trial in trials if trial.falls_from(given)]
+    if not better:
+        return [], given
+    better.sort(key=lambda trial: trial.fit.evidence_over(given.fit), reverse=True)
+    given, *whole = [trial.with_every_unknown() for trial in (given, *better[:_WHOLE])]
+    return _best(given, whole), given
 
 
 def alike(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> list[Trial]:
@@ -291,7 +319,7 @@ def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
     found, centres = [_small_zero(fitter, poor, offset)], fitter.windowing.centres(offset)
     if len(centres) >= MIN_WINDOWS:
         rows = fitter.windowing.rows(offset, centres[:: max(len(centres) // 150, 1)])
-        found.append(reoriented(rows, poor.path, given.lean.state.gravity))
+        found.append(reoriented(rows, poor.path, given.fit.state.gravity))
     for hypothesis in found:
         if hypothesis is not None:
             trial = fitter.trial(hypothesis, fitter.coarse(hypothesis.path)[0])
@@ -316,8 +344,8 @@ def _most_likely(trials: list[Trial], given: Trial) -> list[Trial]:
     """The trial with most evidence, and those that the log cannot distinguish from it."""
     if not trials:
         return []
-    best = max(trials, key=lambda trial: trial.lean.evidence_over(given.lean))
-    ties = [trial for trial in trials if best.lean.evidence_over(trial.lean) < DECISIVE]
+    best = max(trials, key=lambda trial: trial.fit.evidence_over(given.fit))
+    ties = [trial for trial in trials if best.fit.evidence_over(trial.fit) < DECISIVE]
     ties.sort(key=lambda trial: get_args(Kind).index(trial.hypothesis.kind))
     # The same zero is reached from several angles.
     distinct: dict[tuple[str, tuple[str, ...]], Trial] = {}
@@ -372,7 +400,7 @@ def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iter
     for _, offset in found[: _KEPT["offset"]]:
         trial = fitter.trial(hypothesis, offset)
         if trial is not None and not _searched(given, trial.offset):
-            asked = given.lean.options
+            asked = given.fit.options
             detail = (asked.time_offset, asked.max_offset)
             moved = replace(hypothesis, sizes=(trial.offset,), detail=detail)
             yield replace(trial, hypothesis=moved)
@@ -380,7 +408,7 @@ def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iter
 
 def _searched(given: Trial, offset: float) -> bool:
     """Whether the fit as given could have found this time offset."""
-    asked = given.lean.options
+    asked = given.fit.options
     if asked.time_offset is not None:
         return abs(offset - asked.time_offset) < 1e-3
     return abs(offset) <= asked.max_offset or abs(offset - given.offset) < _STRETCH / 100.0

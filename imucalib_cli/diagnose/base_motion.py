@@ -33,11 +33,11 @@ _LEAST: Final = 15
 
 def find_motion_at_rest(given: Trial) -> Finding | None:
     """Name a base that moves although the log does not say so."""
-    state, full = given.lean.state, given.lean.model.windowing
+    state, full = given.fit.state, given.fit.model.windowing
     dt, degree = full.grid.dt, full.plan.degree
     length = max(odd_length(_WINDOW / dt), shortest_length(degree))
     windowing = replace(full, plan=plan_windows(length, degree, dt, hop=max(length // 2, 1)))
-    model = replace(given.lean.model, windowing=windowing)
+    model = replace(given.fit.model, windowing=windowing)
     centres = model.centres(state)
     if not len(centres):
         return None
@@ -79,7 +79,7 @@ def find_motion_at_rest(given: Trial) -> Finding | None:
 
 def find_still_imu(given: Trial) -> Finding | None:
     """Name an IMU that stands still although its parent link turns."""
-    grid, path = given.lean.model.windowing.grid, given.lean.model.windowing.trajectory.path
+    grid, path = given.fit.model.windowing.grid, given.fit.model.windowing.trajectory.path
     measured = trimmed_rms(grid.gyro - np.median(grid.gyro, axis=0))
     turning = float(given.total[1])
     if not measured < STANDSTILL_GYRO < UNEXPLAINED_GYRO * turning:

@@ -86,9 +86,9 @@ def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
         still = find_still_imu(given)
         if still is not None:
             return (still,)
-        ties = explaining(fitter, poor, given)
+        ties, against = explaining(fitter, poor, given)
         if ties:
-            return (_cause(ties, given),)
+            return (_cause(ties, against),)
         if not found:
             other = find_motion_at_rest(given)
             found = () if other is None else (other,)
@@ -109,7 +109,7 @@ def _cause(ties: list[Trial], given: Trial) -> Finding:
         rotation=gyro,
         acceleration=accel,
         ratio=float((given.left / best.left).max()),
-        evidence=best.lean.evidence_over(given.lean),
+        evidence=best.fit.evidence_over(given.fit),
     )
 
 

@@ -139,8 +139,9 @@ def of_findings(evidence: Evidence) -> Floats:
         added += np.diag(change.std**2)
     for difference in _differences(evidence):
         added += np.outer(difference, difference)
-    moving = np.diag(fit.pose_covariance) > 0.0  # what is held is as stated
-    return np.asarray(added * np.outer(moving, moving))
+    # What is held, or what nothing but a prior tells, is as stated.
+    seen = (np.diag(fit.pose_covariance) > 0.0) & ~undetermined(fit)
+    return np.asarray(added * np.outer(seen, seen))
 
 
 def _differences(evidence: Evidence) -> Iterator[Floats]:
@@ -187,8 +188,9 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     found = [] if wrong is None else [wrong]
     if wrong is None:  # else something that looks like the wrong value has taken it up
         found += _changed(evidence)
-    misled = bool(wrong) or evidence.mount_moved or evidence.too_noisy
-    found += [*_unexplained(evidence), *of_answer(evidence.fit, log, misled=misled)]
+    unexplained = [*_unexplained(evidence)]
+    misled = bool(wrong or unexplained) or evidence.mount_moved or evidence.too_noisy
+    found += [*unexplained, *of_answer(evidence.fit, log, misled=misled)]
     found += [*_window(evidence), *_parts(evidence)]
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
         found += _undecided(evidence)
@@ -202,8 +204,9 @@ def of_answer(
 ) -> Iterator[Finding]:
     """Findings that depend on the unknowns and their priors alone.
 
-    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong, the
-    mount moved or the window is far too short, which errors of robot and sensor then take up.
+    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong, motion
+    is not explained, the mount moved or the window is far too short, which errors of robot and
+    sensor then take up.
     """
     if not misled:
         yield from _errors(answer, log)
@@ -441,12 +444,14 @@ def _errors(  # noqa: C901 one case for each kind of error
         below = _is_below(answer, each)
         if unknown.group == "bias":
             size = float(np.linalg.norm(value))
+            along = float(np.sqrt(value @ C @ value)) / max(size, 1e-300)
             # Within two sigmas of a stated prior, a bias is as stated.
-            if size > max(limit, 2.0 * answer.options.stated_std(unknown.name)):
+            most = max(limit, 2.0 * answer.options.stated_std(unknown.name))
+            if size - WARN_SIGMAS * along > most:
                 # surely so: a bias that a log hardly determines proves nothing
                 sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
                 make = untrusted if sure else warning
-                yield make("bias.unusual", name=unknown.name, size=size)
+                yield make("bias.unusual", name=unknown.name, size=size, std=along)
         elif part.start in too_large:
             worst, other = too_large[part.start]
             if other and not below and abs(value[worst]) < WARN_SIGMAS * std[worst]:
@@ -472,11 +477,12 @@ def _errors(  # noqa: C901 one case for each kind of error
 
 
 def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[Finding]:
-    """An error that is clear, of covariance C, if it moves the pose by more than sigma."""
+    """An error that is clear, of covariance C, if it moves the pose or is larger than healthy."""
     unknown, part, value = each.unknown, each.part, answer.value(each)
     std, stated = np.sqrt(np.diag(C)), answer.std[answer.layout.pose]
     moves = _moves(answer, each, C)
-    if (np.abs(moves) > stated).any() and (np.abs(value) >= unknown.least).any():
+    matters = (np.abs(moves) > stated).any() or (np.abs(value) > unknown.healthy).any()
+    if matters and (np.abs(value) >= unknown.least).any():
         effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
         shown = isinstance(effect, (JointCurve, Origin, PoseStream, Clock))
         make = note if shown and unknown.of_robot else warning
