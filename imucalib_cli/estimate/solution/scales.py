@@ -37,7 +37,7 @@ _POINTS: Final = (64, 256, 1024, 4096)
 many as the first move the mean by a tenth of sigma, and sigma by some per cent."""
 _COUNT: Final = 8.0
 """Equally likely points that they must be worth at least: eight give sigma to a quarter."""
-_KEPT: Final = 48
+_KEPT: Final = 64
 """Points at which the answer is computed."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
 """Where the likelihood of a scale's logarithm is evaluated: at best it is some tenths wide."""
@@ -363,10 +363,12 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
     points, weights, log_likelihood = _weighted(problem, mode)
-    # As many of each as its weight, at even steps of their sum.
-    place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
-    place, times = np.unique(np.minimum(place, len(points) - 1), return_counts=True)
-    points, weights = points[place], times / _KEPT
+    counts = weights > 1e-6  # others add nothing
+    points, weights = points[counts], weights[counts] / weights[counts].sum()
+    if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
+        place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
+        place, times = np.unique(np.minimum(place, len(points) - 1), return_counts=True)
+        points, weights = points[place], times / _KEPT
     steps, covariance = problem.posterior(points, weights)
     mean = weights @ steps
     away = steps - mean
