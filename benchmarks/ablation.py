@@ -19,7 +19,7 @@ from benchmarks.common import arguments, parallel, table
 from benchmarks.robots import ROBOTS, ROWS
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution import fit
-from imucalib_cli.estimate.unknowns import TABLE, Unknown
+from imucalib_cli.estimate.unknowns import TABLE, OfBase, Unknown
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout
@@ -45,8 +45,24 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "gyroscope's delay": ("gyro_delay",),
     "gravity's magnitude": ("gravity_norm",),
     "drift and ramps": ("clock_drift", "accel_bias_ramp", "gyro_bias_ramp"),
+    "tracker": (
+        *("pose_frame_place", "pose_frame_turn", "pose_scale", "pose_turn"),
+        *("pose_age", "pose_filter", "pose_delay"),
+    ),
 }
 GROUPS["all of these"] = tuple(name for names in GROUPS.values() for name in names)
+NEEDED = frozenset(
+    {"translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset"}
+)
+"""Nothing works without these."""
+MISSING = (
+    {each.name for each in TABLE if not isinstance(each.effect, OfBase)}
+    - NEEDED
+    - {*GROUPS["all of these"]}
+)
+"""No log here has a base IMU: its entries are left out."""
+if MISSING:
+    raise LookupError(f"no group has {', '.join(sorted(MISSING))}")
 
 
 def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float, float]:
@@ -70,7 +86,7 @@ def run(robot: str, row: str, group: str, seed: int) -> tuple[float, float, floa
 
 def main() -> None:
     """Print the table."""
-    rows = ["exact-mems", "quiet", "everyday", "worn"]
+    rows = ["exact-mems", "quiet", "everyday", "worn", "tilted"]
     asked = arguments(
         __doc__,
         robot={"choices": ROBOTS, "default": "ur10e"},
