@@ -13,6 +13,8 @@ from imucalib_cli.sentences import CAUSES, cause, publishers, unknown_found, unu
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    Messages = dict[str, str | Callable[..., str]]
+
 _ONE_SIDE = (
     "use a part on one side of it (--to {seconds:before uncertainty} or --from "
     "{seconds:after uncertainty})"
@@ -43,7 +45,111 @@ _ROTATION = (
     "{rotation:deg.6g}, the largest sigma is {rotation_sigma:deg apart rotation} about "
     "{rotation_axis} of {parent}"
 )
-MESSAGES: dict[str, str | Callable[..., str]] = {
+# Codes with a meaning for decisions, in sections; the sets of each meaning are below them.
+_UNSPECIFIC: Messages = {
+    "fit.unsettled": "the solution does not settle: it still changes from step to step, which "
+    "happens if the model does not fit: check parent link, units and stamps, choose a longer "
+    "--window, or use another part of the log (--from, --to)",
+    "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
+    "of the rotation remains unexplained): [beyond?is the gyroscope's unit right "
+    "(--gyro-unit), and ]"
+    "[tracked?are these poses of the IMU's parent, with quaternions x y z w and right stamps]"
+    "[tracked=?is this the right parent link, URDF and joint topic][, "
+    "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",
+    "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
+    "acceleration unexplained: are --gravity, the units and the parent link right?",
+    "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "
+    "with --max-offset",
+    "rotation.ambiguous": "another rotation fits almost as well: record motion about more than one "
+    "axis",
+    "residual.beyond_noise": "the residuals of the {sensor:sensor} are {ratio:.2g} times the "
+    "noise of sensor and [tracked?poses: usually the tracker's own errors, above all of rotation; "
+    "else the mount is not rigid, or frames, stamps or units are wrong]"
+    "[tracked=?encoders: the mount or a link is not rigid, or kinematics, stamps or units are "
+    "wrong]",
+    "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
+    "were left out: [tracked?the tracker, its frames or stamps][tracked=?frames, joint order or "
+    "stamps] may be wrong in parts of the log",
+    "window.dependent": "the result depends on the filter window: with {seconds:.2g} s instead of "
+    "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
+    "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
+    "would; sigma includes the difference",
+    "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
+    "explain: an error that the model does not know changes within the log, such as a tracker's "
+    "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
+    "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
+    "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
+    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
+    "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
+    "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
+    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount gives way, or "
+    "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
+    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
+    + _AT
+    + _ONE_SIDE
+    + ", and see that no clock is set while recording",
+    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s" + _AT + _RESET,
+    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
+}
+_UNSPECIFIC_OF_ANSWER: Messages = {
+    "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
+    "sensor has ({limit:in unit}): [other?not surely so by a window of {other:.2g} s (try "
+    "--window), vibration may look like that][other=?{name:cure negative}]",
+    "bias.unusual": unusual_bias,
+}
+_FOLLOWING: Messages = {
+    "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
+    "nearly all between {start:.1f} and {end:.1f} s of the log: check what happened there; the "
+    "result is from the rest of the log]",
+    "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
+    "decisively better with the opposite sign, so the sign was reversed (--accel-sign up keeps it)",
+    "imu.accel_sign_in_doubt": "the estimated gravity is far from down, and the motion does not "
+    "show whether the world frame is tilted or the accelerometer points down at rest: give "
+    "--accel-sign up or down, or also move the parent link along straight lines",
+}
+_FOLLOWING_OF_ANSWER: Messages = {
+    "offset.undetermined": "the motion does not determine the time offset; the value is a guess",
+    "unknown.found": unknown_found,
+    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if "
+    "[tracked?another axis of the tracker's world points up, as y of many; otherwise its "
+    "quaternions, its frames][tracked=?the base is mounted like this; otherwise joint signs, "
+    "frames] or the accelerometer's sign are wrong",
+    "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
+    "from what is stated; leave the option out, or measure again",
+}
+_OF_ANSWER: Messages = {
+    "prior.untested": "the log has no information on {components:list} beyond --fix or "
+    "--prior-std: it neither confirms nor contradicts the given value",
+    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
+    "zero||do not move in this log: errors of their zeros] and lengths "
+    "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
+    "sigma; move them too, or give --robot exact or --robot DEG,MM",
+    "imus.together": "solved together with {others:list}: they share the errors of the robot",
+}
+REQUIREMENTS: Messages = {
+    "require.sigma": "--require asks for [" + _TRANSLATION + "]"
+    "[translation_axis?; and for " + _ROTATION + "][translation_axis=?" + _ROTATION + "]: "
+    "[remedy=motion?record the motion that determines it]"
+    "[remedy=longer?record about {longer:fig2} times as long (sigma falls with the root of the "
+    "duration), or faster motion]"
+    "[remedy=faster?record faster turns about several axes, and more of them]",
+    "require.no_sigma": "--require asks for [{translation:mm.6g}][translation? and "
+    "{rotation:deg.6g}][translation=?{rotation:deg.6g}], but --method {method} gives no sigma: "
+    "use --method matched",
+    "require.text": "{text}",
+}
+"""Of a sigma that is too large, but not wrong; ``require.text`` occurs in stored results that were
+written without codes."""
+UNSPECIFIC = _UNSPECIFIC | _UNSPECIFIC_OF_ANSWER
+"""Something is wrong, but not what: a known cause replaces them."""
+FOLLOWING = UNSPECIFIC | _FOLLOWING | _FOLLOWING_OF_ANSWER
+"""A wrong model causes them too: a known cause replaces them."""
+OF_ANSWER = _UNSPECIFIC_OF_ANSWER | _FOLLOWING_OF_ANSWER | _OF_ANSWER | REQUIREMENTS
+"""They rest on the answer, its unknowns and their priors, not on the data: another answer from the
+same data has its own."""
+MESSAGES: Messages = {
+    **FOLLOWING,
+    **OF_ANSWER,
     # A text without a code.
     "text": "{text}",
     # The recording and its files.
@@ -249,17 +355,7 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "in the IMU instead of the pose of the IMU in the parent: its inverse is "
     "{inverse_distance:mm.2g} and {inverse_angle:deg.2g} from the pose found, the pose itself "
     "{distance:mm.3g} and {angle:deg.3g}",
-    # Requirements of a result, and two results.
-    "require.sigma": "--require asks for [" + _TRANSLATION + "]"
-    "[translation_axis?; and for " + _ROTATION + "][translation_axis=?" + _ROTATION + "]: "
-    "[remedy=motion?record the motion that determines it]"
-    "[remedy=longer?record about {longer:fig2} times as long (sigma falls with the root of the "
-    "duration), or faster motion]"
-    "[remedy=faster?record faster turns about several axes, and more of them]",
-    "require.no_sigma": "--require asks for [{translation:mm.6g}][translation? and "
-    "{rotation:deg.6g}][translation=?{rotation:deg.6g}], but --method {method} gives no sigma: "
-    "use --method matched",
-    "require.text": "{text}",
+    # Two results.
     "trend.unknown_time": "{file}[ and {others:some} more]: the recording time is not known (a "
     "result of an earlier version, or a log without dates), so the results are taken in the given "
     "order, those of a folder by name",
@@ -273,7 +369,6 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "{camera_link} the camera's optical frame (z forward, x right, y down)?[ --camera-link takes "
     "another: {others:list}]",
     # Several IMUs together.
-    "imus.together": "solved together with {others:list}: they share the errors of the robot",
     "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that "
     "they share: solved together, its pose would differ by {translation:mm.2g} and "
     "{rotation:deg.2g}, {sigmas:.2g} sigma, so it is solved alone; check the URDF where their "
@@ -308,33 +403,6 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "recordings (up to {translation:mm.2g} and {rotation:deg.2g}): sigma includes this scatter; "
     "more logs reduce it",
     # The fit.
-    "fit.unsettled": "the solution does not settle: it still changes from step to step, which "
-    "happens if the model does not fit: check parent link, units and stamps, choose a longer "
-    "--window, or use another part of the log (--from, --to)",
-    "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
-    "of the rotation remains unexplained): [beyond?is the gyroscope's unit right "
-    "(--gyro-unit), and ]"
-    "[tracked?are these poses of the IMU's parent, with quaternions x y z w and right stamps]"
-    "[tracked=?is this the right parent link, URDF and joint topic][, "
-    "or do the clocks differ by more than {max_offset:g} s (--max-offset)]?",
-    "fit.acceleration_unexplained": "the robot's motion and gravity leave {left:.2g} m/s² of the "
-    "acceleration unexplained: are --gravity, the units and the parent link right?",
-    "offset.at_edge": "the time offset may lie beyond the search of ±{max_offset:g} s: widen it "
-    "with --max-offset",
-    "offset.undetermined": "the motion does not determine the time offset; the value is a guess",
-    "rotation.ambiguous": "another rotation fits almost as well: record motion about more than one "
-    "axis",
-    "residual.beyond_noise": "the residuals of the {sensor:sensor} are {ratio:.2g} times the "
-    "noise of sensor and [tracked?poses: usually the tracker's own errors, above all of rotation; "
-    "else the mount is not rigid, or frames, stamps or units are wrong]"
-    "[tracked=?encoders: the mount or a link is not rigid, or kinematics, stamps or units are "
-    "wrong]",
-    "windows.motion_left_out": "windows with {share:.0%} of the motion do not fit the rest and "
-    "were left out: [tracked?the tracker, its frames or stamps][tracked=?frames, joint order or "
-    "stamps] may be wrong in parts of the log",
-    "windows.left_out": "{count} of {total} windows do not fit the rest and were left out[, "
-    "nearly all between {start:.1f} and {end:.1f} s of the log: check what happened there; the "
-    "result is from the rest of the log]",
     "imu.strikes": "{topic}: strikes of up to {largest:.3g} m/s² ({count}): {windows} of "
     "{total} windows contain one; {left_out} of them do not fit the rest and were left out",
     "imu.slow": "{topic}: at {rate:.3g} Hz the accelerometer misses what happens between two "
@@ -344,48 +412,10 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
     "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
     "losses, or choose a shorter --window",
-    "window.dependent": "the result depends on the filter window: with {seconds:.2g} s instead of "
-    "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
-    "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
-    "would; sigma includes the difference",
     "window.noisy": "errors of the kinematics that the gyroscope shows may move the place by "
     "{error:mm.2g} in windows of {seconds:.2g} s, which sigma includes: choose a longer --window, "
     "or [tracked?stamp each pose when it is measured][tracked=?publish each sample of the "
     "controller with the controller's stamp]",
-    "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
-    "explain: an error that the model does not know changes within the log, such as a tracker's "
-    "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
-    "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
-    "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
-    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
-    "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
-    "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
-    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount gives way, or "
-    "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
-    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
-    + _AT
-    + _ONE_SIDE
-    + ", and see that no clock is set while recording",
-    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s" + _AT + _RESET,
-    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
-    "unknown.found": unknown_found,
-    "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
-    "sensor has ({limit:in unit}): [other?not surely so by a window of {other:.2g} s (try "
-    "--window), vibration may look like that][other=?{name:cure negative}]",
-    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
-    "zero||do not move in this log: errors of their zeros] and lengths "
-    "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
-    "sigma; move them too, or give --robot exact or --robot DEG,MM",
-    "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
-    "from what is stated; leave the option out, or measure again",
-    "prior.untested": "the log has no information on {components:list} beyond --fix or "
-    "--prior-std: it neither confirms nor contradicts the given value",
-    "imu.accel_sign_in_doubt": "the estimated gravity is far from down, and the motion does not "
-    "show whether the world frame is tilted or the accelerometer points down at rest: give "
-    "--accel-sign up or down, or also move the parent link along straight lines",
-    "bias.unusual": unusual_bias,
-    "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
-    "decisively better with the opposite sign, so the sign was reversed (--accel-sign up keeps it)",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
     "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
     "stamps.imu_ticks": "IMU stamps jitter by {jitter:ms.2g} about a constant rate; the constant "
@@ -394,10 +424,6 @@ MESSAGES: dict[str, str | Callable[..., str]] = {
     "and was used",
     "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
     "and the time offset contains the hold",
-    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if "
-    "[tracked?another axis of the tracker's world points up, as y of many; otherwise its "
-    "quaternions, its frames][tracked=?the base is mounted like this; otherwise joint signs, "
-    "frames] or the accelerometer's sign are wrong",
     "paper.not_converged": "the solver did not converge: give a better --initial guess",
     "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
     "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "

@@ -32,9 +32,6 @@ if TYPE_CHECKING:
     Limits = tuple[str, float, float]
     """Of a learnt standard deviation: its name, and bounds that a data sheet may narrow."""
 
-SOLVED_TOGETHER: Final = "imus.together"
-"""Code of the finding that a result was solved with other IMUs of the log; its statistics are those
-of its own fit."""
 _FAR: Final = 5.75
 """Sigmas, of six components: one sound set of IMUs in a hundred thousand."""
 _LEAST_BETTER: Final = 0.3

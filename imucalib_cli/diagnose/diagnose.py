@@ -11,43 +11,13 @@ from msgspec import structs
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted
+from imucalib_cli.messages import FOLLOWING, UNSPECIFIC
 
 if TYPE_CHECKING:
     from imucalib_cli.diagnose.alternatives import Trial
     from imucalib_cli.diagnose.hypotheses import PoorFit
     from imucalib_cli.estimate.estimate import Estimate
 
-GENERIC: Final = frozenset(
-    {
-        "fit.unsettled",
-        "fit.rotation_unexplained",
-        "fit.acceleration_unexplained",
-        "offset.at_edge",
-        "rotation.ambiguous",
-        "residual.beyond_noise",
-        "windows.motion_left_out",
-        "window.dependent",
-        "parts.disagree",
-        "unknown.implausible",
-        "bias.unusual",
-        "change.mount",
-        "change.drift",
-        "change.clock",
-        "change.gyro_bias",
-        "change.accel_bias",
-    }
-)
-"""Findings that say that something is wrong but not what: a known cause replaces them."""
-_FOLLOWING: Final = GENERIC | {
-    "windows.left_out",
-    "offset.undetermined",
-    "unknown.found",
-    "gravity.tilted",
-    "prior.contradicted",
-    "imu.accel_reversed",
-    "imu.accel_sign_in_doubt",
-}
-"""Findings that a wrong model causes too."""
 _AFTER: Final = "correct the cause of the poor fit first"
 
 
@@ -56,7 +26,7 @@ def needs_diagnosis(estimate: Estimate) -> bool:
     return estimate.method == "matched" and any(
         each.severity is Severity.UNTRUSTED or each.code == "residual.beyond_noise"
         for each in estimate.findings
-        if each.code in GENERIC
+        if each.code in UNSPECIFIC
     )
 
 
@@ -125,7 +95,7 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
     """The estimate with its causes first, and without the findings that they explain."""
     if not causes:
         return _without_advice(estimate) if needs_diagnosis(estimate) else estimate
-    said = _FOLLOWING | {each.code for each in causes}
+    said = FOLLOWING.keys() | {each.code for each in causes}
     left = tuple(each for each in estimate.findings if each.code not in said)
     # A wrong model's errors of the sensor are none.
     return _without_advice(replace(estimate, findings=(*causes, *left), corrections={}))

@@ -9,7 +9,6 @@ import numpy as np
 from msgspec import UNSET, structs
 
 from imucalib_cli import __version__
-from imucalib_cli.combine.imus import SOLVED_TOGETHER
 from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 from imucalib_cli.estimate.checks import judge
@@ -20,10 +19,11 @@ from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
 from imucalib_cli.jobs.input.request import recorded_estimator
+from imucalib_cli.messages import OF_ANSWER
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.from_estimate import finding_of, result_of, scalars, tangent
 from imucalib_cli.results.pose import pose_error
-from imucalib_cli.results.requirement import CODES, require
+from imucalib_cli.results.requirement import require
 from imucalib_cli.results.statistics_file import StoredLog
 from imucalib_cli.tree import plain
 
@@ -39,10 +39,8 @@ if TYPE_CHECKING:
 
     Change = Callable[[MatchedOptions], MatchedOptions]
 
-_OF_ONE_LOG: Final = (CODES | judge.OF_ANSWER) - {"prior.contradicted"}
+_OF_ONE_LOG: Final = OF_ANSWER.keys() - {"prior.contradicted"}
 """Codes of findings that make one log untrusted, but not several logs together."""
-_OF_ANSWER: Final = CODES | judge.OF_ANSWER | {SOLVED_TOGETHER}
-"""Codes of findings that rest on the answer of the run, not on its data."""
 _SHARED: Final = ("robot", "sensor_model", "pose", "sensor_scale_most", "sensor_axes_most")
 """Options about what logs share."""
 _SAME_POSE: Final = 1e-8
@@ -256,7 +254,7 @@ def _one(log: StoredLog, options: MatchedOptions) -> Estimate:
     """Solve one log again: findings on its data stay, those on its unknowns are made anew."""
     statistics, before = log.statistics, log.result.diagnostics
     answer, found = solve_again(statistics, options)
-    of_data = [finding_of(each) for each in before.findings if each.code not in _OF_ANSWER]
+    of_data = [finding_of(each) for each in before.findings if each.code not in OF_ANSWER]
     return estimate_of(
         answer,
         statistics,

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
+from imucalib_cli.messages import REQUIREMENTS
 from imucalib_cli.results.pose import PARTS
-from imucalib_cli.results.requirement import CODES
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 from imucalib_cli.shown import printable
 
@@ -222,7 +222,8 @@ def contradictions(result: Result) -> list[FindingEntry]:
     Undetermined directions and a sigma larger than required do not: the covariance contains them.
     """
     findings = result.diagnostics.findings
-    return [each for each in findings if each.severity == "untrusted" and each.code not in CODES]
+    grave = (each for each in findings if each.severity == "untrusted")
+    return [each for each in grave if each.code not in REQUIREMENTS]
 
 
 def _is_poor(result: Result) -> bool:

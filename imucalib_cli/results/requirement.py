@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.estimate.estimate import Estimate
 
-CODES = frozenset({"require.sigma", "require.no_sigma", "require.text"})
-"""Of findings about a sigma that is too large, but not wrong; the last one occurs in stored results
-that were written without codes."""
 _WORTH_RECORDING = 100.0
 """Times the duration, beyond which a longer log is no advice."""
 

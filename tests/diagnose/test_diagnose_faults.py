@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from imucalib_cli.diagnose.diagnose import GENERIC, needs_diagnosis
+from imucalib_cli.diagnose.diagnose import needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import single_faults
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Finding
+from imucalib_cli.messages import UNSPECIFIC
 from imucalib_cli.robot.path import JointStep
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
@@ -81,7 +82,7 @@ def test_a_gross_fault_is_named_first_and_alone(
     if size is not None:
         assert value(cause, "sizes")[0] == pytest.approx(np.radians(size), abs=2e-3)
     # Consequences of the cause are not reported again, and advice on motion steps back.
-    assert not any(each.code in GENERIC for each in explained.findings)
+    assert not any(each.code in UNSPECIFIC for each in explained.findings)
     assert all("cause of the poor fit" in direction.motion for direction in explained.unobservable)
     assert len(explained.unobservable) == len(case.plain.unobservable)
 

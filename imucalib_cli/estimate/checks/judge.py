@@ -71,19 +71,6 @@ _NO_SENSOR: Final = 5.0
 consumer parts are specified to 2 m/s² and 0.7 rad/s."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset with a larger sigma counts as unknown."""
-OF_ANSWER: Final = frozenset(
-    {
-        "prior.contradicted",
-        "bias.unusual",
-        "unknown.implausible",
-        "unknown.found",
-        "prior.untested",
-        "offset.undetermined",
-        "robot.joints_still",
-        "gravity.tilted",
-    }
-)
-"""Codes of findings that depend on the unknowns and their priors, not on the windows."""
 
 
 @dataclass(frozen=True, eq=False)
