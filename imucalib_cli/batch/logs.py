@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.input.reading import path_text
-from imucalib_cli.logs.open import holds_log, is_own_output, kinds_of_table
+from imucalib_cli.logs.open import files_below, holds_log, is_own_output, kinds_of_table
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
-from imucalib_cli.logs.text.tum_euroc import tables_of
 from imucalib_cli.results.atomic import identity
 
 if TYPE_CHECKING:
@@ -108,7 +107,7 @@ def _recordings(name: str, left_out: Path | None) -> Iterator[tuple[LogPath, ...
 
 
 def _is_recording(folder: Path) -> bool:
-    return holds_log(folder / "metadata.yaml") or bool(tables_of(folder))
+    return holds_log(folder / "metadata.yaml") or bool(files_below(folder))
 
 
 def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:

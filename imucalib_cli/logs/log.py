@@ -11,10 +11,9 @@ from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.messages.protobuf import EXTRA, is_damaged, is_installed
 from imucalib_cli.logs.messages.shapes import numbers_of
 from imucalib_cli.logs.messages.table import MESSAGE_TYPES
-from imucalib_cli.logs.open import READERS, open_files
+from imucalib_cli.logs.open import open_files, readers_with
 from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
-from imucalib_cli.logs.text.csv_file import CsvFile
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -244,7 +243,7 @@ def open_log(
     twice = [path for path, real in zip(paths, known, strict=True) if known.count(real) > 1]
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
-    readers = [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
+    readers = readers_with(csv_columns)
     files = (
         open_files(path, readers, scan_remote=scan_remote, progress=progress) for path in paths
     )

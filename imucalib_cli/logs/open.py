@@ -16,8 +16,8 @@ from imucalib_cli.logs.mcap.file import McapFile
 from imucalib_cli.logs.reader import HEAD
 from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
-from imucalib_cli.logs.text.csv_file import NAMES, CsvFile
-from imucalib_cli.logs.text.tum_euroc import EurocTable, TumFile, tables_of
+from imucalib_cli.logs.text.csv_file import CsvFile
+from imucalib_cli.logs.text.tum_euroc import EurocTable, TumFile
 from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:
@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 
 READERS: list[type[LogFile]] = [McapFile, BagFile, Db3File, EurocTable, CsvFile, TumFile]
 """Every format that can be read. A new format is one file in this package and one name here."""
+
+
+def readers_with(csv_columns: Sequence[str]) -> Readers:
+    """Every format, and tables without a header whose columns the user names, if any."""
+    return [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
+
 
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _METADATA = b"rosbag2_bagfile_information"
@@ -113,6 +119,14 @@ def _head(path: Path) -> bytes:
         return file.read(HEAD)
 
 
+def _peek(path: Path) -> bytes:
+    """Its first bytes; none if it cannot be read."""
+    try:
+        return _head(path)
+    except (OSError, InputError):
+        return b""
+
+
 def _reader(path: Path, head: bytes, readers: Readers) -> type[LogFile] | None:
     return next((each for each in readers if each.matches(head, path)), None)
 
@@ -122,36 +136,29 @@ def holds_log(path: Path, *, alone: bool = False) -> bool:
 
     ``alone``: of tables, only those that name columns of an IMU or of joints.
     """
-    try:
-        head = _head(path)
-    except (OSError, InputError):
-        return False
+    head = _peek(path)
     if head.startswith(_ZSTD) or _METADATA in head:
         return True
     reader = _reader(path, head, READERS)
-    if alone and reader is not None and issubclass(reader, CsvFile):
-        return bool(reader.named_kinds(head) - {"pose"})
-    return reader is not None
+    kinds = reader.named_kinds(head) if alone and reader is not None else None
+    return reader is not None if kinds is None else bool(kinds - {"pose"})
 
 
 def kinds_of_table(path: Path) -> set[Kind] | None:
     """Streams whose columns a table names; None of any other file, or if it cannot be read."""
-    try:
-        head = _head(path)
-    except (OSError, InputError):
-        return None
+    head = _peek(path)
     reader = _reader(path, head, READERS)
-    if reader is None or not issubclass(reader, CsvFile):
-        return None
-    return reader.named_kinds(head)
+    return None if reader is None else reader.named_kinds(head)
+
+
+def files_below(folder: Path) -> list[Path]:
+    """Files of a folder's recording that lie deeper in it."""
+    return [path for reader in READERS for path in reader.files_of(folder)]
 
 
 def is_own_output(path: Path) -> bool:
     """Whether a file is one that imucalib writes beside a result; False if it cannot be read."""
-    try:
-        head = _head(path)[:_MARKED]
-    except (OSError, InputError):
-        return False
+    head = _peek(path)[:_MARKED]
     return any(mark in head for mark in _MARKS)
 
 
@@ -224,12 +231,9 @@ def _open_remote(remote: RemoteFile, readers: Readers, progress: Progress | None
 def _no_log(path: LogPath, head: bytes, readers: Readers) -> InputError:
     if not head:
         return InputError(f"{path} is empty: record or copy it again")
-    for each in readers:
-        if issubclass(each, CsvFile) and each.IS_NAMED_BY_USER and b"\0" not in head:
-            return InputError(f"{path} {each.why_not(head)}")
-    if path.name.lower().endswith(".csv") or CsvFile.holds_numbers(head):
-        return InputError(f"{path} has no header with known columns: {NAMES}, or use --csv-columns")
-    return InputError(f"{path} is not a log: expected {_known(readers)}")
+    # the last one is what the user asks for
+    reasons = filter(None, (each.why_not(head, path.name) for each in reversed(readers)))
+    return InputError(f"{path} {next(reasons, f'is not a log: expected {_known(readers)}')}")
 
 
 def _known(readers: Readers) -> str:
@@ -281,7 +285,8 @@ def _listed(folder: Path) -> list[Path]:
 def _guessed(folder: Path, readers: Readers) -> list[Path]:
     """Log files of a folder without metadata.yaml: one recording, if their names show it."""
     logs = []
-    tables = [each for each in tables_of(folder) if EurocTable.matches(_head(each), each)]
+    below = ((each, path) for each in readers for path in each.files_of(folder))
+    tables = [path for each, path in below if each.matches(_head(path), path)]
     for path in sorted(each for each in folder.iterdir() if each.is_file()):
         head = _head(path)
         reader = None if is_own_output(path) else _reader(path, head, readers)

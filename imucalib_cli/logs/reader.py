@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
@@ -139,8 +140,8 @@ class Sink(Protocol):
         """Add decoded rows of a format without payloads, and the number of unreadable ones."""
 
 
-class LogFile(Protocol):
-    """One file of a log.
+class LogFile(ABC):
+    """One file of a log; the base of every format.
 
     Args:
         path: The file; :meth:`matches` has looked at it.
@@ -152,26 +153,41 @@ class LogFile(Protocol):
 
     FORMAT: ClassVar[str]
     """Name of the format in messages."""
-    IS_TEXT: ClassVar[bool]
+    IS_TEXT: ClassVar[bool] = False
     """Whether such a file may lie beside a log without belonging to it."""
+    MAGIC: ClassVar[bytes]
+    """With which such files begin; not of a format that :meth:`matches` otherwise."""
 
     path: LogPath
     """The name for users: the original file, if it was unpacked or downloaded."""
+    channels: tuple[Channel, ...]
+    losses: list[Finding]
+    """Damage found so far; the caller adds the file's name."""
 
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """Its channels."""
-
-    @property
-    def losses(self) -> list[Finding]:
-        """Damage found so far; the caller adds the file's name."""
-
+    @abstractmethod
     def __init__(self, path: Path) -> None: ...
 
     @classmethod
-    def matches(cls, head: bytes, path: Path) -> bool:
+    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
         """Whether a file that begins with these bytes is of the format."""
+        return head.startswith(cls.MAGIC)
 
+    @classmethod
+    def files_of(cls, folder: Path) -> list[Path]:  # noqa: ARG003 - most lie in the folder itself
+        """Files of a recording that lie deeper in its folder."""
+        return []
+
+    @classmethod
+    def named_kinds(cls, head: bytes) -> set[Kind] | None:  # noqa: ARG003
+        """Streams whose columns a table names; None for a format that is no table."""
+        return None
+
+    @classmethod
+    def why_not(cls, head: bytes, name: str) -> str:  # noqa: ARG003
+        """Why a file that looks like this format is not of it; empty if it does not look so."""
+        return ""
+
+    @abstractmethod
     def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
         """Pass all messages of the wanted channels to the sink, in one pass."""
 

@@ -7,8 +7,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.logs.open import holds_log
-from imucalib_cli.logs.text.tum_euroc import tables_of
+from imucalib_cli.logs.open import files_below, holds_log
 from imucalib_cli.results.atomic import check_writable, identity
 
 if TYPE_CHECKING:
@@ -69,7 +68,7 @@ def files_read(path: Path) -> Iterator[Path]:
     if folder is not None:
         with suppress(OSError):  # who reads it will say so
             yield from folder.iterdir()
-            yield from tables_of(folder)
+            yield from files_below(folder)
     else:
         yield from (path.with_name(path.name + end) for end in _COMPANIONS if path.name)
 

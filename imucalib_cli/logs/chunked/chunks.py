@@ -10,7 +10,7 @@ import zlib
 from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, BinaryIO, ClassVar
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from imucalib_cli.logs.chunked.grammar import Chunk, Contents, Grammar, Index
 from imucalib_cli.logs.chunked.inflate import Inflated, runs_of
 from imucalib_cli.logs.chunked.scan import Scan
 from imucalib_cli.logs.damage import DamageError, Tally
-from imucalib_cli.logs.reader import Catalogue, Channel, Located, cut
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, LogFile, cut
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
@@ -47,16 +47,13 @@ class NoIndexError(Exception):
     """A remote file has no usable index: it would have to be scanned."""
 
 
-class ChunkedFile(Grammar):
-    """One file of chunks; see :class:`~imucalib_cli.logs.reader.LogFile`.
+class ChunkedFile(Grammar, LogFile):
+    """One file of chunks.
 
     Raises:
         OSError: The file cannot be opened.
         NoIndexError: It is remote and has no usable index.
     """
-
-    FORMAT: ClassVar[str]
-    IS_TEXT: ClassVar[bool] = False
 
     def __init__(self, path: LogPath) -> None:
         super().__init__()
@@ -75,11 +72,6 @@ class ChunkedFile(Grammar):
         self._chunks = contents.chunks
         self.channels = contents.catalogue.channels(contents.tallies)
         self.losses = contents.losses
-
-    @classmethod
-    def matches(cls, head: bytes, path: LogPath) -> bool:  # noqa: ARG003 - content decides
-        """Whether a file with these first bytes is of this format."""
-        return head.startswith(cls.MAGIC)
 
     @abstractmethod
     def _summary(self, file: BinaryIO) -> Contents | None:

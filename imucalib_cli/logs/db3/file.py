@@ -14,17 +14,15 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.db3.pages import count_pages, pages_left_out, salvage
-from imucalib_cli.logs.reader import Catalogue, Channel, Sink
+from imucalib_cli.logs.reader import Catalogue, Channel, LogFile, Sink
 from imucalib_cli.logs.unpacked import copy
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
 
-    from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.logs.streams import Progress
 
-_MAGIC = b"SQLite format 3\x00"
 _BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
 """What sqlite3 raises on damage. Some damage looks like a lack of memory, and messages that quote
 damaged bytes cannot be decoded."""
@@ -34,7 +32,7 @@ _COUNTED = 100
 """Topics counted in one pass: each needs three of SQLite's 2000 columns."""
 
 
-class Db3File:
+class Db3File(LogFile):
     """One .db3 file.
 
     Raises:
@@ -42,12 +40,12 @@ class Db3File:
     """
 
     FORMAT: ClassVar[str] = "a ROS 2 .db3"
-    IS_TEXT: ClassVar[bool] = False
+    MAGIC: ClassVar[bytes] = b"SQLite format 3\x00"
 
     def __init__(self, path: Path) -> None:
-        self.path: LogPath = path
+        self.path = path
         self._file = path
-        self.losses: list[Finding] = []
+        self.losses = []
         # mode=ro rather than immutable: a -wal left by a crash still counts.
         self._mode = "mode=ro"
         try:
@@ -58,11 +56,6 @@ class Db3File:
                 f"{path} is not a readable rosbag2 database: {reason}; copy it again, or record "
                 "again"
             ) from error
-
-    @classmethod
-    def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
-        """Whether a file with these first bytes is of this format."""
-        return head.startswith(_MAGIC)
 
     def _open(self, path: Path) -> tuple[Channel, ...]:
         beside = [path.with_name(path.name + end) for end in ("-wal", "-journal")]

@@ -18,15 +18,14 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import Tally
-from imucalib_cli.logs.reader import HEAD, Catalogue, Piece
+from imucalib_cli.logs.reader import HEAD, Catalogue, LogFile, Piece
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from imucalib_cli.findings import Finding
     from imucalib_cli.logs.messages.table import Kind, Labels
-    from imucalib_cli.logs.reader import Channel, LogPath, Sink
+    from imucalib_cli.logs.reader import Channel, Sink
     from imucalib_cli.logs.streams import Progress
 
 _SPELLINGS = {
@@ -129,7 +128,7 @@ class _Group:
         return Piece(np.arange(len(times)), times, times, texts, numbers)
 
 
-class CsvFile:
+class CsvFile(LogFile):
     """One table.
 
     Args:
@@ -150,8 +149,8 @@ class CsvFile:
     IS_NAMED_BY_USER: ClassVar[bool] = False
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
-        self.path: LogPath = path
-        self.losses: list[Finding] = []
+        self.path = path
+        self.losses = []
         self._topic = topic
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             filled = (line for line in file if line.strip())
@@ -215,8 +214,12 @@ class CsvFile:
         return type("HeadlessCsvFile", (cls,), known)
 
     @classmethod
-    def why_not(cls, head: bytes) -> str:
-        """Why columns that the user names are not those of a table, in words."""
+    def why_not(cls, head: bytes, name: str) -> str:
+        """Why the columns of a table are not known, or not those that the user names."""
+        if b"\0" in head or not cls.IS_NAMED_BY_USER:
+            is_table = name.lower().endswith(".csv") or cls.holds_numbers(head)
+            known = f"has no header with known columns: {NAMES}, or use --csv-columns"
+            return known if is_table else ""
         names = _header(iter(_filled(head)), ())[0]
         if names and _is_number(names[0]):
             count = len(cls.COLUMNS)
@@ -232,7 +235,7 @@ class CsvFile:
         )
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[Channel, ...]:  # type: ignore[override]  # the path may change
         """Streams of an IMU, joint states and poses, depending on the columns."""
         topic = self._topic or "/" + re.sub(r"\W+", "_", self.path.stem)
         catalogue, tallies = Catalogue(), {}

@@ -15,12 +15,6 @@ _ROOT = "mav0"
 _TABLES = "*/data.csv"
 
 
-def tables_of(folder: Path) -> list[Path]:
-    """The tables of an EuRoC folder, or of the ``mav0`` in it."""
-    is_root = folder.absolute().name == _ROOT
-    return sorted((folder if is_root else folder / _ROOT).glob(_TABLES))
-
-
 class TumFile(CsvFile):
     """Poses in seconds, metres and quaternions, separated by blanks, without a header."""
 
@@ -52,3 +46,9 @@ class EurocTable(CsvFile):
     def matches(cls, head: bytes, path: Path) -> bool:
         """Whether it lies in such a folder and is not a list of images."""
         return path.absolute().match(f"{_ROOT}/{_TABLES}") and bool(cls.named_kinds(head))
+
+    @classmethod
+    def files_of(cls, folder: Path) -> list[Path]:
+        """The tables of an EuRoC folder, or of the ``mav0`` in it."""
+        is_root = folder.absolute().name == _ROOT
+        return sorted((folder if is_root else folder / _ROOT).glob(_TABLES))
