@@ -122,6 +122,33 @@ class Piece:
     numbers: dict[str, Floats]
     """(n, k) each, by the same names."""
 
+    def check(self, channel: Channel) -> None:
+        """Tell who writes a reader what it leaves out of its rows.
+
+        Raises:
+            TypeError: A key that :data:`KEYS` lists is missing, or its numbers are not (n, k).
+        """
+        for kind in channel.kinds:
+            texts, numbers = KEYS[kind]
+            wrong = [f"texts[{key!r}]" for key in texts if key not in self.texts]
+            for key, width in numbers.items():
+                shape = np.shape(self.numbers.get(key, ()))
+                if len(shape) != 2 or len(self.log_ns) != shape[0] or width not in {None, shape[1]}:
+                    wrong.append(f"numbers[{key!r}] of shape (n, {width or 'names'})")
+            if wrong:
+                of = f"{channel.name} ({channel.type}, {kind})"
+                raise TypeError(f"{of}: the reader's Piece has no {', no '.join(wrong)}")
+
+
+KEYS: dict[Kind, tuple[tuple[str, ...], dict[str, int | None]]] = {
+    "imu": (("frame_id",), {"gyro": 3, "accel": 3}),
+    "joints": (("name",), {"position": None}),
+    "pose": (("frame_id",), {"position": 3, "quaternion": 4}),
+    "text": (("data",), {}),
+}
+"""Keys of the texts of a :class:`Piece`, and of its numbers with their columns: None is one for
+each name."""
+
 
 class Sink(Protocol):
     """Receives messages from a reader: payloads, or decoded rows."""

@@ -125,6 +125,7 @@ class Collector:
 
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
         """Add decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
+        piece.check(channel)
         into = self._topic(with_columns(channel, self._columns))
         into.messages += len(piece.log_ns) + bad
         into.undecoded += bad
