@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, TypeVar
 
-import numpy as np
-
 from imucalib_cli.errors import ImucalibError
-from imucalib_cli.estimate.model.layout import STILL_JOINT
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
+from imucalib_cli.signals.moves import STILL, travel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -18,8 +16,6 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", FixedStep, JointStep, PoseStep)
 
-_TAILS: Final = (1.0, 99.0)
-"""Percentiles between which a joint's travel is measured."""
 _LISTED: Final = 4
 """Names in one list of a sentence."""
 
@@ -61,9 +57,7 @@ def driven_key(path: KinematicPath, *, in_log: bool = False) -> tuple[object, ..
 
 def travels(path: KinematicPath, step: JointStep) -> bool:
     """Whether a joint moves farther than noise and sag do; single glitches do not count."""
-    positions = path.tracks[step.track].values[:, step.column]
-    finite = positions[np.isfinite(positions)]
-    return bool(len(finite)) and float(np.ptp(np.percentile(finite, _TAILS))) > STILL_JOINT
+    return travel(path.tracks[step.track].values[:, step.column]) > STILL
 
 
 def topic_of(name: str) -> str:

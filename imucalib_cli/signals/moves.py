@@ -1,4 +1,7 @@
-"""Whether joints or poses of a log move: noise, glitches and drift are not motion."""
+"""Whether joints or poses of a log move: noise, glitches and drift are not motion.
+
+What turns at an instant is another question, which :mod:`.turning` answers by rates.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,26 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.path import Track
 
-_WANDER = (math.radians(0.5), 0.005)
-"""rad and m: no encoder, tracker or odometry at rest drifts so far."""
+STILL_TURN = math.radians(0.5)
+"""rad, of a pose."""
+STILL = 0.005
+"""m, or rad of a joint: what travels less stands still. The noise of encoders, sag, a controller's
+dither, and the drift of trackers and odometry stay below these two."""
 _SHAKE = (math.radians(0.02), 0.0002)
 """rad and m below which even a quick shake moves no IMU measurably."""
 _QUICK = 0.02
-"""rad/s or m/s: small motion slower than this is drift."""
+"""rad/s or m/s, for whether small motion is a shake: slower than this it is drift."""
 _SMOOTH = 0.5
 """Correlation of neighbouring values above which it is motion and not noise."""
 _TAILS = (1.0, 99.0)
 """Percentiles that bound the values used: single glitches are not motion."""
 _LEAST_ROWS = 8
+
+
+def travel(values: Floats) -> float:
+    """How far a value goes, (n,); 0 if it has none."""
+    finite = values[np.isfinite(values)]
+    return float(np.ptp(np.percentile(finite, _TAILS))) if len(finite) else 0.0
 
 
 def track_moves(track: Track, *, large: bool = False) -> bool:
@@ -30,7 +42,6 @@ def track_moves(track: Track, *, large: bool = False) -> bool:
     If ``large``, by more than any drift at rest; else a small quick shake counts too.
     """
     if track.kind == "joints":
-        # A track may hold revolute or prismatic joints: 0.005 is 0.3 deg or 5 mm.
         columns = [(column, 1) for column in track.values.T]
     elif track.kind == "imu":  # a base IMU is one that turns
         return True
@@ -46,7 +57,7 @@ def track_moves(track: Track, *, large: bool = False) -> bool:
         columns = [(column, 1) for column in track.values[:, :3].T]
         columns += [(column, 0) for column in turned.T]
     return any(
-        _moves(track.t, column, _WANDER[unit], math.inf if large else _SHAKE[unit])
+        _moves(track.t, column, (STILL_TURN, STILL)[unit], math.inf if large else _SHAKE[unit])
         for column, unit in columns
     )
 

@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 BIN = 0.05
 """s over which rates are averaged: encoder steps and trackers' noise average out."""
 TURNING = 0.05
-"""rad/s: a smaller rate is no rotation. Biases of MEMS gyroscopes stay below it."""
-STILL = 0.005
-"""rad/s from the kinematics: less is standstill. Encoder steps and tracker noise stay below."""
+"""rad/s, for whether a gyroscope surely turns whatever its bias: those of MEMS stay below it."""
+_STILL = 0.005
+"""rad/s from the kinematics, for whether a gyroscope reads its bias: in a bin, encoder steps and
+tracker noise stay below it."""
 _EXACTLY_STILL = 1e-6
-"""rad/s: positions repeat exactly, up to rounding."""
+"""rad/s, for whether a publisher repeats one position: it does so exactly, up to rounding."""
 _HELD_TURNING = 2.0 * TURNING
 _HELD_SECONDS = 0.5
 """The robot's stream is held if it is exactly still for this time, s, while the IMU turns faster
@@ -183,7 +184,7 @@ def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float
     if lag is not None:
         shift, correlation = (lag.samples + lag.between) * BIN, lag.correlation
         rates = _mean_rates(t, gyro, np.asarray(edges + shift))
-    still = (derived < STILL) & np.isfinite(rates[:, 0])
+    still = (derived < _STILL) & np.isfinite(rates[:, 0])
     bias = np.median(rates[still], axis=0) if still.sum() > _LEAST_STILL else np.zeros(3)
     measured = np.linalg.norm(rates - bias, axis=1)
     return Turning(start, derived, measured, bias, shift, correlation)

@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
+from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
@@ -325,6 +326,19 @@ def test_still_joint_is_treated_as_a_link() -> None:
     assert layout.still == ("j5",)
     hidden = [each.labels for each in layout.placed if each.hidden]
     assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z"), ("j5 x",)]
+
+
+def test_a_joint_that_only_glitches_is_still_to_fit_and_diagnosis_alike() -> None:
+    """The fit took it for one that moves, and the table of the kinematics for one that is still."""
+    moves = Moves(seconds=SECONDS, amplitude=(0.5, 0.4, 0.0, 0.9, 0.9, 0.0))
+    path = make_log(moves).path
+    (track,) = path.tracks
+    values = track.values.copy()
+    values[(track.t > 5.0) & (track.t < 5.1), 5] += 0.02
+    path = replace(path, tracks=(replace(track, values=values),))
+    assert lay_out(Trajectory.of(path), MatchedOptions()).still == ("j5",)
+    travelling = [step.name for step in path.joint_steps.values() if travels(path, step)]
+    assert travelling == ["j0", "j1", "j3", "j4"]
 
 
 def test_options_remove_table_entries() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from imucalib_cli.estimate.unknowns import (
 )
 from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import cross
+from imucalib_cli.signals.moves import STILL, STILL_TURN, travel
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
 
 E = TypeVar("E")
 
-STILL_JOINT: Final = 5e-3
-"""rad or m: a joint that moves less counts as part of its link; encoder noise, sag and a
-controller's dither stay below it."""
 _INSTANTS = 200
 """Instants at which the chain is examined for motion."""
 _PERPENDICULAR = 1e-2
@@ -270,7 +268,7 @@ class _Chain:
         moving = [*self._streams]
         self._moving = set()
         for joint in self._joints:
-            if float(np.ptp(values[joint.track][:, joint.column])) > STILL_JOINT:
+            if travel(values[joint.track][:, joint.column]) > STILL:
                 self._moving.add(joint.name)
                 moving += joint.steps
         self._first, self._last = (min(moving), max(moving)) if moving else (0, 0)
@@ -282,12 +280,12 @@ class _Chain:
 
     def _goes(self, track: int) -> bool:
         """Whether a pose stream moves or turns: that of a base which stands is a constant step."""
-        moved = float(np.ptp(self._values[track][:, :3], axis=0).max())
-        return track == self._path.base_imu or moved > STILL_JOINT or self._turns(track)
+        moved = max(map(travel, self._values[track].T[:3]))
+        return track == self._path.base_imu or moved > STILL or self._turns(track)
 
     def _turns(self, track: int) -> bool:
         """Whether a pose stream turns: a quaternion changes by half of the angle."""
-        return float(np.ptp(self._values[track][:, 3:], axis=0).max()) > 0.5 * STILL_JOINT
+        return 2.0 * max(map(travel, self._values[track].T[3:])) > STILL_TURN
 
     @property
     def _is_tracked(self) -> bool:
