@@ -199,15 +199,16 @@ def calibrate(
     Args:
         logs: One recording: a ROS 1 bag, a ROS 2 folder or db3, an MCAP, a CSV; its URL; or the
             files of a split one.
-        urdf: The robot's URDF; without it the log's /robot_description or its own frames must tell
-            the motion.
-        imu_topic: Which IMU, where the log has several; ``topic:frame`` if they share a topic.
-        joint_topics: Joint states to use; all.
-        pose_topics: Poses to use; found.
-        parent: Link or frame that carries the IMU; the one that holds the frame of its messages.
-        imu_link: The IMU's link in the URDF; the frame of its messages.
-        base_imu: Topic of the IMU that tells how the base moves; found where nothing else does.
-        world: Frame that stands still; the root of the frames.
+        urdf: The robot's URDF; without it the log's /robot_description or its own frames must
+            give the motion.
+        imu_topic: Which IMU, if the log has several; ``topic:frame`` if they share a topic.
+        joint_topics: Joint states to use; default: all.
+        pose_topics: Poses to use; default: found.
+        parent: Link or frame that carries the IMU; default: the parent of its messages' frame.
+        imu_link: The IMU's link in the URDF; default: its messages' frame.
+        base_imu: Topic of the IMU on a moving base; default: found, if nothing else shows how the
+            base moves.
+        world: Frame that stands still; default: the root frame.
         clock: Stamps of the headers, or times of receipt.
         units: What the IMU's numbers mean; detected from the log.
         csv_columns: Columns of tables without a header.

@@ -24,7 +24,7 @@ _RESET = "the sensor was reset, struck or is warming up; " + _ONE_SIDE
 _NOISE = "the {sensor:sensor}'s noise is {measured:.2g} {sensor:unit} in a sample, "
 _FILTERED = (
     _NOISE + "and should be {expected:.2g} by the data sheet of {model} at {rate:.4g} Hz: the "
-    "driver filters it, "
+    "driver filters it"
 )
 _STAMPS = "{stamps:stamps} of {topic} "
 _THEN = (
@@ -33,10 +33,11 @@ _THEN = (
     "[then=asked?, yet --clock {clock} was asked for: ][then=asked?and {other}]"
     "[other=?try --clock {clock:other}]"
 )
-_NO_BODY = (
-    "jumps by {turn:deg.3g} and {shift:mm.3g} from one sample to the next, which no body can do"
+_JUMPS = (
+    "jumps by {turn:deg.3g} and {shift:mm.3g} from one sample to the next, which is physically "
+    "impossible"
 )
-_MARKERS = "; place its markers so that the body looks alike from no two sides"
+_MARKERS = "; place the markers so that they are not symmetric"
 _TRANSLATION = (
     "{translation:mm.6g}, the largest sigma is {translation_sigma:mm apart translation} along "
     "{translation_axis} of {parent}"
@@ -182,7 +183,7 @@ MESSAGES: Messages = {
     "log.database_companion": "{file}: {name} does not match the database and is not used",
     "log.database_wal": "{file}: its -wal is damaged or was cut off while it was written: {left} "
     "of its {total} pages are left out",
-    "log.database_topic": "{file}: topic {number} is left out: its name or type is no text",
+    "log.database_topic": "{file}: topic {number} is left out: its name or type is not text",
     "log.database_damaged": "{file}: the database is damaged ({reason}): the rows found in its "
     "pages are used",
     "log.more_losses": "{file}: and {count} further losses",
@@ -226,13 +227,13 @@ MESSAGES: Messages = {
     "(rad or m) and back are left out: check the "
     "[kind=pose?tracker][kind=joints?encoder][kind=?encoder] or its driver",
     "stream.flips": "{stream}: {count} poses are left out, {stretches:spans}: the pose "
-    + _NO_BODY
+    + _JUMPS
     + ", and back: the tracker swaps its markers"
     + _MARKERS,
     "stream.steps": "{stream}: at {seconds:times} the pose "
-    + _NO_BODY
-    + ", and stays there: both sides are used, as if a gap were between them: the tracker swapped "
-    "its markers or started over" + _MARKERS,
+    + _JUMPS
+    + ", and stays there: both sides are used, with a gap between them: the tracker swapped its "
+    "markers or started over" + _MARKERS,
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
     "longest time from {start:.1f} to {end:.1f} s: the rest is used, and sigma is for the rest",
     # Stamps and clocks.
@@ -246,7 +247,7 @@ MESSAGES: Messages = {
     "stamps.stand_still": _STAMPS + "advance in only {count} of {total} steps" + _THEN,
     "stamps.backwards": _STAMPS + "run backwards in {count} of {total} steps" + _THEN,
     "stamps.set_back": _STAMPS
-    + "are set back by {seconds:.3g} s at message {number} and run through it again"
+    + "jump back by {seconds:.3g} s at message {number} and repeat that time"
     + _THEN,
     "stamps.step": _STAMPS
     + "step by {milliseconds:+.0f} ms against the receive times near {when:.0f} s"
@@ -299,8 +300,8 @@ MESSAGES: Messages = {
     "imu.zero": "{topic}: [sensor=both?gyro and accel are||{sensor} is] [reads?{reads}||zero] in "
     "all {count} messages: the driver does not fill [sensor=both?them in, and nothing can be "
     "calibrated from it; turn it on in the driver, or choose another {option}||it in, and "
-    "{sensor:other} alone does not tell the pose; turn it on in the driver, choose another "
-    "{option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]",
+    "{sensor:other} alone is not enough to find the pose; turn it on in the driver, choose "
+    "another {option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]",
     "imu.impossible": "{topic}: {sensor} is beyond {limit:g} {unit} in {count} of {total} "
     "messages, which no IMU measures: fix the driver or the log's layout and record again",
     "imu.axes_dead": "{topic}: {sensor} {axes:spaced} reads {held:list.4g} from first message to "
@@ -321,14 +322,14 @@ MESSAGES: Messages = {
     "imu.motion_left_out": "{share:.0%} of the rotation is in samples that were left out as frozen "
     "or saturated: record again with a sound sensor of larger range",
     "imu.bias_beyond_sheet": "a {sensor} bias of {bias:.2g} {sensor:unit} is far beyond the data "
-    "sheet of {model} ({sigma:.2g}, 1 sigma): it was left free; the IMU is not the one of "
-    "--imu-model, the unit is another, or the sensor is damaged",
+    "sheet of {model} ({sigma:.2g}, 1 sigma), so the sheet does not limit it: the IMU is not "
+    "the one of --imu-model, the unit is another, or the sensor is damaged",
     "imu.noise_above_sheet": _NOISE + "{measured:/ expected} times the {expected:.2g} of the data "
     "sheet of {model} at {rate:.4g} Hz: the mount is loose or vibrates, or this is another IMU; "
     "fasten or damp it, or correct --imu-model (the result uses the measured noise)",
-    "imu.noise_below_sheet": _FILTERED + "the log is simulated, or this is another IMU; if it is "
+    "imu.noise_below_sheet": _FILTERED + ", the log is simulated, or this is another IMU; if it is "
     "another, correct --imu-model",
-    "imu.noise_filtered": _FILTERED + "because below the cut-off the noise is that of the sheet; "
+    "imu.noise_filtered": _FILTERED + " (below the cut-off the noise is that of the sheet); "
     "the filter's delay is part of the time offset; if this is another IMU, correct --imu-model",
     "imu.beyond_range": "{samples} samples of the {sensor:sensor} are beyond the range of "
     "{full_scale:.4g} {sensor:unit} in the data sheet of {model}: glitches, another unit, or an "
@@ -371,8 +372,8 @@ MESSAGES: Messages = {
     # Several IMUs together.
     "imus.disagree": "{imu} does not agree with {others:list} on the errors of the robot that "
     "they share: solved together, its pose would differ by {translation:mm.2g} and "
-    "{rotation:deg.2g}, {sigmas:.2g} sigma, so it is solved alone; check the URDF where their "
-    "chains part, and that every IMU is mounted firmly",
+    "{rotation:deg.2g}, {sigmas:.2g} sigma, so it is solved alone; check the joints "
+    "that only one of the IMUs has, and that every IMU is mounted firmly",
     # Many logs, each on its own.
     "batch.log_twice": "{log} is the same log as {first} and is calibrated once",
     "batch.log_replaced": "{log} is not the recording that was calibrated under this name before: "
@@ -409,13 +410,51 @@ MESSAGES: Messages = {
     "samples: set a rate of {enough:g} Hz or more, and its low-pass to less than half of it",
     "imu.spikes": "{topic}: {count} of {total} samples are single spikes and were replaced from "
     "their neighbours: check the sensor's cable, power supply and driver",
-    "windows.between_gaps": "only {share:.0%} of the time of both streams lies in filter windows, "
+    "windows.between_gaps": "filter windows cover only {share:.0%} of the time of both streams, "
     "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
     "losses, or choose a shorter --window",
-    "window.noisy": "errors of the kinematics that the gyroscope shows may move the place by "
-    "{error:mm.2g} in windows of {seconds:.2g} s, which sigma includes: choose a longer --window, "
+    "window.dependent": "the result depends on the filter window: with {seconds:.2g} s instead of "
+    "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
+    "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
+    "would; sigma includes the difference",
+    "window.noisy": "the gyroscope shows errors of the kinematics, which may move the position by "
+    "{error:mm.2g} in windows of {seconds:.2g} s; sigma includes this: choose a longer --window, "
     "or [tracked?stamp each pose when it is measured][tracked=?publish each sample of the "
     "controller with the controller's stamp]",
+    "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
+    "explain: an error that is not in the model changes within the log, such as a tracker's "
+    "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
+    "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
+    "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
+    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
+    "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
+    "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
+    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount is loose, or "
+    "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
+    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
+    + _AT
+    + _ONE_SIDE
+    + ", and see that no clock is set while recording",
+    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s" + _AT + _RESET,
+    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
+    "unknown.found": unknown_found,
+    "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
+    "sensor has ({limit:in unit}): [other?a {other:.2g} s window does not confirm it "
+    "(try --window); vibration can cause it][other=?{name:cure negative}]",
+    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
+    "zero||do not move in this log: errors of their zeros] and lengths "
+    "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
+    "sigma; move them too, or give --robot exact or --robot DEG,MM",
+    "prior.contradicted": "the data contradict {option}: if it is estimated, it differs from your "
+    "value by {step:in unit std}; leave the option out, or measure again",
+    "prior.untested": "the log has no information on {components:list} beyond --fix or "
+    "--prior-std: it neither confirms nor contradicts the given value",
+    "imu.accel_sign_in_doubt": "the estimated gravity is far from down, and the motion does not "
+    "show whether the world frame is tilted or the accelerometer points down at rest: give "
+    "--accel-sign up or down, or also move the parent link along straight lines",
+    "bias.unusual": unusual_bias,
+    "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
+    "decisively better with the opposite sign, so the sign was reversed (--accel-sign up keeps it)",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
     "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
     "stamps.imu_ticks": "IMU stamps jitter by {jitter:ms.2g} about a constant rate; the constant "
@@ -424,6 +463,10 @@ MESSAGES: Messages = {
     "and was used",
     "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
     "and the time offset contains the hold",
+    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if "
+    "[tracked?another axis of the tracker's world points up (often y); otherwise its "
+    "quaternions, its frames][tracked=?the base is mounted like this; otherwise joint signs, "
+    "frames] or the accelerometer's sign are wrong",
     "paper.not_converged": "the solver did not converge: give a better --initial guess",
     "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
     "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "

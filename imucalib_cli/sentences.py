@@ -30,6 +30,7 @@ import re
 from typing import TYPE_CHECKING, Any, Final
 
 from imucalib_cli.digits import figures, with_std
+from imucalib_cli.shown import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -40,20 +41,14 @@ _SHOWN = 3
 """Stretches or changes listed with their times, of many."""
 
 
-def _listed(items: list[str], more: str) -> str:
-    """The first items by commas; ``more`` counts the others."""
-    left = len(items) - _SHOWN
-    return ", ".join(items[:_SHOWN]) + (more.format(left) if left > 0 else "")
-
-
 def _spans(stretches: tuple[tuple[float, float], ...]) -> str:
-    return _listed([f"{start:.1f} to {end:.1f} s" for start, end in stretches], " and {} more")
+    return listed([f"{start:.1f} to {end:.1f} s" for start, end in stretches], _SHOWN)
 
 
 def _rates(rates: tuple[float, ...], starts: tuple[float, ...]) -> str:
     pairs = zip(rates[1:], starts[1:], strict=False)
     later = [f"{rate:.4g} Hz from {start:.1f} s" for rate, start in pairs]
-    return f"{rates[0]:.4g} Hz at first, {_listed(later, ' and {} changes more')}"
+    return f"{rates[0]:.4g} Hz at first, {listed(later, _SHOWN, more=' and {} more changes')}"
 
 
 def _apart_from(value: float, bound: float) -> str:
@@ -68,7 +63,7 @@ _FORMS: dict[str, Callable[[Any], str]] = {
     "stamps": {"header": "header stamps", "log": "receive times"}.__getitem__,
     "other": {"header": "log", "log": "header", "gyro": "accel", "accel": "gyro"}.__getitem__,
     "spans": _spans,
-    "times": lambda seconds: _listed([f"{each:.1f} s" for each in seconds], " and {} more"),
+    "times": lambda seconds: listed([f"{each:.1f} s" for each in seconds], _SHOWN),
     "spaced": " ".join,
     "quoted": lambda names: ", ".join(map(repr, [names] if isinstance(names, str) else names)),
     "many": str,
@@ -86,10 +81,10 @@ _FORMS: dict[str, Callable[[Any], str]] = {
     "sound": {"accelerometer": "point up at rest", "gyroscope": "be right-handed"}.__getitem__,
 }
 _CURES = {
-    ("joint_filter", True): "a link that sways in its bearing, unseen by the encoder, looks like "
-    "it; tighten it",
+    ("joint_filter", True): "a link with play in its bearing, which the encoder does not see, "
+    "looks the same; tighten it",
     ("mount_give", False): "it bends under gravity, differently in each pose, or the base sways, "
-    "which looks like it; stiffen mount and base, or record slower motion",
+    "which looks the same; stiffen mount and base, or record slower motion",
 }
 """Of an error that is too large, by its name and whether it is negative."""
 _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
@@ -181,6 +176,7 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
 """Units of the table of unknowns as people write them: factor and name; other units stay."""
 _OF_BASE: Final = "base_"
 """Prefix of unknowns of the base IMU that the other IMU has too."""
+_SECOND_OPINION = "before you edit the URDF, check that the arm's own calibration agrees"
 _REMEDIES: dict[str, str] = {
     "clock_drift": "synchronise the clocks",
     "gyro_delay": "give both sensors the same bandwidth, or expect the same delay in use",
@@ -195,11 +191,11 @@ _REMEDIES: dict[str, str] = {
     "gravity_norm": "give --gravity if you know it",
     "gyro_g_sensitivity": "calibrate the sensor",
     "mount_give": "stiffen the mount",
-    "joint_zero": "the arm's own calibration should say the same before the URDF is edited",
-    "origin": "the arm's own calibration should say the same before the URDF is edited",
-    "joint_axis": "the arm's own calibration should say the same before the URDF is edited",
-    "translation": "measure it on the robot before the URDF is edited",
-    "rotation": "measure it on the robot before the URDF is edited",
+    "joint_zero": _SECOND_OPINION,
+    "origin": _SECOND_OPINION,
+    "joint_axis": _SECOND_OPINION,
+    "translation": "measure it on the robot before you edit the URDF",
+    "rotation": "measure it on the robot before you edit the URDF",
     "pose_frame_place": "align the tracked frame with the robot's",
     "pose_frame_turn": "align the tracked frame with the robot's",
     "pose_scale": "calibrate the tracker",
@@ -257,7 +253,7 @@ _UNEXPLAINED = " (…): "
 _REMAP = "fix the driver's axis mapping"
 _REORDER = "let the publisher list positions in the order of its names"
 CAUSES: dict[str, str] = {
-    "link": "the IMU moves like {any}[ (rigidly joined: {joined})], not like {told} (…): rerun "
+    "link": "the IMU moves like {any}[ (rigidly joined: {joined})], not like {nominal} (…): rerun "
     "with --parent {parents}; if --parent was not given, also correct the frame_id or the URDF's "
     "joint that holds the IMU",
     "sign": "joint {first} turns opposite to the URDF: its axis has the wrong sign "
@@ -310,7 +306,7 @@ CAUSES: dict[str, str] = {
 What remains unexplained is written at ``(…)``. Some kinds have further forms, after a dot.
 """
 _DETAILS: dict[str, tuple[str, ...]] = {
-    "link": ("told", "joined"),
+    "link": ("nominal", "joined"),
     "order": ("topic", "how"),
     "unit": ("of", "topics"),
     "quaternion": ("order",),

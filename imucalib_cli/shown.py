@@ -41,6 +41,14 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if place % 2 else (0, part) for place, part in enumerate(parts)]
 
 
+def listed(
+    items: Sequence[str], limit: int, *, more: str = " and {} more", joint: str = ", "
+) -> str:
+    """The first items; ``more`` holds the number of the others, if there are any."""
+    left = len(items) - limit
+    return joint.join(items[:limit]) + (more.format(left) if left > 0 else "")
+
+
 def similar_names(name: str, known: Sequence[str]) -> str:
     """End of an error message: names similar to this one; empty if none is."""
     comparable = [each for each in known if len(each) <= _COMPARED]
@@ -54,8 +62,7 @@ def near_matches(name: str, known: Sequence[str], *, limit: int = 12) -> str:
     near = similar_names(name, known)
     if near or not known:
         return near
-    more = f" and {len(known) - limit} more" if len(known) > limit else ""
-    return "; there are: " + ", ".join(known[:limit]) + more
+    return f"; there are: {listed(known, limit)}"
 
 
 def without_secrets(text: str) -> str:

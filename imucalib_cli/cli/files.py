@@ -108,7 +108,7 @@ def warning_of_old_outputs(*outputs: Path | None, read: Iterable[Path] = ()) -> 
         if getattr(error, "exit_code", 1):
             for path, identity in before.items():
                 if identity not in inputs and _identity(path) == identity:
-                    say("warning", f"{path} is of an earlier run: this one has not written it")
+                    say("warning", f"{path} was not updated; it still holds an earlier result")
         raise
 
 

@@ -113,7 +113,7 @@ class Together:
     def reduced(self, u: Floats) -> Reduced:
         """Each log's equations with its own difference from the common pose eliminated."""
         p = len(self.scattered)
-        precision = np.asarray(np.linalg.inv(self._spread(u)), dtype=np.float64)
+        precision = np.asarray(np.linalg.inv(self._covariances(u)), dtype=np.float64)
         own, own_score = self.information[:, :, :p], self.score[:, :p]
         inner = own[:, :p] + precision
         inverse = np.linalg.inv(inner)
@@ -145,7 +145,7 @@ class Together:
     def differences(self, u: Floats, step: Floats) -> Floats:
         """(K, p), each log's pose less the common one, after a step (m,)."""
         p = len(self.scattered)
-        precision = np.linalg.inv(self._spread(u))
+        precision = np.linalg.inv(self._covariances(u))
         inner = self.information[:, :p, :p] + precision
         score = self.score[:, :p] + self.information[:, :p] @ step
         return np.asarray(-np.linalg.solve(inner, score[:, :, None])[:, :, 0])
@@ -159,7 +159,7 @@ class Together:
 
     def distances(self, u: Floats) -> tuple[Floats, Floats]:
         """(K, p), each log's pose less that of all others, and (K,) its square in sigmas."""
-        each, p, spread = self.reduced(u), len(self.scattered), self._spread(u)
+        each, p, covariances = self.reduced(u), len(self.scattered), self._covariances(u)
         noise = self._noise(each)
         every = replace(self._sum(each), noise=noise.sum(axis=0))
         found, squares = np.zeros((len(self.score), p)), np.zeros(len(self.score))
@@ -173,11 +173,11 @@ class Together:
             (step,), covariance = others.posterior(u[None, :-2], np.ones(1))
             left, pose = self.score[log, :p] + own[:p] @ step, own[:p, :p]
             C = self.noise[log, :p, :p] + own[:p] @ covariance @ own[:, :p]
-            squares[log] = squared_distance(left, C + pose @ spread[log] @ pose)
+            squares[log] = squared_distance(left, C + pose @ covariances[log] @ pose)
             found[log] = -inverse_of(pose) @ left
         return found, squares
 
-    def _spread(self, u: Floats) -> Floats:
+    def _covariances(self, u: Floats) -> Floats:
         """(K, p, p), covariance of each log's own difference."""
         return np.asarray(self.widened + np.diag(np.exp(2.0 * u[-2:])[self.scattered]))
 

@@ -1,1 +1,1 @@
-"""Block statistics to the IMU's pose and its uncertainty; knows nothing of files."""
+"""From samples and a path to the pose and its covariance."""

@@ -1,4 +1,4 @@
-"""The lean solution by the way to take the stamps, and by the window, that fit best."""
+"""Choose recorded or constant-rate stamps; keep the better."""
 
 from __future__ import annotations
 

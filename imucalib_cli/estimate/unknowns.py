@@ -1,10 +1,10 @@
 """The table of unknowns: every quantity that is estimated, one entry each.
 
 Each entry has a prior from physics or data sheets. No entry is switched on or off by a test of its
-own, but for the payload and the bending of the base, which are not told from other errors where no
-joint bends: an entry is always there, and its prior decides how far it may go. Entries with the
-same ``scale`` share one standard deviation that no data sheet states (how good this robot and this
-sensor are); it is learnt from the log (solution/scales.py).
+own, but for the payload and the bending of the base, which cannot be distinguished from other
+errors where no joint bends: an entry is always there, and its prior decides how far it may go.
+Entries with the same ``scale`` share one standard deviation that no data sheet states (how good
+this robot and this sensor are); it is learnt from the log (solution/scales.py).
 
 To add an unknown, add one entry to TABLE. Its effect is one of a few kinds, the classes below.
 
@@ -720,7 +720,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="base_place",
         healthy=0.05,
         effect=Origin("translation", of_stream=True),
-        words="place of what a pose stream tells in the robot: true minus URDF",
+        words="place of the tracked frame in the robot: true minus URDF",
     ),
     Unknown(
         name="pose_frame_turn",
@@ -729,7 +729,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="base_turn",
         healthy=0.2,
         effect=Origin("rotation", of_stream=True),
-        words="rotation of what a pose stream tells in the robot: true minus URDF",
+        words="rotation of the tracked frame in the robot: true minus URDF",
     ),
     Unknown(
         name="pose_scale",

@@ -166,8 +166,8 @@ def _estimate_one(
         request = replace(request, estimator=options)
     estimate = checked(estimate, repaired.samples, request.imu, wrong)
     if not _doubts_unit(estimate):  # the IMU only never rested
-        rest = tuple(e for e in repaired.suspects if e.code != "imu.accel_unit_unknown")
-        repaired = replace(repaired, suspects=rest)
+        known = tuple(e for e in repaired.suspects if e.code != "imu.accel_unit_unknown")
+        repaired = replace(repaired, suspects=known)
     if progress is not None and needs_diagnosis(estimate):
         progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)

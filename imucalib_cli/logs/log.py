@@ -14,6 +14,8 @@ from imucalib_cli.logs.messages.table import MESSAGE_TYPES
 from imucalib_cli.logs.open import open_files, readers_with
 from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
+from imucalib_cli.logs.text.csv_file import CsvFile
+from imucalib_cli.shown import listed
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -192,19 +194,18 @@ class Log:
         asked = f"--joints {columns}"
         there = [each for each in self.topics if each.name == columns.topic and each.count]
         if not there:
-            listed = ", ".join(sorted(each.name for each in self.topics)) or "none"
+            names = ", ".join(sorted(each.name for each in self.topics)) or "none"
             raise ChoiceError(
-                f"{asked}: there is no topic {columns.topic} with messages; topics are {listed}",
+                f"{asked}: there is no topic {columns.topic} with messages; topics are {names}",
                 option="--joints",
             )
         if "joints" not in there[0].kinds:
             topic = there[0]
             numbers = numbers_of(topic.type, topic.encoding, topic.definition)
-            listed = ", ".join(numbers[:_MOST_FIELDS]) or "none that can be read"
-            more = f" and {len(numbers) - _MOST_FIELDS} more" if numbers[_MOST_FIELDS:] else ""
+            fields = listed(numbers, _MOST_FIELDS) or "none that can be read"
             raise ChoiceError(
                 f"{asked}: {topic.type or 'untyped data'} ({topic.encoding}) has no numbers "
-                f"{columns.path}; fields with numbers are {listed}{more}",
+                f"{columns.path}; fields with numbers are {fields}",
                 option="--joints",
             )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.messages.protobuf import EXTRA, is_installed
-from imucalib_cli.shown import similar_names
+from imucalib_cli.shown import listed, similar_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -241,7 +241,6 @@ def _names(topics: Sequence[Topic]) -> tuple[str, ...]:
 def _listed(topics: Sequence[Topic]) -> str:
     shown = [
         f"{shorten(each.name, _LONGEST)} ({shorten(each.type or each.encoding, _LONGEST)})"
-        for each in topics[:_MOST_LISTED]
+        for each in topics
     ]
-    left = len(topics) - len(shown)
-    return ", ".join(shown) + (f" and {left} more" if left else "")
+    return listed(shown, _MOST_LISTED)

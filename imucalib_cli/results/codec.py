@@ -219,17 +219,18 @@ def _complaint(error: str, document: object, kind: Any, what: str) -> tuple[str,
 
 def _declared(kind: Any, keys: list[str]) -> Document:
     """JSON Schema at a place of a tree; empty where the place is not exact."""
-    (node,), parts = msgspec.json.schema_components([kind])
+    (schema,), parts = msgspec.json.schema_components([kind])
     for key in [*keys, ""]:
         for _ in range(2):  # null or a tree, and the tree
-            node = next(
-                (each for each in node.get("anyOf", []) if len(each) > 1 or "$ref" in each), node
+            schema = next(
+                (each for each in schema.get("anyOf", []) if len(each) > 1 or "$ref" in each),
+                schema,
             )
-            node = parts.get(node.get("$ref", "").rpartition("/")[2], node)
+            schema = parts.get(schema.get("$ref", "").rpartition("/")[2], schema)
         if key:
-            inside = node.get("properties", {}).get(key) or node.get("additionalProperties")
-            node = node.get("items") or inside or {}
-    return dict(node)
+            inside = schema.get("properties", {}).get(key) or schema.get("additionalProperties")
+            schema = schema.get("items") or inside or {}
+    return dict(schema)
 
 
 def _value_at(document: Any, keys: list[str]) -> Any:
@@ -242,18 +243,18 @@ def _value_at(document: Any, keys: list[str]) -> Any:
     return document
 
 
-def _unwritable(node: Any, place: str) -> Iterator[tuple[str, str]]:
+def _unwritable(value: Any, place: str) -> Iterator[tuple[str, str]]:
     """Places of values that JSON or UTF-8 cannot express, with the error."""
-    if isinstance(node, dict):
-        for key, value in node.items():
+    if isinstance(value, dict):
+        for key, inner in value.items():
             yield from _unwritable(key, place)
-            yield from _unwritable(value, f"{place}.{key}".removeprefix("."))
-    elif isinstance(node, list):
-        for index, value in enumerate(node):
-            yield from _unwritable(value, f"{place}[{index}]")
-    elif isinstance(node, float) and not math.isfinite(node):
-        yield place, f"should be a finite number, not {node!r}"
-    elif isinstance(node, str) and _SURROGATE.search(node):
+            yield from _unwritable(inner, f"{place}.{key}".removeprefix("."))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _unwritable(inner, f"{place}[{index}]")
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield place, f"should be a finite number, not {value!r}"
+    elif isinstance(value, str) and _SURROGATE.search(value):
         yield place, "has half of a character, which no file can hold: take it out"
 
 
@@ -373,10 +374,11 @@ def _describe(part: Document, kind: type[Tree]) -> None:
     (declared,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(declared, ast.ClassDef)  # noqa: S101 - a tree is a class
     part["description"] = " ".join((ast.get_docstring(declared) or "").split())
+    keys = dict(zip(kind.__struct_fields__, kind.__struct_encode_fields__, strict=True))
     for field, text in pairwise(declared.body):
         match field, text:
             case (
                 ast.AnnAssign(target=ast.Name(id=name)),
                 ast.Expr(value=ast.Constant(value=str(said))),
             ):
-                part["properties"][name]["description"] = " ".join(said.split())
+                part["properties"][keys[name]]["description"] = " ".join(said.split())

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.urdf_xml import parse_xml
+from imucalib_cli.shown import listed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -62,10 +63,9 @@ def check_urdf(data: bytes, path: Path | str) -> bytes:
         _check_tree(links, joints, faults)
         _check_mimics(joints, faults)
     if faults:
-        lines = [f"line {element.line}: {_in_one_line(text)}" for element, text in faults[:_SHOWN]]
-        if len(faults) > _SHOWN:
-            lines.append(f"and {len(faults) - _SHOWN} more faults")
-        raise InputError(f"{path}: {'; '.join(lines)}")
+        lines = [f"line {element.line}: {_in_one_line(text)}" for element, text in faults]
+        shown = listed(lines, _SHOWN, more="; and {} more faults", joint="; ")
+        raise InputError(f"{path}: {shown}")
     return _kinematics_only(root, links, joints)
 
 

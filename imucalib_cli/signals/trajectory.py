@@ -44,7 +44,7 @@ _SLACK = 0.1
 _LEAST_JUMP = _TURN - 1.0
 """rad: no joint moves so far between two messages, and a wrapped channel jumps by a turn."""
 _TILTS = 1e-4
-"""Of a base that drives on a plane, odometry tells no tilt at all, but for rounding."""
+"""rad: rounding. On a base that drives on a plane, odometry reports no tilt."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +58,8 @@ class CleanTrack:
     """The constant-rate clock behind jittered stamps, if there is one."""
     held: bool = False
     """Values were repeated until the next change; only the changes are kept."""
-    readings: ImuGrid | None = None
-    """Readings of the IMU from which the values are computed, if they are."""
+    imu: ImuGrid | None = None
+    """Samples of the IMU from which the values are computed, if they are."""
     spikes: int = 0
     """Samples of that IMU that were bridged."""
     delay_std: float = 0.0
@@ -80,7 +80,7 @@ class CleanTrack:
             self,
             t=self.t - seconds,
             ticks=self.ticks and replace(self.ticks, t=self.ticks.t - seconds),
-            readings=self.readings and replace(self.readings, t0=self.readings.t0 - seconds),
+            imu=self.imu and replace(self.imu, t0=self.imu.t0 - seconds),
         )
 
     @cached_property
@@ -95,7 +95,7 @@ class CleanTrack:
         A quantised encoder at rest shows no noise.
         """
         variance = np.zeros(self.values.shape[1])
-        if self.readings is not None:  # the error of a computed pose drifts from sample to sample
+        if self.imu is not None:  # the error of a computed pose drifts from sample to sample
             return variance
         for channel, values in enumerate(self.values.T):
             speed = np.abs(np.gradient(values))
@@ -155,7 +155,7 @@ def _reckoned(track: Track) -> CleanTrack:
         t=grid.t[grid.usable],
         values=values[grid.usable],
         ticks=None,
-        readings=grid,
+        imu=grid,
         spikes=clean.spikes,
         delay_std=track.delay_std,
     )
@@ -271,7 +271,7 @@ class Trajectory:
     @property
     def base_readings(self) -> ImuGrid | None:
         """Readings of the IMU that gives the motion of the base, if there is one."""
-        return next((track.readings for track in self.tracks if track.readings is not None), None)
+        return next((track.imu for track in self.tracks if track.imu is not None), None)
 
     @property
     def angle_noise(self) -> float:

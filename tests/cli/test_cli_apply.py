@@ -182,14 +182,14 @@ def test_only_in_place_overwrites_the_urdf(apply: Any, urdf: Path) -> None:
 
 def test_refused_output_is_not_called_old(apply: Any, urdf: Path) -> None:
     """Neither the input nor a URDF of another origin is of an earlier run."""
-    assert "is of an earlier run" not in apply([imu("left")], "-o", urdf, code=2).err
-    assert "is of an earlier run" not in apply([imu("gone")], "-o", urdf, code=1).err
+    assert "was not updated" not in apply([imu("left")], "-o", urdf, code=2).err
+    assert "was not updated" not in apply([imu("gone")], "-o", urdf, code=1).err
     other = urdf.with_name("other.urdf")
     other.write_text(URDF.replace('"r"', '"other"'))
-    assert "is of an earlier run" not in apply([imu("left")], "-o", other, code=2).err
+    assert "was not updated" not in apply([imu("left")], "-o", other, code=2).err
     other.write_text(URDF)
     old = apply([imu("gone")], "-o", other, code=1).err
-    assert f"warning: {other} is of an earlier run: this one has not written it" in old
+    assert f"warning: {other} was not updated; it still holds an earlier result" in old
 
 
 def test_numeric_xacro_origin_is_edited(tmp_path: Path, imucalib: Imucalib) -> None:

@@ -329,7 +329,7 @@ def test_failed_run_warns_of_older_results_in_folder(
     run = imucalib.with_("run", house / "log.mcap", "--urdf", house / "arm.urdf")
     run("-o", f"{house}/out/")
     estimator.fail_on = 2
-    words = "is of an earlier run: this one has not written it"
+    words = "was not updated; it still holds an earlier result"
     err = run("-o", f"{house}/out/", code=1).err
     assert f"{house / 'out' / 'log.imu_link.yaml'} {words}" in err
     assert words not in run("-o", f"{house}/out/").err

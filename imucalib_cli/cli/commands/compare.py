@@ -76,6 +76,7 @@ def compare_command(
             if not trusted:
                 say(
                     "warning",
-                    f"{result}: the result should not be trusted, so neither should this",
+                    f"{result}: the result should not be trusted, so this comparison is not valid "
+                    "either",
                 )
         raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

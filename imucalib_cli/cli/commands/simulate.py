@@ -97,11 +97,13 @@ def _options(kind: type[Any]) -> list[tuple[str, Any, Any]]:
         if isinstance(each.default, OptionInfo):
             found.append((each.name, types[each.name], each.default))
         elif each.metadata:
-            told = dict(each.metadata)
-            flag, text = told.pop("flag", flag_of(each.name)), told.pop("text", False)
-            parser = _PARSERS.get(told.get("metavar", ""))
+            settings = dict(each.metadata)
+            flag, text = settings.pop("flag", flag_of(each.name)), settings.pop("text", False)
+            parser = _PARSERS.get(settings.get("metavar", ""))
             value: Any = object if parser else str if text else types[each.name]
-            found.append((each.name, value | None, typer.Option(None, flag, parser=parser, **told)))
+            found.append(
+                (each.name, value | None, typer.Option(None, flag, parser=parser, **settings))
+            )
     return found
 
 

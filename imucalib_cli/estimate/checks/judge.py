@@ -317,9 +317,9 @@ def _sampled(evidence: Evidence) -> Iterator[Finding]:
     own = clean.samples
     imus = [(evidence.topic, own.accel, sample_interval(own.t), clean.spikes)]
     imus += [
-        (each.name, each.readings.accel, each.readings.dt, each.spikes)
+        (each.name, each.imu.accel, each.imu.dt, each.spikes)
         for each in windowing.trajectory.tracks
-        if each.readings is not None
+        if each.imu is not None
     ]
     for topic, accel, interval, spikes in imus:
         off = float(np.sqrt(np.mean(deviation_from_neighbours(accel) ** 2)))

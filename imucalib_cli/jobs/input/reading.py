@@ -25,6 +25,7 @@ from imucalib_cli.results.atomic import sha256_of
 from imucalib_cli.results.result import RemoteEntry, SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
+from imucalib_cli.shown import listed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -249,9 +250,8 @@ def _why_unused(topic: str, data: LogData) -> str:
     ]
     of_files = [loss.message for loss in data.findings if "topic" not in loss.values]
     reasons = [*own, *of_files] or ["they hold no values"]
-    if len(reasons) > _SHOWN:
-        reasons = [*reasons[:_SHOWN], f"and {len(reasons) - _SHOWN} more"]
-    return f"{topic}: no message could be used: {'; '.join(reasons)}"
+    why = listed(reasons, _SHOWN, more="; and {} more", joint="; ")
+    return f"{topic}: no message could be used: {why}"
 
 
 def _sources(

@@ -1,8 +1,8 @@
 """The answers of verify, diff, trend and compare: trees that define text and JSON Schema.
 
 Fields are written in this order with these names. The docstring of a field is its description in
-the JSON Schema. Differences are found - told (verify), second - first (diff), later - earlier
-(trend) or Kalibr's - ours (compare), in the parent frame.
+the JSON Schema. Differences are found - nominal (verify), second - first (diff), later -
+earlier (trend) or Kalibr's - ours (compare), in the parent frame.
 """
 
 from __future__ import annotations
@@ -103,8 +103,8 @@ class Significance(Tree, frozen=True):
     """Norm over its sigma; null where sigma is zero."""
 
 
-class ToldPose(Tree, frozen=True):
-    """The pose in question."""
+class NominalPoseEntry(Tree, frozen=True):
+    """The pose that is verified: of the URDF, or of the log's own frames."""
 
     joint: str
     """The URDF's fixed joint; empty where no single joint says so."""
@@ -117,7 +117,7 @@ class ToldPose(Tree, frozen=True):
     """null where the pose is that of the log's own frames."""
 
 
-class VerifyAnswer(Tree, frozen=True):
+class VerifyAnswer(Tree, frozen=True, rename={"nominal_pose": "told"}):
     """Whether a given pose is where a log, or a result, shows the IMU."""
 
     schema: Literal[1]
@@ -132,7 +132,7 @@ class VerifyAnswer(Tree, frozen=True):
     translation: TranslationEntry
     rotation: RotationEntry
     significance: Significance | None
-    told: ToldPose
+    nominal_pose: NominalPoseEntry
     found: Result
     ignored: tuple[str, ...] = ()
     """Components of the pose, along and about the parent's axes, that were not checked."""
@@ -452,7 +452,7 @@ def schema_of(which: Literal["result", "comparison"]) -> str:
     return json_schema(
         "imucalib verify, diff, trend and compare, schema 1",
         "Answer for one IMU. Adding a key keeps the schema number, changing one raises it. "
-        "Differences are found - told (verify), second - first (diff) or Kalibr's - ours "
+        "Differences are found - nominal (verify), second - first (diff) or Kalibr's - ours "
         f"(compare), in the parent frame. {several}",
         VerifyAnswer,
         DiffAnswer,

@@ -86,8 +86,8 @@ def verify(
         within=within_entry(within),
         **apart.entries(*verdicts),
         significance=apart.significance(),
-        told=tree_from(
-            answers.ToldPose,
+        nominal_pose=tree_from(
+            answers.NominalPoseEntry,
             pose_entry(given.R_parent_imu, given.t_parent_imu),
             joint=given.joint,
             urdf=urdf,

@@ -116,10 +116,10 @@ class Line:
 
     def fit(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
         """Means (k, m) and their covariances (k, m, m), by weights (k, m, m)."""
-        mean, spread = self.through(series, weights)
+        mean, covariance = self.through(series, weights)
         mean[self.odd] = series.values[self.odd]
-        spread[self.odd] = np.linalg.inv(weights[self.odd])
-        return mean, spread
+        covariance[self.odd] = np.linalg.inv(weights[self.odd])
+        return mean, covariance
 
     def through(self, series: Series, weights: Floats) -> tuple[Floats, Floats]:
         """The line at the recordings: (k, m) with covariances (k, m, m)."""
@@ -189,9 +189,9 @@ def explained(series: Series, model: Model) -> Explained[Model]:
     variances = np.zeros(2)
     for _ in range(_STEPS):
         weights = weights_of(series, variances)
-        mean, spread = model.fit(series, weights)
+        mean, covariance = model.fit(series, weights)
         pull = np.einsum("kij,kj->ki", weights, series.values - mean)
-        left = weights - weights @ spread @ weights
+        left = weights - weights @ covariance @ weights
         score = (pull**2).sum(axis=0) - np.einsum("kii->i", left)
         information = parts.T @ (weights**2).sum(axis=0) @ parts
         free = (variances > 0.0) | (parts.T @ score > 0.0)
@@ -251,9 +251,9 @@ def find_line(series: Series) -> Explained[Line] | None:
         return None
     best = explained(series, Line(odd=np.zeros(0, dtype=np.intp)))
     while 2 * len(best.model.odd) < len(series):
-        mean, spread = best.model.fit(series, best.weights)
+        mean, covariance = best.model.fit(series, best.weights)
         on = np.setdiff1d(np.arange(len(series)), best.model.odd)
-        gain = _gain(series.at(on), best.weights[on], mean[on], spread[on])
+        gain = _gain(series.at(on), best.weights[on], mean[on], covariance[on])
         odd = np.sort(np.append(best.model.odd, on[np.argmax(gain)]))
         if not np.ptp(np.delete(series.times, odd)):
             break
@@ -357,14 +357,14 @@ def _farthest_off(series: Series, weights: Floats, numbers: Indices, price: floa
     return np.asarray((gain > price) & (gain >= most[numbers]))
 
 
-def _gain(series: Series, weights: Floats, mean: Floats, spread: Floats) -> Floats:
+def _gain(series: Series, weights: Floats, mean: Floats, covariance: Floats) -> Floats:
     """(k,), how much chi-squared falls without each recording.
 
     It does not fall along directions that only this recording determines: the fit passes through.
     """
     root = np.linalg.cholesky(weights)
     left = np.einsum("kji,kj->ki", root, series.values - mean)
-    own = np.eye(series.values.shape[1]) - np.swapaxes(root, 1, 2) @ spread @ root
+    own = np.eye(series.values.shape[1]) - np.swapaxes(root, 1, 2) @ covariance @ root
     shares, axes = np.linalg.eigh(own)
     along = np.einsum("kji,kj->ki", axes, left) ** 2
     known = shares > _LEAST_SHARE

@@ -333,8 +333,8 @@ def _drifting(
 ) -> _Seen:
     """A pose that changes steadily."""
     series, line, weights = vectors.series, found.model, found.weights
-    values, spreads = line.through(series, weights)
-    poses = [vectors.pose(*each) for each in zip(values, spreads, strict=True)]
+    values, covariances = line.through(series, weights)
+    poses = [vectors.pose(*each) for each in zip(values, covariances, strict=True)]
     odd = {}
     for place in line.odd.tolist():
         own = vectors.pose(series.values[place], np.linalg.inv(weights[place]))
