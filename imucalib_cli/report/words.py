@@ -52,8 +52,8 @@ WORDS: dict[str, Words] = {
         title="Residuals against the sensor's noise",
         shows=(
             "Spectrum of the residuals, as noise density of the IMU's samples. The line is the "
-            "sensor's own noise, from the difference of each sample from its neighbours. σ is made "
-            "from this spectrum."
+            "sensor's own noise, from the difference of each sample from its neighbours. σ is "
+            "computed from this spectrum."
         ),
         good="Flat, at the line or a little above it.",
         faults=(
@@ -69,7 +69,7 @@ WORDS: dict[str, Words] = {
         title="The answer against the filter window",
         shows=(
             "The pose solved again with half and twice the window of {seconds} s, where the log "
-            "allows it, less the pose found. Bars are 1 σ of the difference."
+            "allows it, minus the pose found. Bars are 1 σ of the difference."
         ),
         good="All within a few bars of zero: the answer does not depend on the filter.",
         faults=(
@@ -94,14 +94,14 @@ WORDS: dict[str, Words] = {
     ),
     "enough": Words(
         title="Did I record enough?",
-        shows="1 σ of each component, had the log ended there. Both axes are logarithmic.",
+        shows="1 σ of each component if the log ended there. Both axes are logarithmic.",
         good="σ falls all the way: ten times the duration for a third of σ.",
         faults=(
             (
                 "A component that stays far above the others: the motion does not turn about the "
                 "axes that would show it."
             ),
-            "A late fall: the motion that informs it came late; begin with it next time.",
+            "A late fall: the motion that determines it came late; begin with it next time.",
             "A flat end: more of the same motion does not help; move differently.",
         ),
     ),
@@ -121,8 +121,9 @@ WORDS: dict[str, Words] = {
     "offset": Words(
         title="The time offset",
         shows=(
-            "How many σ worse the log fits with another time offset between IMU and robot, all "
-            "else found anew. Found, 1 σ to either side (the stripe): {found} ms."
+            "How many σ worse the log fits with another time offset between IMU and robot, if all "
+            "other unknowns are estimated again. The stripe is the estimate with 1 σ to either "
+            "side: {found} ms."
         ),
         good="A sharp V with one tip.",
         faults=(
@@ -146,11 +147,11 @@ WORDS: dict[str, Words] = {
     "parameters": Words(
         title="Errors of robot and sensor, before and after",
         shows=(
-            "Every unknown of the model beside the pose: 1 σ beforehand (the wide grey bar), and "
+            "Every unknown of the model except the pose: 1 σ beforehand (the wide grey bar), and "
             "value and 1 σ afterwards (the coloured bar), on the scale of what was expected. "
             "'Variance removed' is the share of the prior variance that the log removed. 'Learnt' "
-            "is a size that this log showed and no data sheet tells: a mean, so that σ afterwards "
-            "may be larger."
+            "means that the prior comes from this log, because no data sheet gives it. It is a "
+            "mean, so σ afterwards may be larger."
         ),
         good=(
             "Coloured bars within the grey ones. The log shows nothing about one that is as wide "
@@ -158,8 +159,8 @@ WORDS: dict[str, Words] = {
         ),
         faults=(
             (
-                "A value far outside its grey bar: that part is worse than such parts are, or it "
-                "stands for an error that the model does not know."
+                "A value far outside its grey bar: that part is worse than usual, or the value "
+                "contains an error that is not in the model."
             ),
         ),
     ),

@@ -395,8 +395,8 @@ class Result(Tree, frozen=True, kw_only=True):
     diagnostics.unobservable and diagnostics.distrust."""
     transform: Transform
     partial: Pose | UnsetType = UNSET
-    """Only where transform has nulls: all values, on condition that the undetermined directions are
-    where they stand here."""
+    """Only where transform has nulls: all values, which are valid only if the values in the
+    undetermined directions, which are guesses, are right."""
     covariance: Matrix6 | None
     """6x6, m2, m rad, rad2; null where the method states none."""
     std: Std | None
