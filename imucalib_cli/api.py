@@ -88,7 +88,7 @@ class Calibration:
 
     @property
     def t(self) -> Floats:
-        """(3,), t_parent_imu, m; likewise."""
+        """(3,), t_parent_imu, m: place of the IMU in its parent."""
         return self.estimate.t_parent_imu
 
     @property

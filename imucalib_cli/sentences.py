@@ -1,7 +1,7 @@
 """The template language of messages.py, and the functions for what a template cannot say.
 
 - ``{name}`` and ``{name:.3g}`` are as in Python.
-- ``{name:mm.3g}`` is a value in m, shown as ``4.12 mm``; likewise deg (of rad), ms and µs (of s).
+- ``{name:mm.3g}`` is a value in m, shown as ``4.12 mm``; deg is of rad, ms and µs of s.
 - ``{name:± other}`` is a value with its 1 sigma, which is the value ``other``, to the digits that
   sigma earns; ``{name:mm± other}`` is the same in mm, without sigma where that is missing.
 - ``{name:in unit std}`` is a value with the unit and 1 sigma in these other values, in the unit

@@ -53,7 +53,8 @@ class OwnValues:
     distance: Floats
     """(6,), its pose less that of all others, m and rad; zero in held components."""
     from_common: Floats
-    """(6,), its pose less the common one, of which it is a part, likewise."""
+    """(6,), its pose less the common one, of which it is a part, m and rad; zero in held
+    components."""
     sigmas: float
     """That distance in sigmas, the scatter between logs included."""
     disagrees: bool

@@ -208,7 +208,7 @@ def _statistics_of(path: Path) -> list[StoredLog]:
     own = [log for log in logs if log.result in results]
     if not own:
         raise InputError(
-            f"{path}: no statistics of this result beside it: `imucalib run LOG -o "
+            f"{path}: no statistics of this result next to it: `imucalib run LOG -o "
             f"{as_word(path)} --statistics {as_word(beside)}` writes both"
         )
     return own

@@ -122,7 +122,7 @@ def findings_of(results: Sequence[Result]) -> list[Field]:
         (first, one), names = alike[0], list(dict.fromkeys(name for name, _ in alike))
         message = one.message
         if any(each.message != message for _, each in alike):
-            others = f"; likewise {', '.join(names[1:])}" if names[1:] else ""
+            others = f"; the same for {', '.join(names[1:])}" if names[1:] else ""
             message = f"{first}: {message}{others}"
         elif len(alike) < len(results):
             message = f"{', '.join(names)}: {message}"

@@ -52,7 +52,7 @@ _LEAST = (15, 30, 30)
 _ROUNDING = 1e-4
 """How far a rotation that was rounded in copying may be from orthonormal."""
 KALIBR = "the -camchain-imucam.yaml that kalibr_calibrate_imu_camera writes"
-TRUTH = "the truth.yaml that imucalib simulate writes beside a log"
+TRUTH = "the truth.yaml that imucalib simulate writes next to a log"
 """What the two files should be, for messages."""
 
 
@@ -296,7 +296,7 @@ def _camera_clock_words(times: answers.TimeShifts) -> str:
 def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Block]:
     """Both results in two columns, then the difference."""
     ours, theirs, times = answer.imucalib, answer.kalibr, answer.time
-    yield f"{answer.child} in {answer.parent}: Kalibr's pose beside ours"
+    yield f"{answer.child} in {answer.parent}: Kalibr's pose and ours"
     yield f"  ours from {ours.file}: {answer.status}"
     yield f"  Kalibr's from {theirs.file}: {theirs.camera} at {answer.camera_link} of {answer.urdf}"
     yield ""

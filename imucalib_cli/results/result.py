@@ -264,7 +264,7 @@ class Diagnostics(Tree, frozen=True, kw_only=True):
     method: Literal["matched", "paper"]
     unobservable: list[Unobservable]
     observable: list[Observable] = field(default_factory=list)
-    """Where something is unobservable: what the motion determined all the same."""
+    """Where something is unobservable: what the motion determined nevertheless."""
     findings: list[FindingEntry] = field(default_factory=list)
     """distrust and warnings are the messages of these: of severity untrusted, and of the others."""
     distrust: list[str]
@@ -273,10 +273,10 @@ class Diagnostics(Tree, frozen=True, kw_only=True):
     """noise; segments in results of earlier versions, whose sigma was widened by the scatter of
     parts of the log."""
     corrections: dict[CorrectionName, CorrectionEntry] = field(default_factory=dict)
-    """What of the sensor or the clocks stands clear of its sigma and has been corrected, by name;
-    the time offset is the gyroscope's, in the middle of the log."""
+    """Errors of the sensor or the clocks, by name, that clearly exceed their sigma and are
+    corrected; the time offset is the gyroscope's, in the middle of the log."""
     parameters: list[ParameterEntry] = field(default_factory=list)
-    """Every unknown beside the pose that was found with it."""
+    """Every unknown other than the pose."""
     nominal: NominalEntry | None
     window: WindowEntry
     residual_rms: ResidualRms

@@ -122,7 +122,7 @@ class KinematicPath:
 
     @property
     def pose_steps(self) -> dict[int, PoseStep]:
-        """Steps of pose streams and of a base IMU, likewise."""
+        """Steps of pose streams and of a base IMU by their index, from the world on."""
         return {i: step for i, step in enumerate(self.steps) if isinstance(step, PoseStep)}
 
     def weighs(self, step: JointStep) -> bool:

@@ -13,7 +13,7 @@ from imucalib_cli.simulate.config import (  # noqa: TC001 - types of fields, che
     ArmMotion,
     FixedFrame,
 )
-from imucalib_cli.simulate.options import Vector  # noqa: TC001 - likewise
+from imucalib_cli.simulate.options import Vector  # noqa: TC001 - as above
 
 if TYPE_CHECKING:
     from pathlib import Path

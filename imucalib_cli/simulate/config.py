@@ -338,7 +338,7 @@ class Legged(Jointed):
         for swing in self.gait.swings:
             if swing.joint not in others:
                 raise ValueError(
-                    f"swings: {swing.joint} is no joint beside the legs; "
+                    f"swings: {swing.joint} is not a joint outside the legs; "
                     f"there are {', '.join(sorted(others)) or 'none'}"
                 )
         if not self.feet or not self.gait.walks:

@@ -136,7 +136,7 @@ class Answer:
     accel_bias: Floats | None = None
     """(3,), IMU frame, m/s², mean over the log; None where not estimated."""
     gyro_bias: Floats | None = None
-    """(3,), IMU frame, rad/s, likewise."""
+    """(3,), IMU frame, rad/s, mean over the log; None where not estimated."""
     gravity_world: Floats | None = None
     """(3,), m/s²; None where not estimated."""
 

@@ -139,7 +139,7 @@ def test_findings_common_to_several_imus_are_printed_once() -> None:
         "warning: a: an accelerometer bias",
         "warning: c: a gyroscope bias",
     ]
-    assert told[0].endswith("; likewise b")
+    assert told[0].endswith("; the same for b")
     assert told[2:] == [f"note: {base.message}"]
     assert str(findings_of(results[1:2])[0]).startswith("warning: an accel")
 

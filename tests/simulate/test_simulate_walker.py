@@ -278,7 +278,7 @@ def _remove_joint(raw: Any) -> None:
         (_remove_joint, "the foot of FR_calf needs a leg of three joints"),
         (
             lambda raw: raw["legged"]["gait"]["swings"][0].update(joint="FR_hip_joint"),
-            "swings: FR_hip_joint is no joint beside the legs; there are head_pan_joint",
+            "swings: FR_hip_joint is not a joint outside the legs; there are head_pan_joint",
         ),
         (lambda raw: raw["legged"]["gait"].update(walks=[]), "at least one foot and one walk"),
         (lambda raw: raw["legged"]["gait"].update(stance=1.0), "a share between 0 and 1"),

@@ -203,7 +203,7 @@ class TrendRecording(Tree, frozen=True, kw_only=True):
     shift_mm: Vector3
     """From the first of mounts, or from where a drift begins, along the parent's axes."""
     turn_deg: Vector3
-    """Rotation vector likewise, about the parent's axes."""
+    """Rotation vector from there, about the parent's axes."""
     std_mm: Vector3
     """1 sigma, as the result states it: without the scatter between recordings."""
     std_deg: Vector3

@@ -104,7 +104,7 @@ class Rows:
     local: Floats
     """(N, 6, 36); empty if only residuals were asked for."""
     border: Floats
-    """(N, 6, B), likewise."""
+    """(N, 6, B); empty if only residuals were asked for."""
     columns: Indices
     """(B,), dense unknowns that act on these rows."""
 

@@ -165,7 +165,7 @@ class StillOptions:
     least_gyro: float
     """rad/s, scatter that is steady in any case."""
     least_accel: float
-    """m/s², likewise."""
+    """m/s², scatter that is steady in any case."""
     gyro: float
     """rad/s relative to the bias: a steady rotation is no standstill."""
     shortest: float
@@ -277,7 +277,7 @@ class Motions:
     t_a: Floats
     """(N, 3), m."""
     R_b: Floats
-    """(N, 3, 3), B: the same of the second frame."""
+    """(N, 3, 3), B: second frame at the end of a motion as seen at its start."""
     t_b: Floats
     """(N, 3), m."""
 

@@ -240,7 +240,7 @@ def _rms(values: Floats) -> float | None:
 def compared_by_paper(
     recording: Recording, guess: Pose, window: int, exclusion: float
 ) -> Comparison:
-    """The published filter: derivatives of the pose, and measurements smoothed likewise."""
+    """The published filter: derivatives of the pose, and measurements smoothed as published."""
     imu, path = streams_of(recording)
     options = PaperOptions(window=WindowChoice(samples=window), exclusion_threshold=exclusion)
     instants, _, _ = filtered_instants(imu, path, options, guess.R, guess.t)
