@@ -19,7 +19,7 @@ from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import PaperOptions, WindowChoice
 from imucalib_cli.paper.method import calibrate_paper
 from imucalib_cli.simulate.options import PhysicsOptions
-from imucalib_cli.study.contest import exact_system
+from imucalib_cli.study.method_runs import exact_system
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from tools.errors import error_of
 

@@ -18,7 +18,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, Untruste
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
 from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.input.from_arrays import streams_of
-from imucalib_cli.jobs.input.reading import read_recording, recording_of
+from imucalib_cli.jobs.input.recording import read_recording, recording_of
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.remote.file import discarding_copies, path_or_url
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.details import Details, WindowSeries
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.jobs.input.reading import Recording
+    from imucalib_cli.jobs.input.recording import Recording
     from imucalib_cli.jobs.input.request import ClockChoice, Progress
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath

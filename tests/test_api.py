@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import imucalib_cli as ic
-from imucalib_cli.jobs.input.reading import read_recording
+from imucalib_cli.jobs.input.recording import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.part import Part
 from imucalib_cli.robot.rotations import quaternion_from_matrix

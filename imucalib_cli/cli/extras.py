@@ -55,7 +55,7 @@ def write_extras(
         Why some could not be written; the others are.
     """
     from imucalib_cli.logs.open import is_own_output
-    from imucalib_cli.results.places import check_places
+    from imucalib_cli.results.overwrite_checks import check_places
 
     before, failures = list(written), []
     for name, path in _asked(files).items() if outcome.calibrated else ():

@@ -84,10 +84,10 @@ def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
     """Check before any computing that files may be written; None is stdout.
 
     Raises:
-        ChoiceError, InputError: As results.places.check_places.
+        ChoiceError, InputError: As results.overwrite_checks.check_places.
     """
     if written := [path for path in outputs if path is not None]:
-        from imucalib_cli.results.places import check_places
+        from imucalib_cli.results.overwrite_checks import check_places
 
         check_places(read=read, written=written)
     with warning_of_old_outputs(*written):
@@ -130,7 +130,7 @@ def deliver_into(
         The files.
 
     Raises:
-        ChoiceError, InputError: As results.places.check_places.
+        ChoiceError, InputError: As results.overwrite_checks.check_places.
     """
     from imucalib_cli.results.formats import FORMATS
     from imucalib_cli.results.names import (
@@ -141,7 +141,7 @@ def deliver_into(
         safe_name,
         shortened,
     )
-    from imucalib_cli.results.places import check_places
+    from imucalib_cli.results.overwrite_checks import check_places
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

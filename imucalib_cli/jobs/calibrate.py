@@ -15,10 +15,10 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrio
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.explain import explain
 from imucalib_cli.jobs.input.data_sheet import checked, contradicted, with_priors, without_priors
-from imucalib_cli.jobs.input.known.mounts import named_parent, with_carriers
-from imucalib_cli.jobs.input.known.upright import upright_component
+from imucalib_cli.jobs.input.log_robot.mounts import named_parent, with_carriers
+from imucalib_cli.jobs.input.log_robot.upright import upright_component
 from imucalib_cli.jobs.input.motion import Motion, find_motion
-from imucalib_cli.jobs.input.reading import path_text, read_recording, recorded_at
+from imucalib_cli.jobs.input.recording import path_text, read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.logs.select import check_joint_topics
@@ -33,7 +33,7 @@ from imucalib_cli.signals.timing.stamps import usual_interval
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
-    from imucalib_cli.jobs.input.reading import Recording
+    from imucalib_cli.jobs.input.recording import Recording
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.results.result import Result

@@ -12,7 +12,7 @@ from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Severity, untrusted
-from imucalib_cli.jobs.input.known.mounts import possible_bases
+from imucalib_cli.jobs.input.log_robot.mounts import possible_bases
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.build import base_imu_path
 from imucalib_cli.signals.samples import ImuSamples

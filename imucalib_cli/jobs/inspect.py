@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
-from imucalib_cli.jobs.input.known.mounts import with_base_imu, with_carriers
-from imucalib_cli.jobs.input.known.robot import Named, named_log
+from imucalib_cli.jobs.input.log_robot.mounts import with_base_imu, with_carriers
+from imucalib_cli.jobs.input.log_robot.robot import Named, named_log
 from imucalib_cli.jobs.input.motion import find_motion
-from imucalib_cli.jobs.input.reading import on_one_clock, open_requested, progress_of_step
+from imucalib_cli.jobs.input.recording import on_one_clock, open_requested, progress_of_step
 from imucalib_cli.layout import Table
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.input.known.robot import robot_of
-from imucalib_cli.jobs.input.known.upright import upright_component
+from imucalib_cli.jobs.input.log_robot.robot import robot_of
+from imucalib_cli.jobs.input.log_robot.upright import upright_component
 from imucalib_cli.jobs.input.motion import no_nominal
 from imucalib_cli.jobs.result_files import read_result_files
 from imucalib_cli.results.comparison.verdicts import verify

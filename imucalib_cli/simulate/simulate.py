@@ -13,7 +13,7 @@ from imucalib_cli import __version__
 from imucalib_cli.guarded_yaml import load_one, read_bounded
 from imucalib_cli.results.atomic import sha256_of, write_whole
 from imucalib_cli.results.codec import PlainDumper
-from imucalib_cli.results.places import check_places
+from imucalib_cli.results.overwrite_checks import check_places
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.camera.kalibr import camera_truth, kalibr_paths, write_kalibr
 from imucalib_cli.simulate.camera.render import opencv

@@ -29,7 +29,7 @@ from imucalib_cli.robot.rotations import (
     skew,
 )
 from imucalib_cli.signals.noise import MAD_TO_STD
-from imucalib_cli.study.contest import Pose, pose_only
+from imucalib_cli.study.method_runs import Pose, pose_only
 from imucalib_cli.study.methods.spline import right_jacobian
 
 if TYPE_CHECKING:

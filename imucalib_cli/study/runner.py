@@ -19,7 +19,7 @@ from imucalib_cli import __version__
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.process import fresh_processes, prepare_worker
 from imucalib_cli.results.atomic import lock
-from imucalib_cli.study.alone import end_workers
+from imucalib_cli.study.fresh_process import end_workers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator

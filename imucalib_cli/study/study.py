@@ -78,11 +78,11 @@ STUDIES: dict[str, tuple[str, str]] = {
         "Figures 5 to 7: derived against measured acceleration",
     ),
     "initial-error": (
-        "folded:InitialErrorStudy",
+        "noise_and_guess:InitialErrorStudy",
         "Table 3: sensitivity to the initial guess",
     ),
     "methods": ("methods:MethodsStudy", "Table 1: the methods compared"),
-    "noise": ("folded:NoiseStudy", "Table 2: sensitivity to IMU noise"),
+    "noise": ("noise_and_guess:NoiseStudy", "Table 2: sensitivity to IMU noise"),
     "window": ("sweeps:WindowStudy", "open question: the filters' window"),
     "optimiser": ("optimiser:OptimiserStudy", "open question: the optimiser"),
     "encoder": ("sweeps:EncoderStudy", "open question: noise of the encoders"),

@@ -15,7 +15,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_document, to_yaml
 from imucalib_cli.results.names import shortened
-from imucalib_cli.results.places import check_places
+from imucalib_cli.results.overwrite_checks import check_places
 from tests.cli.stand_in import Estimator
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python

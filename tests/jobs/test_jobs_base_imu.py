@@ -11,7 +11,7 @@ import pytest
 
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
-from imucalib_cli.jobs.input.reading import read_recording
+from imucalib_cli.jobs.input.recording import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain

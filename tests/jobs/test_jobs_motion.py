@@ -11,7 +11,7 @@ import pytest
 from imucalib_cli.errors import ImucalibError, InputError, UntrustedError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.motion import Motion, find_motion
-from imucalib_cli.jobs.input.reading import read_recording
+from imucalib_cli.jobs.input.recording import read_recording
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.part import Part
 from tests.conftest import LogWriter

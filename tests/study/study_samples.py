@@ -10,7 +10,7 @@ from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import Recording
-from imucalib_cli.study.contest import Answer
+from imucalib_cli.study.method_runs import Answer
 from imucalib_cli.study.study import load_study
 
 

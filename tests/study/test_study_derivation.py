@@ -13,8 +13,8 @@ from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import Recording
-from imucalib_cli.study.contest import wrong_guess
 from imucalib_cli.study.figures import draw_curve, logarithmic, new_figure, save_svg
+from imucalib_cli.study.method_runs import wrong_guess
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import (
     compared_by_matched,

@@ -13,7 +13,7 @@ from imucalib_cli.results.pose import PoseError
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.recording import Recording
-from imucalib_cli.study.contest import Pose
+from imucalib_cli.study.method_runs import Pose
 from imucalib_cli.study.methods.liang import (
     LiangOptions,
     Motions,

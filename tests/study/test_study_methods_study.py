@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import Recording
-from imucalib_cli.study.alone import Cost
-from imucalib_cli.study.contest import Answer, Condition
+from imucalib_cli.study.fresh_process import Cost
+from imucalib_cli.study.method_runs import Answer, Condition
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.methods import (
     ENTRANTS,

@@ -17,7 +17,7 @@ from imucalib_cli.paper.filters import filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study import optimisers
-from imucalib_cli.study.contest import Pose, wrong_guess
+from imucalib_cli.study.method_runs import Pose, wrong_guess
 from imucalib_cli.study.optimisers import (
     OPTIMISERS,
     PoseCost,

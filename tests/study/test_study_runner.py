@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.study.alone import run_alone
+from imucalib_cli.study.fresh_process import run_alone
 from imucalib_cli.study.runner import run_study
 from imucalib_cli.study.study import Cell, Study
 from imucalib_cli.study.tables import Row, Table

@@ -130,7 +130,7 @@ def other_encoding(scene: Scene) -> Seen:
 
 
 def no_memory(scene: Scene) -> Seen:
-    with patch("imucalib_cli.jobs.input.reading.open_log", side_effect=MemoryError):
+    with patch("imucalib_cli.jobs.input.recording.open_log", side_effect=MemoryError):
         return scene.run("log.mcap")
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from imucalib_cli.jobs.input.reading import Recording
+    from imucalib_cli.jobs.input.recording import Recording
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from tools.fuzz.cases import Case
     from tools.fuzz.seeds import Scene
@@ -62,12 +62,12 @@ def prepare() -> None:
 def _stop_at_known_data() -> None:
     """Estimate only from data that no case of this process had: much damage changes none."""
     from imucalib_cli.jobs import calibrate
-    from imucalib_cli.jobs.input import reading
+    from imucalib_cli.jobs.input.recording import read_recording
 
-    read, seen = reading.read_recording, set[bytes]()
+    seen = set[bytes]()
 
     def read_new(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
-        recording = read(request, progress)
+        recording = read_recording(request, progress)
         digest = _digest(recording)
         if digest in seen:
             raise _KnownError

@@ -50,7 +50,7 @@ def apply_command(
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.results.atomic import check_writable
-    from imucalib_cli.results.places import check_places
+    from imucalib_cli.results.overwrite_checks import check_places
 
     if in_place and (output is not None or str(urdf) == "-"):
         raise ChoiceError(

@@ -206,7 +206,7 @@ def _check_places(
     """Check before any work that nothing is lost by writing."""
     from imucalib_cli.batch.folder import SUMMARY
     from imucalib_cli.results.atomic import check_folder_writable
-    from imucalib_cli.results.places import check_places
+    from imucalib_cli.results.overwrite_checks import check_places
 
     written = [path for path in files if path is not None]
     if output is not None:

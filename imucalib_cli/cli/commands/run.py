@@ -84,7 +84,7 @@ def run_command(
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.logs.open import is_own_output
     from imucalib_cli.results.atomic import check_folder_writable
-    from imucalib_cli.results.places import check_places
+    from imucalib_cli.results.overwrite_checks import check_places
 
     read = files_of(*logs, recording.urdf, estimator.imu_model)
     target = None if output is None else Path(output)

@@ -93,7 +93,7 @@ def study_command(
         if not quiet:
             say("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
     if folder.is_dir():  # else nothing in it can be lost
-        from imucalib_cli.results.places import check_places
+        from imucalib_cli.results.overwrite_checks import check_places
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         check_places(read=files_of(config), written=[file, *drawn])

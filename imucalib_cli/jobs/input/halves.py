@@ -14,7 +14,7 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note
-from imucalib_cli.jobs.input.known.robot import no_such_imu
+from imucalib_cli.jobs.input.log_robot.robot import no_such_imu
 from imucalib_cli.logs.select import without_sensor
 from imucalib_cli.signals.interpolate import lagrange
 

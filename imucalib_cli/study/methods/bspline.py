@@ -27,7 +27,7 @@ from imucalib_cli.robot.rotations import (
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.contest import Answer
+from imucalib_cli.study.method_runs import Answer
 from imucalib_cli.study.methods.bordered import BorderedNormal
 from imucalib_cli.study.methods.camera import camera_path
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first

@@ -10,7 +10,7 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.optional import optional
 from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix, skew
-from imucalib_cli.study.contest import Pose
+from imucalib_cli.study.method_runs import Pose
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats

@@ -21,7 +21,7 @@ from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.contest import Answer
+from imucalib_cli.study.method_runs import Answer
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices

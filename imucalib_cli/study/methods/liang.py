@@ -32,7 +32,7 @@ from imucalib_cli.robot.rotations import (
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import tidy_rows
-from imucalib_cli.study.contest import Answer, Pose
+from imucalib_cli.study.method_runs import Answer, Pose
 from imucalib_cli.study.methods.camera import target_pose
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.load import load_system
-from imucalib_cli.study.contest import Pose, Recorded, wrong_guess
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
+from imucalib_cli.study.method_runs import Pose, Recorded, wrong_guess
 from imucalib_cli.study.recordings import clean_recording, streams_of
 from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import Claim, chosen, claims_table, lay_out, number, text

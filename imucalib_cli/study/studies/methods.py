@@ -19,9 +19,9 @@ from imucalib_cli.simulate.camera.view import seen_from_camera
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.study.alone import run_alone
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.contest import (
+from imucalib_cli.study.fresh_process import run_alone
+from imucalib_cli.study.method_runs import (
     Answer,
     Conditioned,
     Pose,
@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.simulate.recording import CameraRecord, Recording
-    from imucalib_cli.study.alone import Cost
+    from imucalib_cli.study.fresh_process import Cost
     from imucalib_cli.study.study import Cell
     from imucalib_cli.study.tables import Row, Table
 

@@ -27,8 +27,8 @@ from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.contest import Conditioned, Pose, errors_of, pose_only, wrong_guess
 from imucalib_cli.study.figures import COLOURS, label_logarithmic, new_figure, save_svg
+from imucalib_cli.study.method_runs import Conditioned, Pose, errors_of, pose_only, wrong_guess
 from imucalib_cli.study.optimisers import (
     OPTIMISERS,
     PoseCost,

@@ -16,8 +16,14 @@ import numpy as np
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
-from imucalib_cli.study.contest import METHODS, Conditioned, contest, paper_settings, wrong_guess
 from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
+from imucalib_cli.study.method_runs import (
+    METHODS,
+    Conditioned,
+    paper_settings,
+    run_methods,
+    wrong_guess,
+)
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.study import Draw, Study, grid
 from imucalib_cli.study.tables import (
@@ -152,7 +158,7 @@ class Sweep(Study, Conditioned):
                 "exclusion": setting.exclusion_threshold if setting else None,
             }
             | bound_columns(clean, setup.noise, alone=row["method"] != "matched")
-            for setting, row in contest(METHODS, recording, guess, setup.settings, setup.window)
+            for setting, row in run_methods(METHODS, recording, guess, setup.settings, setup.window)
         ]
 
     def tables(self, rows: Sequence[Row]) -> list[Table]:

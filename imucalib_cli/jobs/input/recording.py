@@ -13,8 +13,8 @@ import numpy as np
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warnings
 from imucalib_cli.jobs.input.halves import half_topics, joined
-from imucalib_cli.jobs.input.known.mounts import check_parents, with_base_imu
-from imucalib_cli.jobs.input.known.robot import asked_imus, named_log
+from imucalib_cli.jobs.input.log_robot.mounts import check_parents, with_base_imu
+from imucalib_cli.jobs.input.log_robot.robot import asked_imus, named_log
 from imucalib_cli.jobs.input.motion import Sources
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
@@ -30,7 +30,7 @@ from imucalib_cli.shown import listed
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from imucalib_cli.jobs.input.known.robot import Named
+    from imucalib_cli.jobs.input.log_robot.robot import Named
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.clock import Clock
     from imucalib_cli.logs.log import Log, LogData

@@ -11,7 +11,7 @@ from mcap.writer import CompressionType
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.jobs.input.motion import find_motion
-from imucalib_cli.jobs.input.reading import read_recording, recorded_at
+from imucalib_cli.jobs.input.recording import read_recording, recorded_at
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.logs.part import Part

@@ -11,7 +11,7 @@ from imucalib_cli.diagnose.carrier import Carriers, find_carriers
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
-from imucalib_cli.jobs.input.known.robot import no_such_imu
+from imucalib_cli.jobs.input.log_robot.robot import no_such_imu
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.build import BaseImu, find_base
 from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, rigid_transform

@@ -14,9 +14,14 @@ from imucalib_cli.results.pose import pose_error
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-from imucalib_cli.study.contest import pose_only
+from imucalib_cli.study.method_runs import pose_only
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.studies.folded import NoiseStudy, moves_of, stratified_folds, without
+from imucalib_cli.study.studies.noise_and_guess import (
+    NoiseStudy,
+    moves_of,
+    stratified_folds,
+    without,
+)
 from imucalib_cli.study.tables import Row, Table
 from tests.study.study_samples import study
 from tools.errors import nees

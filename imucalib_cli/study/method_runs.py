@@ -234,7 +234,7 @@ def calibrate_published(
     return calibrate_paper(imu, path, replace(setting, **start))  # type: ignore[arg-type]
 
 
-def contest(
+def run_methods(
     methods: Sequence[str],
     recording: Recording,
     guess: Pose,

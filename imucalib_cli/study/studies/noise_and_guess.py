@@ -21,13 +21,13 @@ from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, Vector
 from imucalib_cli.simulate.recording import Record, rows_kept
-from imucalib_cli.study.contest import (
+from imucalib_cli.study.method_runs import (
     METHODS,
     OURS,
     PUBLISHED,
     Recorded,
-    contest,
     paper_settings,
+    run_methods,
     setting_words,
     wrong_guess,
 )
@@ -136,7 +136,7 @@ class FoldedStudy(Study, Recorded):
         settings = paper_settings(self.paper_windows, self.paper_exclusions)
         return [
             cell | row | {"setting": setting_words(setting)}
-            for setting, row in contest(methods, recording, guess, settings)
+            for setting, row in run_methods(methods, recording, guess, settings)
         ]
 
 
