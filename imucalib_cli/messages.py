@@ -260,9 +260,9 @@ MESSAGES: Messages = {
     "intervals are far shorter than the {period:ms.4g} between samples[, {lost:some} messages "
     "seem to be missing]): they are arrival times and were replaced by evenly spaced stamps; the "
     "time offset includes the unknown delay",
-    "stamps.surplus": "{stream}: {share:.0%} of the intervals are far shorter than those between "
-    "samples, and the motion shows that those messages are not samples of a constant rate: they "
-    "are left out; check for a driver or a recorder that sends a buffer twice",
+    "stamps.surplus": "{stream}: {share:.1%} of the intervals are far shorter than those between "
+    "samples, and those messages are not samples of a constant rate: they are left out; check for "
+    "a driver or a recorder that sends a buffer twice",
     "stamps.rate_changes": "{stream}: the rate changes within the log ({rates:rates starts}): the "
     "stamps are used as recorded; check the driver's setting if one rate was intended",
     # Units and readings of the IMU.

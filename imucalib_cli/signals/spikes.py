@@ -34,6 +34,11 @@ stamps may be right, and samples uneven."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
 """Longest span of a sample's neighbours, relative to the median span."""
+_CLOSE = 0.6
+"""Share of the median interval below which two rows are close. A row that is added to an even
+stream is closer than half to one of them."""
+_MOST_CLOSE = 4
+"""Most close rows in a row that are examined: more are a queue that empties."""
 _ROUNDS = 4
 """Spikes close to each other are found one after the other."""
 
@@ -118,8 +123,8 @@ def find_glitches(t: Floats, values: Floats, floor: float, rows: Indices | None 
     Returns:
         (N,), True where any channel jumps.
     """
-    found = np.zeros(len(t), dtype=bool)
     order = np.arange(float(len(t))) if rows is None else rows.astype(np.float64)
+    found = _close_leaps(t, order, values, floor)
     for _ in range(_ROUNDS):
         kept = ~found if found.any() else slice(None)  # a slice copies nothing
         new = _leaps(t[kept], order[kept], values[kept], floor)
@@ -127,6 +132,28 @@ def find_glitches(t: Floats, values: Floats, floor: float, rows: Indices | None 
             break
         found[np.flatnonzero(~found)[new]] = True
     return found
+
+
+def _close_leaps(t: Floats, order: Floats, values: Floats, floor: float) -> Bools:
+    """Leaps among rows that are close to each other: each is judged in the absence of the others.
+
+    A polynomial through two close rows that differ is steep, and blames a neighbour.
+    """
+    found = np.zeros(len(t), dtype=bool)
+    if len(t) < _BLOCK // 4:
+        return found
+    steps, number = np.diff(t), np.arange(len(t))
+    close = np.append(False, steps < _CLOSE * float(np.median(steps)))
+    first = np.maximum.accumulate(np.where(close, 0, number))
+    place, size = number - first, np.bincount(first, minlength=len(t))[first]
+    examined = close & (size <= _MOST_CLOSE)
+    differ = np.flatnonzero(examined)
+    differ = differ[np.abs(values[differ] - values[first[differ]]).max(axis=1) > floor]
+    examined = np.isin(first, first[differ])
+    for each in range(int(size[differ].max(initial=0))):
+        kept = np.flatnonzero(place == np.where(size > each, each, 0))
+        found[kept] |= _leaps(t[kept], order[kept], values[kept], floor)
+    return found & examined
 
 
 def _leaps(t: Floats, order: Floats, values: Floats, floor: float) -> Bools:

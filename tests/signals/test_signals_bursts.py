@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.signals.timing.bursts import BurstTiming, rate_stretches, time_bursts
+from imucalib_cli.signals.timing.bursts import BurstTiming, crowding, rate_stretches, time_bursts
 from tests.signals.signals_samples import arrivals
 
 
@@ -159,3 +159,16 @@ def test_bursts_losses_and_gaps_are_not_a_rate_change(batch: int, seed: int) -> 
     held_up[(t > 10.0) & (t < 13.0)] = 13.0 + 1e-6 * np.arange(((t > 10.0) & (t < 13.0)).sum())
     assert rate_stretches(held_up) == ()
     assert rate_stretches(t[(t < 5.0) | (t > 11.0)]) == ()
+
+
+@pytest.mark.parametrize("size", [4, 10, 40])
+def test_messages_that_were_held_up_are_no_crowd(size: int) -> None:
+    """They come at once, behind a gap; copies of one come without it."""
+    rng = np.random.default_rng(0)
+    t = np.arange(6000) / 200.0
+    held = t + rng.exponential(1e-4, len(t))
+    for row in range(100, 5900, 50 * size):
+        held[row : row + size] = held[row + size - 1] + 1e-6 * np.arange(size)
+    assert not crowding(np.maximum.accumulate(held)).any()
+    copied = np.insert(held, [3000] * size, held[2999] + 1e-6 * np.arange(1, size + 1))
+    np.testing.assert_array_equal(np.flatnonzero(crowding(copied)), 3000 + np.arange(size))

@@ -383,3 +383,33 @@ def test_simultaneous_junk_messages_are_not_samples(at: tuple[float, ...]) -> No
     assert codes == ["stamps.surplus", "imu.samples_left_out"]
     assert estimate.time_offset == pytest.approx(0.05, abs=2e-4)
     _assert_close_to_truth(estimate, log)
+
+
+@pytest.mark.parametrize("late", [1e-6, 1e-3])
+def test_one_junk_message_is_left_out(late: float) -> None:
+    """All positions zero, behind a sound message."""
+    log, row = _log(), 3000
+    (track,) = log.path.tracks
+    t = np.insert(track.t, row + 1, track.t[row] + late)
+    spoilt = log.with_joints(t=t, values=np.insert(track.values, row + 1, 0.0, axis=0))
+    mended = _repaired(spoilt)
+    (finding,) = mended.findings
+    assert finding.code == "stream.leaps"
+    assert finding.values["count"] == 1
+    (left,) = mended.path.tracks
+    np.testing.assert_array_equal(left.t, track.t)
+    np.testing.assert_array_equal(left.values, track.values)
+
+
+def test_copies_of_one_message_are_not_samples() -> None:
+    log, row = _log(), 3000
+    t, gyro, accel = (
+        np.insert(each, [row + 1] * 150, each[row], axis=0)
+        for each in (log.imu.t, log.imu.gyro, log.imu.accel)
+    )
+    copies = slice(row + 1, row + 151)
+    t[copies] += 1e-6 * np.arange(1, 151)
+    gyro[copies] = 0.0
+    mended = _repaired(log.with_imu(t, gyro, accel))
+    assert [each.code for each in mended.findings] == ["stamps.surplus", "imu.samples_left_out"]
+    assert _is_as_read(mended, log)

@@ -160,6 +160,28 @@ def test_wrong_stamps_are_not_jumps(lost: float) -> None:
     assert len(found) > 0.5 * len(placed)
 
 
+@pytest.mark.parametrize("rate", [125.0, 500.0])
+@pytest.mark.parametrize("share", [1e-6, 0.3, 0.5, 0.999])
+@pytest.mark.parametrize("count", [1, 2])
+def test_only_the_added_row_is_a_jump(rate: float, share: float, count: int) -> None:
+    """Junk between two sound rows, however close to either of them."""
+    t, values = _moving(rate)
+    for row in range(40, len(t) - 40, 300):
+        added = t[row] + share / rate * np.linspace(1.0, 0.9, count)[::-1]
+        spoilt = np.insert(values, [row + 1] * count, 0.0, axis=0)
+        found = find_glitches(np.insert(t, [row + 1] * count, added), spoilt, 0.01)
+        np.testing.assert_array_equal(np.flatnonzero(found), row + 1 + np.arange(count))
+
+
+@pytest.mark.parametrize("size", [2, 3, 6])
+def test_rows_that_arrive_together_are_not_jumps(size: int) -> None:
+    """Messages that wait for the last of them: 50 mrad of motion have one stamp."""
+    t, values = _moving(125.0)
+    for row in range(20, len(t) - 20, 50 * size):
+        t[row : row + size] = t[row + size - 1] + 1e-6 * np.arange(size)
+    assert not find_glitches(t, values, 0.01).any()
+
+
 def test_gaps_corners_and_steps_are_not_jumps() -> None:
     t, values = _moving(50.0)
     keep = np.ones(len(t), dtype=bool)

@@ -20,7 +20,13 @@ from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stretches import stretches_of
-from imucalib_cli.signals.timing.bursts import bunched_share, gathered, rate_stretches, time_bursts
+from imucalib_cli.signals.timing.bursts import (
+    bunched_share,
+    crowding,
+    gathered,
+    rate_stretches,
+    time_bursts,
+)
 from imucalib_cli.signals.timing.stamps import longest_step, tidy_rows, usable_rows
 from imucalib_cli.signals.trajectory import Trajectory, continuous
 from imucalib_cli.signals.turning import BIN, compare_turning
@@ -249,10 +255,14 @@ def _even(
         rates, starts = zip(*stretches, strict=True)
         return t, 0.0, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
     timed = time_bursts(t[rows], *(each[rows] for each in values))
-    if timed is None:
-        return t, 0.0, []
-    even = t.copy()
     facts = {"stream": name, "share": bunched_share(t[rows])}
+    even = t.copy()
+    if timed is None:
+        crowded = crowding(t[rows])
+        if not crowded.any():
+            return t, 0.0, []
+        even[rows] = np.where(crowded, gathered(t[rows]), t[rows])
+        return even, 0.0, [warning("stamps.surplus", **facts)]
     if name in as_recorded:
         even[rows] = gathered(t[rows])
         return even, 0.0, [warning("stamps.surplus", **facts)]

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from imucalib_cli.signals.noise import MAD_TO_STD
+from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, usual_interval
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.arrays import Bools, Floats, Indices
 
 _LEAST = 200
 """Least number of samples for a rate."""
@@ -79,6 +80,10 @@ _RATE_SPANS = 3
 _RATE_SECONDS = 1.0
 """s, shortest part with its own rate: a queue empties faster."""
 
+_LEAST_CROWD = 2.5
+"""Messages beyond those that there was time for: jitter and a lost message make one or two, and
+single ones are found by their values."""
+
 
 class Stretch(NamedTuple):
     """A part of a log in which a stream has one rate."""
@@ -121,6 +126,24 @@ def gathered(t: Floats) -> Floats:
     short = np.diff(t, prepend=-np.inf) < SHORT * usual_interval(t, robust=True)
     first = np.maximum.accumulate(np.where(short, 0, np.arange(len(t))))
     return np.asarray(t[first])
+
+
+def crowding(t: Floats) -> Bools:
+    """(N,), messages that come with an earlier one, though none was due: a buffer sent twice.
+
+    Messages that were held up leave a gap before them. Stamps (N,), s, are finite, in the order of
+    the messages.
+    """
+    if len(t) < _LEAST:
+        return np.zeros(len(t), dtype=bool)
+    period = usual_interval(t, robust=True)
+    steps = np.diff(t)
+    bursts = stretches_of((steps >= 0.0) & (steps < SHORT * period))
+    before, after = np.maximum(bursts.first - 1, 0), np.minimum(bursts.end + 1, len(t) - 1)
+    surplus = after - before - (t[after] - t[before]) / period
+    at_once = t[bursts.end] - t[bursts.first] < period  # else it may be a faster rate
+    crowds = bursts.where(at_once & (surplus > np.maximum(_LEAST_CROWD, 0.5 * bursts.lengths)))
+    return np.append(False, crowds.mask(len(steps)))
 
 
 def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
