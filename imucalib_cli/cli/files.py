@@ -80,8 +80,12 @@ def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
 
 
 @contextmanager
-def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
+def writing(
+    *outputs: Path | None, read: Iterable[Path], force: bool | None = None
+) -> Iterator[None]:
     """Check before any computing that files may be written; None is stdout.
+
+    ``force`` as results.places.check_places.
 
     Raises:
         ChoiceError, InputError: As results.overwrite_checks.check_places.
@@ -89,7 +93,7 @@ def writing(*outputs: Path | None, read: Iterable[Path]) -> Iterator[None]:
     if written := [path for path in outputs if path is not None]:
         from imucalib_cli.results.overwrite_checks import check_places
 
-        check_places(read=read, written=written)
+        check_places(read=read, written=written, force=force)
     with warning_of_old_outputs(*written):
         yield
 

@@ -124,6 +124,14 @@ Require = Annotated[
         show_default="none",
     ),
 ]
+Force = Annotated[
+    bool,
+    output_option(
+        "--force",
+        help="Write a bare pose (urdf, tf, ...) even if it should not be trusted, and overwrite "
+        "a log or a URDF.",
+    ),
+]
 AnswersFormat = Annotated[
     Literal["yaml", "json", "jsonl", "csv", "summary"] | None,
     output_option(

@@ -234,3 +234,23 @@ def test_impossible_numbers_are_one_line_error(change: Any, content: bytes, tmp_
     np.savez(path, **{**arrays, **change(arrays)})
     with pytest.raises(InputError, match="damaged or has no statistics"):
         read_statistics(path)
+
+
+def test_earlier_output_of_a_failed_combination_is_told(
+    file: Path, tmp_path: Path, imucalib: Imucalib
+) -> None:
+    old = tmp_path / "old.yaml"
+    combine = imucalib.with_("combine", "-o", old)
+    combine(file)
+    (tmp_path / "empty").mkdir()
+    for wrong in (tmp_path / "nope.npz", tmp_path / "empty"):
+        assert f"{old} is of an earlier run" in combine(wrong, code=1).err
+    assert "is of an earlier run" not in combine(wrong, "-o", wrong / "new", code=1).err
+
+
+def test_untrusted_combination_is_a_bare_pose_by_force(file: Path, imucalib: Imucalib) -> None:
+    bound = ("--require", "1um", "--format", "matrix")
+    refused = imucalib("combine", file, *bound, code=3)
+    assert refused.out == ""
+    assert "--force writes it anyway" in refused.err
+    assert len(imucalib("combine", file, *bound, "--force", code=3).out.splitlines()) == 4

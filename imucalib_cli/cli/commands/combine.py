@@ -5,7 +5,7 @@ import typer
 from imucalib_cli.cli import options
 from imucalib_cli.cli.commands.run import deliverable, report_findings, write_results
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.files import files_of, given_names, writing
+from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs, writing
 from imucalib_cli.cli.output import chosen_format, say, say_error
 from imucalib_cli.cli.parsers import local_file
 
@@ -21,6 +21,7 @@ def combine_command(
     fmt: options.FormatOption = None,
     output: options.OutputFile = None,
     require: options.Require = None,
+    force: options.Force = False,
     quiet: options.Quiet = False,
 ) -> None:
     """Solve several logs of one mount together, or one again with other priors, without the logs.
@@ -31,13 +32,14 @@ def combine_command(
     from imucalib_cli.jobs.result_files import read_statistics_files
 
     paths = [local_file(each) for each in given_names(results, "results")]
-    logs, foreign, unread = read_statistics_files(paths)
+    with warning_of_old_outputs(output, read=files_of(*paths)):
+        logs, foreign, unread = read_statistics_files(paths)
     for each in () if quiet else foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")
-    with writing(output, read=files_of(*paths, *(log.name for log in logs))):
+    with writing(output, read=files_of(*paths, *(log.name for log in logs)), force=force):
         found, failures = combine(logs, options.changed_options(known), require)
         chosen = chosen_format(fmt, output)
-        write_results(deliverable(found, chosen, force=False), chosen, output, quiet=quiet)
+        write_results(deliverable(found, chosen, force=force), chosen, output, quiet=quiet)
         if not quiet:
             report_findings(found, chosen, output, hint=fmt is None)
         for failure in (unused := [*unread, *failures]):
