@@ -20,6 +20,7 @@ import yaml
 from imucalib_cli.cli import progress
 from imucalib_cli.cli.extras import EXTRAS
 from imucalib_cli.cli.main import main
+from imucalib_cli.errors import InputError
 from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
 from tests.cli.stand_in import Estimator
@@ -314,3 +315,22 @@ def test_interrupt_prints_how_to_resume(tmp_path: Path) -> None:
     assert process(tmp_path, *command).returncode == 0
     assert len(list(records.glob("[!.]*.json"))) == 4
     assert {path: path.stat().st_mtime_ns for path in done} == done
+
+
+def test_earlier_tables_of_a_failed_batch_are_told(
+    logs: Logs, tmp_path: Path, monkeypatch: Patch, capsys: Said
+) -> None:
+    given = [*logs("a.mcap"), "--junit", "old.xml"]
+    assert batch(*given) == 0
+    before, words = (tmp_path / "old.xml").read_bytes(), "warning: old.xml is of an earlier run"
+    assert words not in capsys.readouterr().err
+    assert batch(*given, "--urdf", "nope.urdf") == 1
+    assert words in capsys.readouterr().err
+
+    def no_workers(*_: object) -> None:
+        raise InputError("no workers")
+
+    monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", no_workers)
+    assert batch(*given) == 1
+    assert words in capsys.readouterr().err
+    assert (tmp_path / "old.xml").read_bytes() == before

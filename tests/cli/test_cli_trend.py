@@ -142,3 +142,19 @@ def test_results_are_not_overwritten(still: Path, imucalib: Imucalib) -> None:
     trend("-o", "x.svg", "--plot", "x.svg", code=2)
     said = trend("--plot", "x.gif", code=2)
     assert "expected a file ending in .svg or .pdf or .png" in said.err
+
+
+@pytest.mark.parametrize("fmt", ["text", "csv", "jsonl"])
+def test_failed_trend_leaves_the_earlier_one(
+    fmt: str, still: Path, tmp_path: Path, imucalib: Imucalib
+) -> None:
+    old, bad = tmp_path / "old", tmp_path / "bad.yaml"
+    trend = imucalib.with_("trend", "-o", old, "--format", fmt)
+    trend(still)
+    before = old.read_bytes()
+    bad.write_text("a: 1")
+    (tmp_path / "empty").mkdir()
+    for wrong in (tmp_path / "nope.yaml", bad, tmp_path / "empty"):
+        said = trend(wrong, code=1).err
+        assert f"warning: {old} is of an earlier run: this one has not written it" in said
+        assert old.read_bytes() == before

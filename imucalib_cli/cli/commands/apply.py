@@ -62,7 +62,8 @@ def apply_command(
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
     if in_place:
         check_writable(urdf)
-    names = result_names(results)
+    with warning_of_old_outputs(output, read=files_of(*dict.fromkeys(results), urdf)):
+        names = result_names(results)
     read = files_of(*names, urdf)
     with warning_of_old_outputs(output, read=read):
         applied = apply(names, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)

@@ -11,7 +11,7 @@ import typer
 
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of, given_names
+from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs
 from imucalib_cli.cli.output import deliver, is_terminal, say
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
@@ -110,21 +110,22 @@ def batch_command(
     from imucalib_cli.cli.extras import for_each_log
     from imucalib_cli.robot.urdf import load_robot
 
-    _check_options(output, extras, dask, workers or memory)
-    request = options.calibration_request(ctx, (), recording, estimator, require)
-    if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
-        raise ChoiceError(
-            f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
-        )
-    if request.urdf is not None:
-        load_robot(request.urdf)  # one error here, not one for every log
-    makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    found = find_logs(given_names(logs, "logs"), left_out=output)
-    if not found.logs:
-        raise InputError("the list of logs on stdin is empty: write one path a line")
+    before = files_of(recording.urdf, estimator.imu_model)
+    with warning_of_old_outputs(markdown, junit, read=before):
+        _check_options(output, extras, dask, workers or memory)
+        request = options.calibration_request(ctx, (), recording, estimator, require)
+        if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
+            raise ChoiceError(
+                f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
+            )
+        if request.urdf is not None:
+            load_robot(request.urdf)  # one error here, not one for every log
+        makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
+        found = find_logs(given_names(logs, "logs"), left_out=output)
+        if not found.logs:
+            raise InputError("the list of logs on stdin is empty: write one path a line")
     paths = (path for log in found.logs for path in log.paths)
-    read = files_of(*paths, recording.urdf, estimator.imu_model)
-    _check_places(read, output, (markdown, junit))
+    _check_places([*before, *files_of(*paths)], output, (markdown, junit))
 
     def tell(finding: "Finding") -> None:
         if not quiet:
@@ -135,34 +136,35 @@ def batch_command(
     chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
     bytes_each = memory or MEMORY
     jobs = workers or default_workers(bytes_each)
-    batch = Batch(
-        logs=found.logs,
-        task=Task(
-            request=request,
-            context=context_of(request, [suffix for suffix, _ in makers]),
-            urdf_sha256=urdf_hash(request),
-            exit_code=exit_code_of,
-            extras=makers,
-            keeps_files=output is not None,
-        ),
-        engine=_engine(dask, jobs, bytes_each, timeout),
-        folder=output,
-        fresh=fresh,
-        rehash=rehash,
-        tell=tell,
-    )
-    records: dict[BatchLog, Record] = {}
-    with (
-        CountProgress("batch", "logs", output, fresh=fresh, jobs=jobs, quiet=quiet) as progress,
-        closing(batch.run(progress.report)) as done,
-    ):
-        for log, record in done:
-            records[log] = record
-            _tell(record, quiet=quiet)
-            if chosen == "jsonl":
-                deliver(json_line(record))
-    ordered = [records[log] for log in found.logs]
-    _give(ordered, chosen, {"markdown": markdown, "junit": junit}, quiet=quiet)
+    with warning_of_old_outputs(markdown, junit):
+        batch = Batch(
+            logs=found.logs,
+            task=Task(
+                request=request,
+                context=context_of(request, [suffix for suffix, _ in makers]),
+                urdf_sha256=urdf_hash(request),
+                exit_code=exit_code_of,
+                extras=makers,
+                keeps_files=output is not None,
+            ),
+            engine=_engine(dask, jobs, bytes_each, timeout),
+            folder=output,
+            fresh=fresh,
+            rehash=rehash,
+            tell=tell,
+        )
+        records: dict[BatchLog, Record] = {}
+        with (
+            CountProgress("batch", "logs", output, fresh=fresh, jobs=jobs, quiet=quiet) as progress,
+            closing(batch.run(progress.report)) as done,
+        ):
+            for log, record in done:
+                records[log] = record
+                _tell(record, quiet=quiet)
+                if chosen == "jsonl":
+                    deliver(json_line(record))
+        ordered = [records[log] for log in found.logs]
+        _give(ordered, chosen, {"markdown": markdown, "junit": junit}, quiet=quiet)
     if not quiet and chosen != "summary":
         kept = "" if output is None else f"; {output / SUMMARY}"
         say("batch", f"{counted(ordered)}{kept}")

@@ -2,12 +2,12 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.files import files_of, warning_of_old_outputs, writing
 from imucalib_cli.cli.options import (
     OutputFile,
     Quiet,
@@ -19,6 +19,11 @@ from imucalib_cli.cli.options import (
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import moment
 from imucalib_cli.cli.tables import deliver_blocks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from imucalib_cli.results.comparison.answers import TrendAnswer
 
 
 def trend_command(
@@ -50,24 +55,14 @@ def trend_command(
     from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional
 
-    names = result_names(results)
-    if plot is not None:
-        optional("matplotlib", "--plot needs", "plot")
+    with warning_of_old_outputs(output, plot, read=files_of(*dict.fromkeys(results))):
+        names = result_names(results)
+        if plot is not None:
+            optional("matplotlib", "--plot needs", "plot")
     with writing(output, plot, read=files_of(*names)):
         answers, failures = trend_of(names, within, since)
-        if fmt == "text":
-            from imucalib_cli.results.trend.table import blocks
-
-            deliver_blocks(blocks(answers), output, quiet=quiet)
-        else:
-            from imucalib_cli.results.codec import to_jsonl
-            from imucalib_cli.results.trend.table import as_csv
-
-            deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
-        if plot is not None:
-            from imucalib_cli.report.paper_plot import draw_trends
-
-            deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
+        if answers:  # else an earlier output stays
+            _deliver(answers, fmt, output, plot, quiet=quiet)
         for answer in () if quiet else answers:
             for warning in answer.warnings:
                 say("warning", warning)
@@ -78,3 +73,25 @@ def trend_command(
         for failure in failures:
             say_error(failure)
         raise typer.Exit(exit_code_of_answers(answers, failures))
+
+
+def _deliver(
+    answers: "Sequence[TrendAnswer]",
+    fmt: str,
+    output: Path | None,
+    plot: Path | None,
+    *,
+    quiet: bool,
+) -> None:
+    from imucalib_cli.results.trend.table import as_csv, blocks
+
+    if fmt == "text":
+        deliver_blocks(blocks(answers), output, quiet=quiet)
+    else:
+        from imucalib_cli.results.codec import to_jsonl
+
+        deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
+    if plot is not None:
+        from imucalib_cli.report.paper_plot import draw_trends
+
+        deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
