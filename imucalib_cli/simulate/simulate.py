@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from imucalib_cli import __version__
+from imucalib_cli.errors import ChoiceError
 from imucalib_cli.guarded_yaml import load_one, read_bounded
 from imucalib_cli.results.atomic import sha256_of, write_whole
 from imucalib_cli.results.codec import PlainDumper
@@ -56,8 +57,9 @@ def simulate(
 
     With a camera, the log contains its images, and the files for Kalibr are written beside it;
     :func:`load_camera` gives the camera and its system. The URDF has the nominal pose of the IMU.
-    Files in ``read`` are not overwritten; logs and URDFs that are not from a simulation only by
-    force. ``progress`` and ``writing`` are called with the share done of physics and log.
+    Files in ``read`` are not overwritten; logs and URDFs that are not from a simulation, and the
+    truth of another log, only by force. ``progress`` and ``writing`` are called with the share
+    done of physics and log.
 
     Returns:
         The content of the truth file, see :func:`truth_of`.
@@ -79,6 +81,12 @@ def simulate(
         return _recorded_hash(path) == sha256_of(path)
 
     check_places(read=read, written=written, force=force, made_here=made_here)
+    other = None if force else _other_log(output)
+    if other is not None:
+        raise ChoiceError(
+            f"{truth_path(output)} is the truth of {other} and would be overwritten: "
+            "name another log, or give --force"
+        )
     if camera is not None:
         opencv()
     clean = record(system, physics, progress, camera=camera)
@@ -104,6 +112,20 @@ def _recorded_hash(log: Path) -> str | None:
     except (OSError, ValueError, LookupError, TypeError):
         return None
     return str(hashed)
+
+
+def _other_log(log: Path) -> Path | None:
+    """The other log to which the truth beside a log belongs; None where there is none."""
+    truth, recorded = truth_path(log), _recorded_hash(log)
+    if truth.is_file():
+        for each in truth.parent.iterdir():
+            if each.name == log.name or truth_path(each) != truth:
+                continue
+            if recorded is None and (each / "metadata.yaml").is_file():  # a log that is a folder
+                return each
+            if each.is_file() and sha256_of(each) == recorded:
+                return each
+    return None
 
 
 def truth_path(log: Path) -> Path:

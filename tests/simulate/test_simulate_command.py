@@ -61,6 +61,23 @@ def test_the_first_stamp_has_a_date(command: Command) -> None:
     assert "--start 1969: expected a " in command("rihibot --start 1969", code=2).err
 
 
+def test_truth_of_another_log_is_kept(tmp_path: Path, command: Command, imucalib: Imucalib) -> None:
+    command("rihibot")
+    truth = command.log.with_suffix(".truth.yaml")
+    before = truth.read_text()
+    for name in ("log.bag", "log"):
+        again = imucalib.with_("simulate", *SHORT, "barbot", "-o", tmp_path / name)
+        said = again(code=2).err
+        words = "would be overwritten: name another log, or give --force"
+        assert f"{truth} is the truth of {command.log} and {words}" in said
+        assert truth.read_text() == before
+    command("rihibot --seed 1")
+    assert truth.read_text() != before
+    again("--force")  # into a folder
+    said = imucalib("simulate", *SHORT, "barbot", "-o", tmp_path / "log.bag", code=2).err
+    assert f"{truth} is the truth of {tmp_path / 'log'} and" in said
+
+
 def test_option_units_are_converted_to_si(command: Command) -> None:
     document = command.truth(
         "rihibot --accel-noise-ug 300 --gyro-noise-deg 0.014 --time-offset -42ms "

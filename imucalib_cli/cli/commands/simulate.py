@@ -143,10 +143,16 @@ def simulate_command(
         help="File with your own system, like those in configs/.",
     ),
     urdf: Path | None = typer.Option(
-        None, help="Also write the URDF, with the IMU's nominal pose.", readable=False
+        None,
+        metavar="FILE",
+        parser=local_file,
+        help="Also write the URDF, with the IMU's nominal pose.",
     ),
     force: bool = typer.Option(
-        False, "--force", help="Overwrite a log or a URDF that imucalib simulate did not make."
+        False,
+        "--force",
+        help="Overwrite a log or a URDF that imucalib simulate did not make, or the truth of "
+        "another log.",
     ),
     seed: int = typer.Option(0, min=0, help="Seed of all noise."),
     quiet: Quiet = False,
