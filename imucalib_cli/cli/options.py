@@ -14,7 +14,6 @@ import typer
 from imucalib_cli.cli import complete, parsers
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.robot.names import frame_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -52,13 +51,14 @@ _known = partial(typer.Option, rich_help_panel=KNOWN)
 _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
 output_option = partial(typer.Option, rich_help_panel=OUTPUT)
-_frame = partial(_robot, metavar="FRAME", parser=frame_name, autocompletion=complete.links)
+_frame = partial(_robot, metavar="FRAME", parser=parsers.frame, autocompletion=complete.links)
 _pose_std = partial(_known, metavar="2mm,0.5deg|tx=1mm,rz=0.2deg", parser=parsers.pose_std)
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
 
 
 def _topics(kind: Kind, flag: str, **settings: Any) -> Any:
-    return _log([], flag, metavar="TOPIC", autocompletion=complete.topics(kind), **settings)
+    settings |= {"metavar": "TOPIC", "parser": parsers.topic}
+    return _log([], flag, autocompletion=complete.topics(kind), **settings)
 
 
 def file_option(forms: str, *other: str, **settings: Any) -> Any:

@@ -262,7 +262,7 @@ def scheduler(text: str) -> str:
 def parent(text: str) -> str:
     """A frame, or IMU=FRAME."""
     imu, equals, name = text.rpartition("=")
-    return f"{imu}{equals}{frame_name(name)}"
+    return f"{imu}{equals}{frame(name)}"
 
 
 def imu_name(text: str) -> str:
@@ -290,11 +290,21 @@ def joint_columns(text: str) -> JointColumns:
         raise WrongValue(str(error)) from error
 
 
-def named(text: str) -> str:
-    """A name of an input or output: an empty one would be that of the current folder."""
+def named(text: str, what: str = "file") -> str:
+    """A name that is not empty: as that of a file it would stand for the current folder."""
     if not text:
-        raise WrongValue("is empty, perhaps because a variable is not set: name a file")
+        raise WrongValue(f"is empty, perhaps because a variable is not set: name a {what}")
     return text
+
+
+def topic(text: str) -> str:
+    """A topic."""
+    return named(text, "topic")
+
+
+def frame(text: str) -> str:
+    """A frame, without a leading slash."""
+    return frame_name(named(text, "frame"))
 
 
 def path_or_url(text: str) -> LogPath:

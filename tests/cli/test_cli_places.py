@@ -216,7 +216,12 @@ def test_inputs_are_recognised_under_any_path(tmp_path: Path) -> None:
         "diff x ''",
         "compare x --kalibr '' --urdf x",
         "simulate --config '' -o x.mcap",
+        "simulate barbot -o x.mcap --urdf ''",
         "study methods --config ''",
+        "study methods -o ''",
+        "run x.mcap --imu-topic ''",
+        "run x.mcap --urdf x --imu-link ''",
+        "run x.mcap --urdf x --parent /imu=''",
     ],
 )
 def test_empty_name_is_not_the_current_folder(arguments: str, imucalib: Imucalib) -> None:

@@ -11,7 +11,7 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.parsers import local_file
+from imucalib_cli.cli.parsers import local_file, output_folder
 from imucalib_cli.cli.progress import CountProgress
 from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from imucalib_cli.study.tables import Row, TableFormat
     from imucalib_cli.study.tables import Table as StudyTable
 
-FOLDER = Path("imucalib-study")
+FOLDER = "imucalib-study"
 
 
 def study_command(
@@ -47,8 +47,8 @@ def study_command(
         "-o",
         "--output",
         metavar="DIR",
+        parser=output_folder,
         help="Folder of the rows and figures.",
-        readable=False,
     ),
     jobs: int | None = typer.Option(
         None, min=1, metavar="N", help="Number of processes.", show_default="all processors"
