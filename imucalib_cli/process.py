@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 import warnings
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -49,6 +49,17 @@ def prepare_worker() -> None:
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # as in the command line itself
     obey_the_parent()
+
+
+def limit_memory(limit: int) -> None:
+    """Limit the memory of this process, bytes, where the system can."""
+    with suppress(ImportError, OSError, ValueError):  # not on every system
+        import resource
+
+        _, most = resource.getrlimit(resource.RLIMIT_DATA)
+        if most != resource.RLIM_INFINITY:
+            limit = min(limit, most)
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
 
 
 def obey_the_parent() -> None:

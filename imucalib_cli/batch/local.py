@@ -17,7 +17,12 @@ from dataclasses import dataclass
 from multiprocessing import connection
 from typing import TYPE_CHECKING, Any
 
-from imucalib_cli.process import fresh_processes, interrupted_afterwards, prepare_worker
+from imucalib_cli.process import (
+    fresh_processes,
+    interrupted_afterwards,
+    limit_memory,
+    prepare_worker,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Sequence
@@ -156,21 +161,11 @@ def _work(task: Task, log: BatchLog, memory: int, temporary: str, answer: Connec
     tempfile.tempdir = temporary
     # a dead thread, perhaps without memory, would leave its part of the work undone
     threading.excepthook = lambda _: os._exit(1)
-    _limit_memory(memory)
+    limit_memory(memory)
     try:
         answer.send(task(log))
     except Exception:  # noqa: BLE001 - the parent reports it
         raise SystemExit(1) from None
-
-
-def _limit_memory(limit: int) -> None:
-    with contextlib.suppress(ImportError, OSError, ValueError):  # not on every system
-        import resource
-
-        _, most = resource.getrlimit(resource.RLIMIT_DATA)
-        if most != resource.RLIM_INFINITY:
-            limit = min(limit, most)
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, most))
 
 
 def _received(ours: Connection) -> Done | None:

@@ -12,7 +12,7 @@ import importlib.util
 import logging
 import sys
 from collections import Counter, defaultdict
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, cached_property
 from io import BytesIO
@@ -22,11 +22,11 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.robot.expansion import expanded
 from imucalib_cli.robot.names import frame_name
-from imucalib_cli.robot.packages import packages_near
 from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
-from imucalib_cli.shown import as_word, near_matches
+from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:
     from collections.abc import Container, Iterator
@@ -163,34 +163,7 @@ def load_robot(path: Path) -> Robot:
     except InputError:
         if path.suffix != ".xacro" or not path.is_file():
             raise
-    return parse_robot(_expanded(path), path)
-
-
-def _expanded(path: Path) -> bytes:
-    """The URDF that a xacro file expands to with the defaults of its arguments."""
-    command = f"`xacro {as_word(path)} > robot.urdf` and give robot.urdf"
-    try:
-        import xacro
-    except ImportError as error:
-        raise InputError(
-            f"{path}: is xacro: expand it with {command}, or let imucalib expand it: "
-            "pip install 'imucalib[xacro]'"
-        ) from error
-    missing: list[str] = []
-    try:
-        # xacro prints to stdout
-        with redirect_stdout(sys.stderr), packages_near(path) as missing:
-            text: str = xacro.process_file(str(path)).toxml()
-    # xacro evaluates Python code of the file, which may raise anything
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        if missing:
-            reason = f"package '{missing[0]}' is neither installed nor a folder near the file"
-        raise InputError(
-            f"{path}: xacro cannot expand it ({reason}): if it needs arguments or other packages, "
-            f"expand it with {command}"
-        ) from error
-    return text.encode()
+    return parse_robot(expanded(path), path)
 
 
 def read_urdf(path: Path) -> bytes:

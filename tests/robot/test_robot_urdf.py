@@ -286,6 +286,45 @@ def test_missing_xacro_error_names_its_command(
         load_robot(path)
 
 
+ENDLESS = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="m0"><link name="a"/></xacro:macro>
+  {macros}
+  <xacro:m8/>
+</robot>
+""".format(
+    macros="\n".join(
+        f'<xacro:macro name="m{level + 1}">{8 * f"<xacro:m{level}/>"}</xacro:macro>'
+        for level in range(8)
+    )
+)
+"""16 million links."""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (ENDLESS, "it takes more than 2 s"),
+        (
+            "<robot name=\"${'a' * 20 * 1024 * 1024}\" xmlns:xacro='x'/>",
+            "it becomes larger than 16 MB",
+        ),
+        (
+            "<robot name=\"${'a' * 4 * 1024 ** 3}\" xmlns:xacro='x'/>",
+            "it needs more than 2 GB of memory",
+        ),
+    ],
+)
+def test_expansion_is_bounded(
+    text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("xacro")
+    monkeypatch.setattr("imucalib_cli.robot.expansion._SECONDS", 2.0)
+    path = tmp_path / "robot.urdf.xacro"
+    path.write_text(text)
+    with pytest.raises(InputError, match=rf"xacro cannot expand it \({words}\)"):
+        load_robot(path)
+
+
 def test_a_closed_stdin_is_no_urdf(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match="standard input is closed"):
