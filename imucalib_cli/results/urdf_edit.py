@@ -155,7 +155,16 @@ def joint_snippet(
     """A fixed joint (xyz m, rpy rad), ready to paste into a URDF.
 
     Without a name it gets a new link, and a name that is not ``taken``.
+
+    Raises:
+        InputError: A name is an expression of xacro, which would evaluate it.
     """
+    for each in (parent, child, joint):
+        if "${" in each or "$(" in each:
+            raise InputError(
+                f"'{each}' is no name for a URDF: xacro would evaluate it; correct the driver's "
+                "frame_id, or name the IMU's frame with --imu-link"
+            )
     link = "" if joint else f"<link name={quoteattr(child)}/>\n"
     name = joint or next(each for each in numbered(f"{child}_joint", "") if each not in taken)
     return (

@@ -205,3 +205,10 @@ def test_numeric_xacro_origin_is_edited(tmp_path: Path, imucalib: Imucalib) -> N
     said = apply(code=1).err
     assert "the origin of joint 'left_joint' is computed by xacro" in said
     assert "--format xacro" in said
+
+
+@pytest.mark.parametrize("frame", ["${1+1}_imu", "$(find x)"])
+def test_frame_that_xacro_would_evaluate_is_refused(apply: Any, frame: str) -> None:
+    out, err = apply([imu(frame)], "--add", code=1)
+    assert out == ""
+    assert f"error: '{frame}' is no name for a URDF: xacro would evaluate it" in err
