@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from multiprocessing.context import BaseContext
 
+INTERRUPTIONS: tuple[signal.Signals, ...] = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+"""Signals that ask a command to end; Windows has no SIGHUP."""
+
 
 def prepare_to_compute() -> None:
     """Set what must be set before numpy is imported; once a process, workers too."""
@@ -98,7 +103,7 @@ def interrupted_afterwards() -> Iterator[None]:
         delayed.append(number)
 
     try:
-        with _handling(dict.fromkeys((signal.SIGINT, signal.SIGTERM), delay)):
+        with _handling(dict.fromkeys(INTERRUPTIONS, delay)):
             yield
     finally:
         for number in delayed:

@@ -62,7 +62,7 @@ EXIT_CODES: dict[int, Meaning] = {
     ),
     EXIT_INTERRUPTED: Meaning(
         "interrupted",
-        "Interrupted by Ctrl-C (SIGINT) or SIGTERM.",
+        "Interrupted by Ctrl-C (SIGINT), SIGTERM or SIGHUP.",
         "nothing; `study` and `batch -o` print in one line how many runs or logs are kept, and "
         "where; the same command continues (not with `--quiet`)",
     ),

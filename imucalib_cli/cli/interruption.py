@@ -1,6 +1,6 @@
 """Ctrl-C ends the process quietly, even during imports.
 
-SIGTERM, which containers, services and CI send, does the same.
+SIGTERM, which containers, services and CI send, does the same, and SIGHUP of a closed terminal.
 """
 
 import contextlib
@@ -10,6 +10,8 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from types import FrameType
+
+from imucalib_cli.process import INTERRUPTIONS
 
 EXIT_INTERRUPTED = 130
 _PATIENCE = 2.0
@@ -22,9 +24,10 @@ _came: list[float] = []
 
 
 def on_interruption(handler: "Callable[[int, FrameType | None], None] | signal.Handlers") -> None:
-    """Set what an interruption does."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handler)
+    """Set what an interruption does; under nohup SIGHUP stays ignored."""
+    for number in INTERRUPTIONS:
+        if number.name != "SIGHUP" or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def was_interrupted() -> bool:

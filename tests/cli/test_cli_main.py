@@ -19,6 +19,7 @@ from rich.markup import render
 from imucalib_cli import __version__
 from imucalib_cli.cli.exit_codes import worst
 from imucalib_cli.cli.main import COMMANDS, app_of, main
+from imucalib_cli.process import INTERRUPTIONS
 from imucalib_cli.results.codec import to_yaml
 from tests.conftest import Imucalib, LogWriter
 from tests.processes import python, run, wait_for
@@ -170,7 +171,7 @@ def test_closed_stderr_keeps_exit_code(
     assert bool(done.stdout) == (code in {0, 3})
 
 
-@pytest.mark.parametrize("number", slow_after(1, [signal.SIGINT, signal.SIGTERM]))
+@pytest.mark.parametrize("number", slow_after(1, INTERRUPTIONS))
 def test_interrupt_at_any_moment_prints_no_traceback(number: int) -> None:
     """From the first line of ours to the end: importing, reading, estimating, writing."""
     program = (
@@ -198,7 +199,7 @@ def test_interrupt_at_any_moment_prints_no_traceback(number: int) -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timer signals")
-@pytest.mark.parametrize("number", slow_after(1, [signal.SIGINT, signal.SIGTERM]))
+@pytest.mark.parametrize("number", slow_after(1, INTERRUPTIONS))
 def test_ignored_interruption_comes_again(number: int) -> None:
     """A library that swallows every exception does not keep a command going.
 
@@ -228,8 +229,28 @@ raise SystemExit(entry.main())
     assert (done.returncode, done.stdout, done.stderr) == (130, "tidy\n", "")
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
+@pytest.mark.parametrize(("before", "code"), [("SIG_DFL", 130), ("SIG_IGN", 0)])
+def test_closed_terminal_interrupts_unless_under_nohup(before: str, code: int) -> None:
+    program = f"""
+import os, signal
+signal.signal(signal.SIGHUP, signal.{before})
+import imucalib_cli.cli.main
+from imucalib_cli.cli import entry
+
+def run():
+    os.kill(os.getpid(), signal.SIGHUP)
+    return 0
+
+imucalib_cli.cli.main.main = run
+raise SystemExit(entry.main())
+"""
+    done = python("-c", program, timeout=20)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", INTERRUPTIONS)
 def test_interrupted_simulation_leaves_no_files(number: int, tmp_path: Path) -> None:
     command = ["simulate", "barbot", "--duration", "60", "-o", "log.bag", "--compression", "bz2"]
     with subprocess.Popen(
