@@ -27,6 +27,10 @@ TOPIC = r"[^A-Za-z0-9]+"
 """Characters that no part of a ROS topic may have, or not repeated, as underscores."""
 
 
+_CONTROL = r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069|]"
+"""Characters that a terminal obeys, that end a line, or that divide the columns of a table."""
+
+
 def labels_of(results: Sequence[Result]) -> list[str]:
     """The frame of each IMU, or its topic where another has the same frame."""
     children = [result.child for result in results]
@@ -66,13 +70,15 @@ def collision_key(name: str) -> str:
 
 
 def log_name(log: LogPath) -> str:
-    """The name of a log, from which names of its files are made."""
+    """The name of a log, from which names of its files are made, without control characters."""
     if isinstance(log, RemoteFile):
-        return log.stem
-    resolved = log.resolve()
-    if resolved.name == "metadata.yaml":
-        resolved = resolved.parent
-    return resolved.name if resolved.is_dir() else resolved.stem
+        name = log.stem
+    else:
+        resolved = log.resolve()
+        if resolved.name == "metadata.yaml":
+            resolved = resolved.parent
+        name = resolved.name if resolved.is_dir() else resolved.stem
+    return re.sub(_CONTROL, "_", name)
 
 
 def shortened(name: str, longest: int = _LONGEST) -> str:

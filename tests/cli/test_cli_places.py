@@ -316,6 +316,19 @@ def test_long_frame_name_gets_a_result_file(
     run("-o", tmp_path / f"{'x' * 250}.yaml")
 
 
+@pytest.mark.usefixtures("estimator")
+def test_control_characters_of_a_log_are_in_no_output(
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    written = LogWriter(tmp_path / "rec").imu().joints().write()
+    log = written.rename(tmp_path / "a\x1b[1m\nb|c d.mcap")
+    run = imucalib.with_("run", log, "--urdf", arm_urdf, "--parent", "hand")
+    run("-o", f"{tmp_path}/out/")
+    run("-o", f"{tmp_path}/out/")  # which replaces it
+    (file,) = (tmp_path / "out").iterdir()
+    assert file.name == "a_[1m_b_c d.imu_link.yaml"
+
+
 @pytest.mark.parametrize(
     ("coding", "expected"), [("utf-8", "\u65e5 \u00fc.imu"), ("ascii", "_ _.imu")]
 )
