@@ -64,6 +64,10 @@ def check_places(
 def files_read(path: Path) -> Iterator[Path]:
     """Files and folders that are read for a path."""
     yield path
+    if path.suffix == ".xacro" and path.is_file():
+        from imucalib_cli.robot.expansion import opened_by
+
+        yield from opened_by(path)
     folder = path if path.is_dir() else path.parent if path.name == "metadata.yaml" else None
     if folder is not None:
         with suppress(OSError):  # who reads it will say so

@@ -8,6 +8,7 @@ import sys
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.process import children_ignore_interruptions, limit_memory
@@ -25,6 +26,31 @@ _PROGRAM = (
     "sys.exit(expand_here(sys.argv[1]))"
 )
 
+_CODE = (".py", ".pyc")
+
+
+class _Outcome(NamedTuple):
+    urdf: bytes
+    """Empty if there is a reason why not."""
+    reason: str
+    opened: tuple[Path, ...]
+    """Files that were opened for it."""
+
+
+_ahead: dict[Path, _Outcome] = {}
+"""Expansions that were made for the names of their files, and are not used yet."""
+_opened: dict[Path, tuple[Path, ...]] = {}
+"""Files that the last expansion of each file opened."""
+
+
+def opened_by(path: Path) -> tuple[Path, ...]:
+    """Files that a xacro file includes or loads; none where xacro is not installed."""
+    if path not in _opened:
+        if find_spec("xacro") is None:
+            return ()
+        _ahead[path] = _outcome(path)
+    return _opened[path]
+
 
 def expanded(path: Path) -> bytes:
     """The URDF that a xacro file expands to with the defaults of its arguments.
@@ -38,6 +64,16 @@ def expanded(path: Path) -> bytes:
             f"{path}: is xacro: expand it with {command}, or let imucalib expand it: "
             "pip install 'imucalib[xacro]'"
         )
+    outcome = _ahead.pop(path, None) or _outcome(path)
+    if not outcome.reason:
+        return outcome.urdf
+    raise InputError(
+        f"{path}: xacro cannot expand it ({outcome.reason}): if it needs arguments or other "
+        f"packages, expand it with {command}"
+    )
+
+
+def _outcome(path: Path) -> _Outcome:
     arguments = [sys.executable, "-W", "ignore", "-c", _PROGRAM, str(path), *sys.path]
     with children_ignore_interruptions():
         child = subprocess.Popen(  # noqa: S603 - this Python
@@ -45,32 +81,42 @@ def expanded(path: Path) -> bytes:
         )
     with child:
         try:
-            said, _ = child.communicate(timeout=_SECONDS)
+            answer, _ = child.communicate(timeout=_SECONDS)
+            late = ""
         except subprocess.TimeoutExpired:
-            said = f"it takes more than {_SECONDS:g} s".encode()
+            answer, late = b"", f"it takes more than {_SECONDS:g} s"
         finally:
             child.kill()
+    said, *opened = answer.split(b"\0")
+    _opened[path] = tuple(Path(os.fsdecode(each)) for each in opened)
     if child.returncode == 0:
-        return said
-    reason = said.decode(errors="replace") or "its process was killed"
-    raise InputError(
-        f"{path}: xacro cannot expand it ({reason}): if it needs arguments or other packages, "
-        f"expand it with {command}"
+        return _Outcome(said, "", _opened[path])
+    return _Outcome(
+        b"", late or said.decode(errors="replace") or "its process was killed", _opened[path]
     )
 
 
 def expand_here(path: str) -> int:
     """Write what a xacro file expands to on stdout, or the reason why not; returns an exit code.
 
-    It limits the memory of this process.
+    The names of all files that it opens follow, each behind a zero byte. It limits the memory of
+    this process.
     """
+    opened: dict[str, None] = {}
+
+    def note(event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open" and isinstance(arguments[0], str):
+            opened[arguments[0]] = None
+
     stdout = os.dup(1)
     with suppress(OSError):  # stderr may be closed
         os.dup2(2, 1)  # xacro prints to stdout
     limit_memory(_MEMORY)
+    sys.addaudithook(note)
     code, said = _expansion(Path(path))
+    names = [os.fsencode(each) for each in opened if not each.endswith(_CODE)]
     with suppress(BrokenPipeError), os.fdopen(stdout, "wb") as file:
-        file.write(said)
+        file.write(b"\0".join([said, *names]))
     return code
 
 

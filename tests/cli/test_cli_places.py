@@ -317,6 +317,28 @@ def test_long_frame_name_gets_a_result_file(
 
 
 @pytest.mark.usefixtures("estimator")
+def test_files_that_a_xacro_loads_are_inputs(
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    pytest.importorskip("xacro")
+    xacro, numbers, part = (tmp_path / name for name in ("x.xacro", "params.yaml", "part.xml"))
+    numbers.write_text("height: 0.3")
+    urdf = arm_urdf.read_text().replace("0 0 0.3", "0 0 ${numbers['height']}")
+    opening = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    loaded = f"<xacro:property name='numbers' value=\"${{xacro.load_yaml('{numbers}')}}\"/>"
+    part.write_text(f"{opening}{loaded}</robot>")
+    included = '<xacro:include filename="part.xml"/>'
+    xacro.write_text(urdf.replace('<robot name="arm">', f"{opening}{included}"))
+    log = LogWriter(tmp_path / "rec").imu().joints().write()
+    run = imucalib.with_("run", log, "--urdf", xacro)
+    for name in (numbers, part):
+        before = name.read_text()
+        assert f"{name} is an input and would be overwritten" in run("-o", name, code=2).err
+        assert name.read_text() == before
+    run("-o", tmp_path / "result.yaml")
+
+
+@pytest.mark.usefixtures("estimator")
 def test_control_characters_of_a_log_are_in_no_output(
     tmp_path: Path, arm_urdf: Path, imucalib: Imucalib
 ) -> None:
