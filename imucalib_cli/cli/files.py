@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import contextmanager
-from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,6 @@ import typer
 
 from imucalib_cli.cli.output import deliver, say
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.logs.remote.file import RemoteFile, discarding_copies
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -32,6 +30,8 @@ def files_of(*named: LogPath | str | None) -> list[Path]:
     Raises:
         ChoiceError: Several are standard input, which can be read once.
     """
+    from imucalib_cli.logs.remote.file import RemoteFile
+
     if list(map(str, named)).count("-") > 1:
         raise ChoiceError("standard input can be one of the files, not two: name the others")
     local = [each for each in named if each is not None and not isinstance(each, RemoteFile)]
@@ -71,6 +71,8 @@ def names_in(data: bytes) -> list[str]:
 @contextmanager
 def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
     """Remove temporary copies at the end, and say what was read of each remote file."""
+    from imucalib_cli.logs.remote.file import discarding_copies
+
     with discarding_copies(files) as remote:
         try:
             yield
@@ -178,6 +180,8 @@ def deliver_into(
 
 def files_named_after(folder: Path, log: LogPath) -> list[Path]:
     """Files of a folder that are named after a log."""
+    from glob import escape
+
     from imucalib_cli.results.names import log_name, shortened
 
     return sorted(folder.glob(f"{escape(shortened(log_name(log)))}.*"))

@@ -194,7 +194,7 @@ Verbose = Annotated[
 Quiet = Annotated[bool, output_option("-q", "--quiet", help="Print only errors on stderr.")]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RecordingOptions:
     """What to read and on which robot; the names are those of CalibrationRequest."""
 
@@ -297,7 +297,7 @@ class RecordingOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class KnownOptions:
     """What is known beforehand; names that MatchedOptions has too mean the same.
 
@@ -377,7 +377,7 @@ class KnownOptions:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class EstimatorOptions(KnownOptions):
     """How to estimate; names that MatchedOptions or PaperOptions have too mean the same."""
 
@@ -426,7 +426,7 @@ class EstimatorOptions(KnownOptions):
     )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExtraFiles:
     """Files beside the result; cli/extras.py makes each, by the field's name."""
 

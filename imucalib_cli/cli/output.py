@@ -1,4 +1,6 @@
-"""Output: results go to stdout or a file, words to stderr. Nothing else writes there.
+"""Output: results go to stdout or a file, words to stderr.
+
+Nothing else of imucalib writes there, but typer prints the help and rich draws the progress bar.
 
 Either stream may be full or closed. A result that cannot be written is an error of one line; words
 that cannot be written are dropped.
@@ -64,18 +66,23 @@ def show(content: str | bytes) -> None:
         raise typer.Exit(EXIT_BROKEN_PIPE) from None
 
 
+def say_text(text: str) -> None:
+    """Write to stderr unchanged; names must be escaped by ``printable``."""
+    sys.stderr.write(text)
+
+
 def say(word: str, sentence: object) -> None:
     """Print one line on stderr; names in a log may hold anything, which is escaped."""
     line = printable(" ".join(str(sentence).split()))
     if len(line) > _LONGEST:
         line = f"{line[:_LONGEST]}… ({len(line)} letters)"
-    sys.stderr.write(f"{word}: {line}\n")
+    say_text(f"{word}: {line}\n")
 
 
 def say_error(error: ImucalibError) -> None:
     """Print an error in one line, and its snippet to copy."""
     say("error", error)
-    sys.stderr.write(shown_lines(getattr(error, "snippet", "")))
+    say_text(shown_lines(getattr(error, "snippet", "")))
 
 
 def is_terminal(stream: TextIO) -> bool:

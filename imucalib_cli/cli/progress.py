@@ -10,7 +10,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.interruption import last_words
-from imucalib_cli.cli.output import say, takes_codes
+from imucalib_cli.cli.output import say, say_text, takes_codes
 from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class ProgressBar:
         if self._bar is not None:
             sys.stderr = self._bar.console.file  # rich puts its own in front of it
             self._bar.console.quiet = True
-            sys.stderr.write(_OFF)
+            say_text(_OFF)
 
     def _appear(self) -> None:
         # rich is imported only now: most runs end earlier

@@ -11,12 +11,9 @@ import typer
 
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs
-from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.progress import CountProgress
-from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.cli.files import files_of, given_names
+from imucalib_cli.cli.output import deliver, is_terminal, say, say_text
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,6 +105,8 @@ def batch_command(
     from imucalib_cli.batch.tables import counted, json_line
     from imucalib_cli.batch.task import Task
     from imucalib_cli.cli.extras import for_each_log
+    from imucalib_cli.cli.progress import CountProgress
+    from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.robot.urdf import load_robot
 
     before = files_of(recording.urdf, estimator.imu_model)
@@ -192,6 +191,7 @@ def _give(
 ) -> None:
     """Write a table of all logs in the chosen form to stdout, and others to files."""
     from imucalib_cli.batch.tables import TABLES, words
+    from imucalib_cli.cli.tables import deliver_blocks
 
     if chosen == "summary":
         deliver_blocks(words(records))
@@ -234,7 +234,7 @@ def _tell(record: "Record", *, quiet: bool) -> None:
     if os.environ.get("GITHUB_ACTIONS") == "true":
         for line in github_lines(record):
             if line.startswith("::error") or not quiet:
-                sys.stderr.write(f"{line}\n")
+                say_text(f"{line}\n")
         return
     for word, sentence in complaints(record):
         if word == "error" or not quiet:

@@ -3,7 +3,6 @@
 import typer
 
 from imucalib_cli.cli import options
-from imucalib_cli.cli.commands.run import deliverable, report_findings, write_results
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs, writing
 from imucalib_cli.cli.output import chosen_format, say, say_error
@@ -28,6 +27,7 @@ def combine_command(
 
     It reads the files that `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
+    from imucalib_cli.cli.answers import deliverable, report_findings, write_results
     from imucalib_cli.jobs.combine import combine
     from imucalib_cli.jobs.result_files import read_statistics_files
 

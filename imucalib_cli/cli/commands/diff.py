@@ -4,7 +4,6 @@ from pathlib import Path
 
 import typer
 
-from imucalib_cli.cli.commands.verify import give_answers
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within
 from imucalib_cli.cli.parsers import local_file, named
@@ -33,6 +32,7 @@ def diff_command(
 ) -> None:
     """Has the mount moved since the first result? Exit 0: no, 4: yes, 3: unknown."""
     with writing(output, read=files_of(first, *others, urdf)):
+        from imucalib_cli.cli.answers import give_answers
         from imucalib_cli.jobs.diff import diff_results
         from imucalib_cli.results.fields import Field
 

@@ -1,6 +1,5 @@
 """``imucalib run``: a log and a URDF in, the pose of the IMU out."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +8,6 @@ import typer
 
 from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.extras import check_extras, write_extras
 from imucalib_cli.cli.files import (
     deliver_into,
     files_named_after,
@@ -17,28 +15,15 @@ from imucalib_cli.cli.files import (
     reading,
     warning_of_old_outputs,
 )
-from imucalib_cli.cli.output import (
-    chosen_format,
-    deliver,
-    is_terminal,
-    say,
-    say_error,
-    show,
-    wants_colour,
-)
+from imucalib_cli.cli.output import chosen_format, say_error, say_text
 from imucalib_cli.cli.parsers import file_or_folder, is_folder
-from imucalib_cli.cli.progress import ProgressBar
-from imucalib_cli.cli.tables import deliver_blocks
-from imucalib_cli.errors import ChoiceError, UntrustedError
-from imucalib_cli.results.formats import FORMATS, refuse_untrusted
+from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import TextIO
 
     from imucalib_cli.jobs.calibrate import Outcome
     from imucalib_cli.logs.reader import LogPath
-    from imucalib_cli.results.result import Result
 
 
 def run_command(
@@ -76,6 +61,9 @@ def run_command(
     verbose: options.Verbose = False,
 ) -> None:
     """Find the pose of every IMU of a recording on the robot."""
+    from imucalib_cli.cli.answers import deliverable, report_findings, write_results
+    from imucalib_cli.cli.extras import check_extras, write_extras
+    from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.logs.open import is_own_output
     from imucalib_cli.results.atomic import check_folder_writable
@@ -136,6 +124,7 @@ def run_command(
 
 
 def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
+    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.jobs.kinematics import kinematics_report
     from imucalib_cli.layout import plain
 
@@ -144,7 +133,7 @@ def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
         if to_stdout:
             deliver_blocks(blocks)
         else:
-            sys.stderr.write(plain(blocks))
+            say_text(plain(blocks))
 
 
 def _check_joint(
@@ -168,60 +157,3 @@ def _check_joint(
             f"{beside[0]}: --joint writes only one result; `imucalib batch` writes files for each "
             "log"
         )
-
-
-def write_results(
-    results: "Sequence[Result]", fmt: str, target: Path | None, *, quiet: bool
-) -> None:
-    """Write results in a format to a file, or to stdout."""
-    if results and fmt == "summary" and target is None:
-        show(_in_words(results, sys.stdout))
-    elif results:
-        deliver(FORMATS[fmt].render(results), target, quiet=quiet)
-
-
-def deliverable(results: "Sequence[Result]", fmt: str, *, force: bool) -> "list[Result]":
-    """Results that may be written in a format; an error is printed for each other one."""
-    usable = []
-    for result in results:
-        try:
-            if FORMATS[fmt].is_bare_pose:
-                refuse_untrusted(result, fmt, force=force)
-            usable.append(result)
-        except UntrustedError as error:
-            say_error(error)
-    return usable
-
-
-def _in_words(results: "Sequence[Result]", stream: "TextIO") -> str:
-    from imucalib_cli.results.fields import summarise
-
-    return "\n".join(summarise(result, colour=wants_colour(stream)) for result in results)
-
-
-def report_findings(
-    results: "Sequence[Result]", fmt: str, target: Path | None, *, hint: bool
-) -> None:
-    """Print on stderr what stdout does not say: the summary on a terminal, else the findings.
-
-    Where stdout has words, a ``hint`` says how to get the result as YAML.
-    """
-    from imucalib_cli.results.fields import findings_of, reasons
-
-    in_words = fmt == "summary" and target is None
-    if is_terminal(sys.stderr) and not (in_words or (target is None and is_terminal(sys.stdout))):
-        sys.stderr.write(_in_words(results, sys.stderr))
-    elif not (is_terminal(sys.stderr) and in_words):
-        # a cause that was found comes first, its effects follow
-        lines = [
-            ("untrusted", f"{result.child}: {reason}")
-            for result in results
-            for reason in reasons(result)
-        ]
-        lines += [(finding.label, finding.text) for finding in findings_of(results)]
-        if any("±" in text for _, text in lines):
-            lines.append(("note", "± is 1 sigma"))
-        for label, text in lines:
-            say(label, text)
-    if results and in_words and hint:
-        say("note", "for the result as YAML add -o FILE or --format yaml, or pipe it")

@@ -29,7 +29,6 @@ from imucalib_cli.cli.parsers import (
     unix_time,
     vector,
 )
-from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.simulate.options import (
     CAMERA,
@@ -162,6 +161,7 @@ def simulate_command(
 
     The ground truth is <log>.truth.yaml. The same options and seed give the same log.
     """
+    from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.simulate.load import load_system
     from imucalib_cli.simulate.simulate import simulate
 

@@ -11,11 +11,8 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.parsers import local_file, output_folder
-from imucalib_cli.cli.progress import CountProgress
-from imucalib_cli.cli.tables import deliver_blocks
+from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.layout import Table
 
 if TYPE_CHECKING:
     from imucalib_cli.study.study import Study
@@ -70,6 +67,9 @@ def study_command(
     The tables on stdout are rounded, in every --format. DIR/NAME.jsonl has all numbers of every
     run, with all digits, one line per run.
     """
+    from imucalib_cli.cli.progress import CountProgress
+    from imucalib_cli.cli.tables import deliver_blocks
+    from imucalib_cli.layout import Table
     from imucalib_cli.study.study import STUDIES, can_draw, check_installed, load_study
 
     if not name:
@@ -121,6 +121,8 @@ def study_command(
 
 
 def _print(tables: "list[StudyTable]", fmt: "TableFormat | None") -> None:
+    from imucalib_cli.cli.tables import deliver_blocks
+    from imucalib_cli.layout import Table
     from imucalib_cli.study.tables import render_tables
 
     if fmt is not None or not is_terminal(sys.stdout):

@@ -18,7 +18,6 @@ from imucalib_cli.cli.options import (
 )
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import moment
-from imucalib_cli.cli.tables import deliver_blocks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,6 +50,7 @@ def trend_command(
     quiet: Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0: no, 4: yes, 3: unknown."""
+    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional

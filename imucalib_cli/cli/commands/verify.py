@@ -1,25 +1,16 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
-from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 from imucalib_cli.cli import options, parsers
-from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import files_of, reading, writing
-from imucalib_cli.cli.output import chosen_format, deliver, say, say_error
-from imucalib_cli.cli.progress import ProgressBar
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.layout import plain
-from imucalib_cli.logs.remote.file import path_or_url
 
 if TYPE_CHECKING:
-    from imucalib_cli.errors import ImucalibError
     from imucalib_cli.results.comparison.answers import VerifyAnswer
-    from imucalib_cli.results.fields import Field
 
     Components = list[int]
 else:  # typer evaluates it
@@ -54,8 +45,11 @@ def verify_command(
     verbose: options.Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
+    from imucalib_cli.cli.answers import give_answers, named
+    from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
+    from imucalib_cli.logs.remote.file import path_or_url
     from imucalib_cli.results.comparison.verdicts import WITHIN
     from imucalib_cli.results.fields import findings_of
 
@@ -92,53 +86,6 @@ def verify_command(
             for each in findings_of([answer.found for answer in given])
         ]
         raise typer.Exit(give_answers(*found, findings, fmt=fmt, output=output, quiet=quiet))
-
-
-def give_answers(
-    answers: "Sequence[Any]",
-    failures: "Sequence[ImucalibError]",
-    findings: "Iterable[Field]",
-    *,
-    fmt: str | None,
-    output: Path | None,
-    quiet: bool,
-) -> int:
-    """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU."""
-    from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
-    from imucalib_cli.results.comparison.answers import as_csv
-
-    several = len({answer.about for answer in answers}) + len(failures) > 1
-
-    def to_words(answers: Iterable[Any]) -> str:
-        return plain(
-            f"{answer.verdict}: {named(answer, answer.reason, several=several)}"
-            for answer in answers
-        )
-
-    renderers: dict[str, Callable[[Any], str]] = {
-        "yaml": to_yaml,
-        "json": to_json,
-        "jsonl": to_jsonl,
-        "csv": as_csv,
-        "summary": to_words,
-    }
-    chosen = chosen_format(fmt, output)
-    if not quiet:
-        for finding in findings:
-            say(finding.label, finding.text)
-    if answers:
-        deliver(renderers[chosen](answers), output, quiet=quiet)
-    if not quiet and (chosen != "summary" or output is not None):
-        for answer in answers:
-            say(answer.verdict, named(answer, answer.reason, several=several))
-    for failure in failures:
-        say_error(failure)
-    return exit_code_of_answers(answers, failures)
-
-
-def named(answer: Any, sentence: str, *, several: bool) -> str:
-    """A sentence on an answer; if there are several, its file comes first."""
-    return f"{answer.about}: {sentence}" if several and answer.about else sentence
 
 
 def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
