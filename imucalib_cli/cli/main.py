@@ -4,15 +4,14 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from copy import copy
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE, EXIT_CODES, EXIT_INPUT, exit_code
+from imucalib_cli.cli.help import Command
 from imucalib_cli.cli.interruption import EXIT_INTERRUPTED, was_interrupted
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
@@ -36,6 +35,8 @@ NO_MEMORY = (
 )
 _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic chooses one"}
 """Former options, and the hint for each."""
+_OLD_WORDS = {"joint": "together", "jobs": "workers", "text": "summary"}
+"""Former names of options and formats, which are taken too; the help shows the present ones."""
 
 
 def command_of(name: str) -> Callable[..., None]:
@@ -63,17 +64,6 @@ def common(
     del version
 
 
-class _Command(TyperCommand):
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Parameters of which the help shows no type beside an argument: its name says enough."""
-        params: list[Any] = super().get_params(ctx)
-        for each in params:
-            if each.param_type_name == "argument":
-                each.type = copy(each.type)
-                each.type.get_metavar = lambda *_, **__: ""
-        return params
-
-
 def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
     """The command line with some of its commands; reading the options of all takes time."""
     app = typer.Typer(
@@ -82,10 +72,13 @@ def app_of(names: Iterable[str] = COMMANDS) -> typer.Typer:
         epilog=f"Exit codes: {', '.join(_CODES)}.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={
+            "help_option_names": ["-h", "--help"],
+            "token_normalize_func": lambda word: _OLD_WORDS.get(word, word),
+        },
     )
     for name in names:
-        app.command(name, cls=_Command)(command_of(name))
+        app.command(name, cls=Command)(command_of(name))
     app.callback()(common)
     return app
 

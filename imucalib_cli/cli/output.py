@@ -1,6 +1,6 @@
 """Output: results go to stdout or a file, words to stderr.
 
-Nothing else of imucalib writes there, but typer prints the help and rich draws the progress bar.
+Nothing else writes there but the help (cli/help.py) and the progress bar, which rich draws.
 
 Either stream may be full or closed. A result that cannot be written is an error of one line; words
 that cannot be written are dropped.

@@ -106,7 +106,7 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
     except BrokenProcessPool as error:
         raise InputError(
             f"study {study.name}: a worker was killed, for want of memory perhaps: run the same "
-            "command again, with fewer --jobs; what is done is kept"
+            "command again, with fewer --workers; what is done is kept"
         ) from error
     finally:
         end_workers(pool, busy=bool(waiting))

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from rich.markup import render
 
 from imucalib_cli import __version__
 from imucalib_cli.cli.exit_codes import worst
+from imucalib_cli.cli.help import GUIDES
 from imucalib_cli.cli.main import COMMANDS, app_of, main
 from imucalib_cli.process import INTERRUPTIONS
 from imucalib_cli.results.codec import to_yaml
@@ -322,9 +324,86 @@ def test_help_shows_brackets_and_no_types_of_arguments_and_flags(imucalib: Imuca
 
 
 def test_help_groups_are_in_order_of_use(imucalib: Imucalib) -> None:
-    order = ["Arguments", "Options", "Log and topics", "Robot", "Known beforehand", "Estimator"]
+    order = ["Most used", "Log and topics", "Robot", "Known beforehand", "Estimator"]
     order += ["Only with --method paper", "Output"]
-    assert re.findall(r"╭─ (.+?) ─", imucalib("run", "--help").out) == order
+    shown = imucalib("run", "--help").out
+    assert re.findall(r"╭─ (.+?) ─", shown) == order
+    first = shown[: shown.index("Log and topics")]
+    assert re.findall(r"│ (LOG|-[-\w, ]*-[-a-z]+)", first) == [
+        *("LOG", "--urdf", "--parent", "--imu-topic", "-o, --output", "--format"),
+        *("--report", "-h, --help"),
+    ]
+
+
+@pytest.mark.parametrize("name", GUIDES)
+def test_examples_of_help_are_commands(name: str, imucalib: Imucalib) -> None:
+    shown = imucalib(name, "--help").out.partition("Examples:")[2].strip().split("\n")
+    assert [line.strip() for line in shown] == list(GUIDES[name].examples)
+    command = typer.main.get_command(app_of([name])).commands[name]  # type: ignore[attr-defined]
+    for line in shown:
+        program, called, *words = shlex.split(line)
+        assert (program, called) == ("imucalib", name)
+        command.make_context(name, words)  # raises where an option or a value is none
+
+
+@pytest.mark.parametrize("word", ["summary", "text"])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *("run x", "verify x", "diff x y", "batch x", "inspect x", "trend x", "combine x"),
+        "compare x --kalibr y --urdf z",
+    ],
+)
+def test_plain_text_is_called_summary_or_text(
+    arguments: str, word: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main([*arguments.split(), "--format", word])
+    assert "--format" not in capsys.readouterr().err
+    name = arguments.split(maxsplit=1)[0]
+    command = typer.main.get_command(app_of([name])).commands[name]  # type: ignore[attr-defined]
+    (shown,) = (each.type.choices for each in command.params if "--format" in each.opts)
+    assert "summary" in shown
+    assert "text" not in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shown", "old"),
+    [
+        (["run", "x"], "--together", "--joint"),
+        (["batch", "x"], "--workers=1", "--jobs=1"),
+        (["study", "x"], "--workers=1", "--jobs=1"),
+    ],
+)
+def test_former_names_of_options_are_taken(
+    arguments: list[str], shown: str, old: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = main([*arguments, shown])
+    said = capsys.readouterr().err
+    assert "No such option" not in said
+    assert main([*arguments, old]) == code
+    assert capsys.readouterr().err == said
+    main([arguments[0], "--help"])
+    assert f"{old.partition('=')[0]} " not in capsys.readouterr().out
+
+
+def test_only_one_module_writes_to_the_streams() -> None:
+    writes = re.compile(r"\bstd(out|err)(\.buffer)?\.write\(|(?<!\.)\bprint\(")
+    files = (ROOT / "imucalib_cli" / "cli").rglob("*.py")
+    assert [path.name for path in files if writes.search(path.read_text("utf-8"))] == ["output.py"]
+
+
+def test_commands_do_not_import_each_other() -> None:
+    for path in (ROOT / "imucalib_cli" / "cli" / "commands").glob("*.py"):
+        assert "imucalib_cli.cli.commands" not in path.read_text("utf-8"), path.name
+
+
+def test_help_of_a_command_needs_no_tables_of_typer() -> None:
+    """To import and draw them takes as long as all the rest."""
+    program = (
+        "import sys; from imucalib_cli.cli.main import main; code = main(['run', '--help'])\n"
+        "print('FOUND', code, {'typer.rich_utils', 'rich.markdown'} & set(sys.modules))"
+    )
+    assert python("-c", program).stdout.splitlines()[-1] == "FOUND 0 set()"
 
 
 def test_imu_option_selects_imu_not_model(imucalib: Imucalib) -> None:

@@ -45,7 +45,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 @pytest.fixture
 def study(small: Path, tmp_path: Path, imucalib: Imucalib) -> Imucalib:
     """A study that is soon done, in a folder that is not made yet."""
-    place = ("--config", small, "-o", tmp_path / "out", "--jobs", "1")
+    place = ("--config", small, "-o", tmp_path / "out", "--workers", "1")
     return imucalib.with_("study", "derivation", *place)
 
 

@@ -22,10 +22,10 @@ from tests.troubleshooting.scene import (
 
 @provocation
 def together(scene: Scene, *seeds: int, also: Callable[[], Recording] | None = None) -> Seen:
-    """`imucalib run --joint` on recordings of the arm, and another one."""
+    """`imucalib run --together` on recordings of the arm, and another one."""
     recordings = [noisy(seed=seed) for seed in seeds] + ([also()] if also else [])
     logs = [scene.log(each, f"log{index}.mcap") for index, each in enumerate(recordings)]
-    return scene.run(*logs, "--joint")
+    return scene.run(*logs, "--together")
 
 
 def moved() -> Recording:
@@ -47,7 +47,7 @@ def other_priors(scene: Scene) -> Seen:
 def missing(scene: Scene) -> Seen:
     logs = [scene.log(noisy(seed=seed), f"{seed}.mcap") for seed in (3, 4)]
     other = scene.log(noisy(seed=5), "other.mcap", imu_topic="/imu/other")
-    return scene.run(*logs, other, "--joint")
+    return scene.run(*logs, other, "--together")
 
 
 def batch_notes(scene: Scene) -> Seen:

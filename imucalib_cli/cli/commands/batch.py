@@ -106,23 +106,22 @@ def batch_command(
     from imucalib_cli.batch.task import Task
     from imucalib_cli.cli.extras import for_each_log
     from imucalib_cli.cli.progress import CountProgress
+    from imucalib_cli.cli.request import calibration_request
     from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.robot.urdf import load_robot
 
-    before = files_of(recording.urdf, estimator.imu_model)
-    with warning_of_old_outputs(markdown, junit, read=before):
-        _check_options(output, extras, dask, workers or memory)
-        request = options.calibration_request(ctx, (), recording, estimator, require)
-        if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
-            raise ChoiceError(
-                f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
-            )
-        if request.urdf is not None:
-            load_robot(request.urdf)  # one error here, not one for every log
-        makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-        found = find_logs(given_names(logs, "logs"), left_out=output)
-        if not found.logs:
-            raise InputError("the list of logs on stdin is empty: write one path a line")
+    _check_options(output, extras, dask, workers or memory)
+    request = calibration_request(ctx, (), recording, estimator, require)
+    if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
+        raise ChoiceError(
+            f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
+        )
+    if request.urdf is not None:
+        load_robot(request.urdf)  # one error here, not one for every log
+    makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
+    found = find_logs(given_names(logs, "logs"), left_out=output)
+    if not found.logs:
+        raise InputError("the list of logs on stdin is empty: write one path a line")
     paths = (path for log in found.logs for path in log.paths)
     _check_places([*before, *files_of(*paths)], output, (markdown, junit))
 

@@ -28,6 +28,7 @@ def combine_command(
     It reads the files that `imucalib run --statistics` and `imucalib batch --statistics` write.
     """
     from imucalib_cli.cli.answers import deliverable, report_findings, write_results
+    from imucalib_cli.cli.request import changed_options
     from imucalib_cli.jobs.combine import combine
     from imucalib_cli.jobs.result_files import read_statistics_files
 
@@ -36,8 +37,8 @@ def combine_command(
         logs, foreign, unread = read_statistics_files(paths)
     for each in () if quiet else foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")
-    with writing(output, read=files_of(*paths, *(log.name for log in logs)), force=force):
-        found, failures = combine(logs, options.changed_options(known), require)
+    with writing(output, read=files_of(*paths, *(log.name for log in logs))):
+        found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
         write_results(deliverable(found, chosen, force=force), chosen, output, quiet=quiet)
         if not quiet:

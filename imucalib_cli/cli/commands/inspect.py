@@ -28,8 +28,8 @@ def inspect_command(
         parser=parsers.path_or_url,
         help="Also compare the log's joints and frames with this URDF.",
     ),
-    fmt: Literal["text", "json"] = options.output_option(
-        "text", "--format", help="Format of the report."
+    fmt: Literal["summary", "json"] = options.output_option(
+        "summary", "--format", help="Format of the report; summary: plain text."
     ),
     output: options.OutputFile = None,
     quiet: options.Quiet = False,

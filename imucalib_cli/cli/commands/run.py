@@ -43,10 +43,15 @@ def run_command(
         show_default="stdout",
     ),
     require: options.Require = None,
-    force: options.Force = False,
-    joint: bool = typer.Option(
+    force: bool = options.output_option(
         False,
-        "--joint",
+        "--force",
+        help="Write a bare pose (urdf, tf, ...) even if it should not be trusted, and overwrite "
+        "a log or a URDF.",
+    ),
+    together: bool = typer.Option(
+        False,
+        "--together",
         help="Each LOG is a separate recording; estimate one result from all of them.",
         rich_help_panel=options.LOG,
     ),
@@ -64,6 +69,7 @@ def run_command(
     from imucalib_cli.cli.answers import deliverable, report_findings, write_results
     from imucalib_cli.cli.extras import check_extras, write_extras
     from imucalib_cli.cli.progress import ProgressBar
+    from imucalib_cli.cli.request import calibration_request
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.logs.open import is_own_output
     from imucalib_cli.results.atomic import check_folder_writable
@@ -89,13 +95,13 @@ def run_command(
         warning_of_old_outputs(*older, read=read),
         reading(*logs, recording.urdf, verbose=verbose),
     ):
-        request = options.calibration_request(ctx, logs, recording, estimator, require)
+        request = calibration_request(ctx, logs, recording, estimator, require)
         request = replace(request, details=bool(beside))
         chosen = chosen_format(fmt, target)
-        if joint:
-            _check_joint(logs, estimator, beside, kinematics_report=kinematics_report)
+        if together:
+            _check_together(logs, estimator, beside, kinematics_report=kinematics_report)
         with ProgressBar(quiet=quiet) as bar:
-            if joint:
+            if together:
                 from imucalib_cli.jobs.combine import calibrate_together
 
                 found, failures = calibrate_together(request, bar.report)
@@ -109,7 +115,7 @@ def run_command(
             )
         else:
             write_results(results, chosen, target, quiet=quiet)
-        if not joint:
+        if not together:
             failures += write_extras(
                 extras, outcome, read=read, written=single, force=force, quiet=quiet
             )
@@ -136,24 +142,26 @@ def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
             say_text(plain(blocks))
 
 
-def _check_joint(
+def _check_together(
     logs: "Sequence[LogPath]",
     estimator: options.EstimatorOptions,
     beside: "Sequence[Path]",
     *,
     kinematics_report: bool,
 ) -> None:
-    """Raise ChoiceError where --joint cannot do what other options ask for."""
+    """Raise ChoiceError where --together cannot do what other options ask for."""
     if estimator.method != "matched":
-        raise ChoiceError("--joint belongs to --method matched: add that, or leave --joint out")
+        raise ChoiceError(
+            "--together belongs to --method matched: add that, or leave --together out"
+        )
     if len(logs) == 1:
         raise ChoiceError(
-            "--joint needs several recordings: name another LOG, or leave --joint out"
+            "--together needs several recordings: name another LOG, or leave --together out"
         )
     if kinematics_report:
-        raise ChoiceError("--kinematics-report is for one recording: leave --joint out")
+        raise ChoiceError("--kinematics-report is for one recording: leave --together out")
     if beside:
         raise ChoiceError(
-            f"{beside[0]}: --joint writes only one result; `imucalib batch` writes files for each "
-            "log"
+            f"{beside[0]}: --together writes only one result; `imucalib batch` writes files for "
+            "each log"
         )

@@ -17,7 +17,7 @@ from typer.models import OptionInfo
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
-from imucalib_cli.cli.options import Quiet, flag_of, given_fields
+from imucalib_cli.cli.options import Quiet, flag_of
 from imucalib_cli.cli.output import say
 from imucalib_cli.cli.parsers import (
     imu_name,
@@ -57,7 +57,7 @@ _sensors = partial(typer.Option, rich_help_panel=SENSORS)
 _camera = partial(typer.Option, rich_help_panel=CAMERA)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class SimulateOptions:
     """Options of the simulation that are no field of simulate.options."""
 
@@ -117,6 +117,8 @@ else:
             chain.from_iterable(map(_options, _KINDS)),
             key=lambda option: PANELS.index(option[2].rich_help_panel),
         ),
+        eq=False,
+        repr=False,
     )
 
 
@@ -193,6 +195,8 @@ def simulate_command(
 
 def _with_options(defaults: Options, options: SimulateOptions) -> Options:
     """Options of one part of the simulation: the defaults, replaced by what is given."""
+    from imucalib_cli.cli.request import given_fields
+
     return replace(defaults, **given_fields(options, type(defaults)))
 
 

@@ -47,7 +47,7 @@ def study_command(
         parser=output_folder,
         help="Folder of the rows and figures.",
     ),
-    jobs: int | None = typer.Option(
+    workers: int | None = typer.Option(
         None, min=1, metavar="N", help="Number of processes.", show_default="all processors"
     ),
     fresh: bool = typer.Option(False, "--fresh", help="Discard the rows of an earlier run in DIR."),
@@ -97,14 +97,14 @@ def study_command(
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         check_places(read=files_of(config), written=[file, *drawn])
-    at_a_time = jobs or os.cpu_count() or 1
+    at_a_time = workers or os.cpu_count() or 1
     with CountProgress(
         name, "runs", file, "rows", fresh=fresh, jobs=at_a_time, quiet=quiet
     ) as progress:
         rows = run_study(
             study,
             file,
-            jobs=jobs,
+            jobs=workers,
             fresh=fresh,
             prepare=lambda: check_installed(name),
             report=progress.report,

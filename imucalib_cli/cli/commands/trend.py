@@ -37,11 +37,11 @@ def trend_command(
         "2026-11-23, or 2026-11-23T14:30; UTC unless a zone is given.",
         show_default="all recordings",
     ),
-    fmt: Literal["text", "csv", "jsonl"] = output_option(
-        "text",
+    fmt: Literal["summary", "csv", "jsonl"] = output_option(
+        "summary",
         "--format",
-        help="text: the verdict and a table; csv: one row per recording; jsonl: one line of JSON "
-        "per IMU.",
+        help="summary: the verdict and a table; csv: one row per recording; jsonl: one line of "
+        "JSON per IMU.",
     ),
     output: OutputFile = None,
     plot: Path | None = file_option(
@@ -61,12 +61,23 @@ def trend_command(
             optional("matplotlib", "--plot needs", "plot")
     with writing(output, plot, read=files_of(*names)):
         answers, failures = trend_of(names, within, since)
-        if answers:  # else an earlier output stays
-            _deliver(answers, fmt, output, plot, quiet=quiet)
+        if fmt == "summary":
+            from imucalib_cli.results.trend.table import blocks
+
+            deliver_blocks(blocks(answers), output, quiet=quiet)
+        else:
+            from imucalib_cli.results.codec import to_jsonl
+            from imucalib_cli.results.trend.table import as_csv
+
+            deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
+        if plot is not None:
+            from imucalib_cli.report.paper_plot import draw_trends
+
+            deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
         for answer in () if quiet else answers:
             for warning in answer.warnings:
                 say("warning", warning)
-            if fmt != "text" or output is not None:
+            if fmt != "summary" or output is not None:
                 for each in answer.left_out:
                     say("left out", f"{each.file}: {each.reason}")
                 say(answer.verdict, answer.reason)

@@ -1,6 +1,6 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING
 
 import typer
@@ -47,6 +47,7 @@ def verify_command(
     """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
     from imucalib_cli.cli.answers import give_answers, named
     from imucalib_cli.cli.progress import ProgressBar
+    from imucalib_cli.cli.request import PLANAR, calibration_request
     from imucalib_cli.jobs.result_files import is_result
     from imucalib_cli.jobs.verify import verify_recording, verify_results
     from imucalib_cli.logs.remote.file import path_or_url
@@ -71,10 +72,10 @@ def verify_command(
                 within,
                 imu_link=recording.imu_link,
                 imu_topics=recording.imu_topics,
-                ignored=ignored | frozenset(options.PLANAR if estimator.planar else ()),
+                ignored=ignored | frozenset(PLANAR if estimator.planar else ()),
             )
         else:
-            request = options.calibration_request(ctx, paths, recording, estimator)
+            request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar(quiet=quiet) as bar:
                 found = verify_recording(request, within, bar.report, ignored=ignored)
         by_file: dict[str, list[VerifyAnswer]] = {}
@@ -90,6 +91,7 @@ def verify_command(
 
 def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
     """Raise ChoiceError where logs are mixed with results, or an option is for logs only."""
+    from imucalib_cli.cli.request import options_given
     from imucalib_cli.jobs.result_files import display_name
 
     if len(results) < len(given):
@@ -97,8 +99,10 @@ def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> 
         raise ChoiceError(
             f"{results[0]} is a result and {other} is not: give logs or results, not both"
         )
-    for option, panel in options.options_given(ctx).items():
-        if panel not in {"", options.OUTPUT} and option not in _OF_RESULTS:
+    kinds = (options.RecordingOptions, options.EstimatorOptions)
+    of_logs = {each.name for kind in kinds for each in fields(kind)}
+    for option, name in options_given(ctx).items():
+        if name in of_logs and option not in _OF_RESULTS:
             raise ChoiceError(
                 f"{option} is for logs, but {results[0]} is a finished result: leave it out"
             )
