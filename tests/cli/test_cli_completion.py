@@ -58,9 +58,29 @@ def test_completion_offers_matching_words(
     assert capsys.readouterr().out.split() == offered
 
 
+XACRO = """<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="leg" params="side"><link name="${side}_foot"/></xacro:macro>
+  <link name="base"/>
+  <xacro:leg side="left"/><xacro:leg side="right"/>
+  ${xacro.warning('spoken')}
+</robot>"""
+
+
+def test_links_of_xacro_are_offered(tmp_path: Path) -> None:
+    """As those of the URDF that it expands to, and as fast."""
+    pytest.importorskip("xacro")
+    path = tmp_path / "legs.urdf.xacro"
+    path.write_text(XACRO)
+    _check_fast_completion(["left_foot"], "run", LOG, "--urdf", str(path), "--parent", "left")
+
+
 def test_completion_is_fast() -> None:
     """Of a whole process, as a shell starts one for each Tab."""
-    done = python("-c", PROGRAM, env={**os.environ, **_asked("run", LOG, "--imu-topic", "")})
-    assert done.stdout.split() == ["/imu/data"]
+    _check_fast_completion(["/imu/data"], "run", LOG, "--imu-topic", "")
+
+
+def _check_fast_completion(offered: list[str], *words: str) -> None:
+    done = python("-c", PROGRAM, env={**os.environ, **_asked(*words)})
+    assert done.stdout.split() == offered
     seconds = float(done.stderr)  # no word beside the time
     assert seconds < 1.5  # of a busy machine; half of it is typer's own
