@@ -21,13 +21,13 @@ T = TypeVar("T")
 
 def builtin_names(folder: str = "") -> list[str]:
     """Names, without suffix, of the YAML files of a folder of configs/."""
-    names = (Path(file.name) for file in _configs().joinpath(folder).iterdir())
+    names = (Path(file.name) for file in configs_folder().joinpath(folder).iterdir())
     return sorted(name.stem for name in names if name.suffix == ".yaml")
 
 
 def read_builtin(name: str) -> dict[str, Any]:
     """Content of configs/<name>.yaml; the name may have folders."""
-    text = _configs().joinpath(f"{name}.yaml").read_text("utf-8")
+    text = configs_folder().joinpath(f"{name}.yaml").read_text("utf-8")
     loaded: dict[str, Any] = load_one(text)
     return loaded
 
@@ -121,7 +121,7 @@ def _convert(hint: Any, value: object, where: str) -> Any:
     raise InputError(f"{where}: {value!r} does not fit; see configs/ for an example")
 
 
-def _configs() -> Traversable:
+def configs_folder() -> Traversable:
     """The repository's configs/, installed as imucalib_cli.configs."""
     try:
         return resources.files("imucalib_cli.configs")

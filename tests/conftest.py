@@ -180,7 +180,7 @@ class Imucalib:
 @pytest.fixture
 def estimator(monkeypatch: pytest.MonkeyPatch) -> Estimator:
     fake = Estimator()
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", fake)
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate.estimate_by_method", fake)
     return fake
 
 

@@ -156,11 +156,13 @@ def _estimate_one(
     missing = missing_parts({imu.name: samples.t, **{track.name: track.t for track in path.tracks}})
     repaired = request.repaired(samples, path)
     options = _options(motion, request)
-    estimate = _estimate(repaired.samples, repaired.path, options, details=request.details)
+    estimate = estimate_by_method(repaired.samples, repaired.path, options, details=request.details)
     wrong = contradicted(estimate, request.imu)
     if wrong:
         options = without_priors(options, wrong)
-        estimate = _estimate(repaired.samples, repaired.path, options, details=request.details)
+        estimate = estimate_by_method(
+            repaired.samples, repaired.path, options, details=request.details
+        )
     if isinstance(options, MatchedOptions):
         # A prior is recorded by its values, the published method's guess by its source.
         request = replace(request, estimator=options)
@@ -218,13 +220,14 @@ def _calibrated(recording: Recording, alone: _Alone, estimate: Estimate) -> Cali
     return Calibrated(result=result, estimate=estimate, samples=alone.samples, motion=motion)
 
 
-def _estimate(
+def estimate_by_method(
     samples: ImuSamples,
     path: KinematicPath,
     options: MatchedOptions | PaperOptions,
     *,
     details: bool,
 ) -> Estimate:
+    """The estimate of one IMU by the method whose options they are."""
     if isinstance(options, MatchedOptions):
         from imucalib_cli.estimate.matched import calibrate_matched
 

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _STEP = 1 << 20
-_MOST_RATIO, _ALWAYS = 1000, 1 << 28
+_MOST_RATIO, ALWAYS = 1000, 1 << 28
 """A file that unpacks to more than this ratio and this size is a decompression bomb."""
-_TABLE_RATIO, _TABLE_ALWAYS = 100, 1 << 26
+_TABLE_RATIO, TABLE_ALWAYS = 100, 1 << 26
 """The same for a table, all of whose numbers are in memory at once."""
 _removals: ContextVar[ExitStack | None] = ContextVar("_removals", default=None)
 """What removes the copies that are made, at the end of a context; None outside one."""
@@ -56,7 +56,7 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
     with target.open("wb") as out, path.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         try:
-            most = max(_ALWAYS, _MOST_RATIO * path.stat().st_size)
+            most = max(ALWAYS, _MOST_RATIO * path.stat().st_size)
             while data := reader.read(_STEP):
                 out.write(data)
                 if out.tell() > most:
@@ -77,7 +77,7 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
 
 def cut_table(target: Path, packed: int) -> Finding | None:
     """Truncate a table that unpacked to more than any real one; return the loss, if any."""
-    most = max(_TABLE_ALWAYS, _TABLE_RATIO * packed)
+    most = max(TABLE_ALWAYS, _TABLE_RATIO * packed)
     if target.stat().st_size <= most:
         return None
     os.truncate(target, most)

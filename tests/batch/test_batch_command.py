@@ -45,7 +45,7 @@ Patch = pytest.MonkeyPatch
 def logs(tmp_path: Path, arm_urdf: Path, monkeypatch: Patch) -> Logs:
     """Makes logs in the working folder; one process and no estimating, to be quick."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", Estimator())
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate.estimate_by_method", Estimator())
     monkeypatch.delenv("GITHUB_ACTIONS", raising=False)
     monkeypatch.chdir(tmp_path)
     sound = LogWriter(tmp_path / "sound").imu().joints().write()
@@ -218,7 +218,7 @@ def test_finished_remote_logs_are_skipped_like_local_ones(
 ) -> None:
     """By size and version, whatever their signatures are; no secret is written anywhere."""
     monkeypatch.setattr("imucalib_cli.cli.commands.batch._engine", lambda *_: here)
-    monkeypatch.setattr("imucalib_cli.jobs.calibrate._estimate", Estimator())
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate.estimate_by_method", Estimator())
     served, kept = tmp_path / "served", tmp_path / "results"
     served.mkdir()
     shutil.copy(SAMPLES / "rihibot.mcap", served / "log.mcap")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from imucalib_cli.configuration import _configs
+from imucalib_cli.configuration import configs_folder
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.atomic import write_whole
 from imucalib_cli.results.codec import to_document, to_yaml
@@ -28,7 +28,7 @@ SHORT = ("--duration", "0.2", "--imu-rate", "100", "--robot-rate", "50")
 def house(tmp_path: Path, log_writer: LogWriter, arm_urdf: Path) -> Iterator[Path]:
     """A folder with one file of every kind that a command reads; none changes, whatever is run."""
     log = log_writer.imu().joints().write()
-    configs = Path(str(_configs()))
+    configs = Path(str(configs_folder()))
     (tmp_path / "result.yaml").write_text(to_yaml([make_result()]))
     table = tmp_path / "euroc" / "mav0" / "imu0" / "data.csv"
     table.parent.mkdir(parents=True)

@@ -51,7 +51,7 @@ class Read(NamedTuple):
 
 
 def read(log: Path, **wishes: Any) -> Read:
-    with patch("imucalib_cli.jobs.calibrate._estimate", Estimator()) as asked:
+    with patch("imucalib_cli.jobs.calibrate.estimate_by_method", Estimator()) as asked:
         found = ic.calibrate(log, **wishes)
     ((samples, path, _),) = asked.calls
     return Read(samples, path, found)

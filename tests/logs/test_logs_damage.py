@@ -405,7 +405,7 @@ def test_decompression_bomb_messages_are_skipped(
     for each in said[::2]:
         each.raw = bomb
     path = written(said, "mcap-none")
-    monkeypatch.setattr(decode, "_BLOCK_BYTES", 1 << 26)  # else a block holds few of them
+    monkeypatch.setattr(decode, "BLOCK_BYTES", 1 << 26)  # else a block holds few of them
     with limited(1 << 29):
         data = open_log([path]).read(["/imu"])
     assert len(data.imus["/imu"]) == 100
@@ -415,7 +415,7 @@ def test_decompression_bomb_messages_are_skipped(
 def test_decompression_bomb_file_is_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unpacked, "_ALWAYS", 1 << 24)
+    monkeypatch.setattr(unpacked, "ALWAYS", 1 << 24)
     path = tmp_path / "log.db3.zstd"
     path.write_bytes(zeros(1 << 30))
     with pytest.raises(InputError) as caught:
@@ -447,7 +447,7 @@ def test_claimed_element_counts_are_not_trusted(written: Write) -> None:
 
 @pytest.mark.parametrize(
     ("limit", "ratio", "most"),
-    [("_MESSAGES_ALWAYS", "_MESSAGES_PER_BYTE", 0.02), ("_BYTES_ALWAYS", "MOST_RATIO", 1)],
+    [("MESSAGES_ALWAYS", "MESSAGES_PER_BYTE", 0.02), ("BYTES_ALWAYS", "MOST_RATIO", 1)],
 )
 def test_memory_is_bounded_by_log_size(
     limit: str, ratio: str, most: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -483,7 +483,7 @@ def test_temporary_copies_are_removed_when_reading_is_done(
 def test_decompression_bomb_table_is_truncated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(unpacked, "_TABLE_ALWAYS", 1 << 20)
+    monkeypatch.setattr(unpacked, "TABLE_ALWAYS", 1 << 20)
     path = tmp_path / "log.csv.zst"
     text = b"t_ns,gx,gy,gz,ax,ay,az\n" + b"1,0,0,0,0,0,9\n" * 500_000
     path.write_bytes(zstandard.compress(text))
@@ -499,8 +499,8 @@ def test_well_compressed_log_is_read_completely(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An IMU at rest without noise, whose stamps alone differ."""
-    monkeypatch.setattr(decode, "_MESSAGES_ALWAYS", 1000)
-    monkeypatch.setattr(decode, "_BYTES_ALWAYS", 1000)
+    monkeypatch.setattr(decode, "MESSAGES_ALWAYS", 1000)
+    monkeypatch.setattr(decode, "BYTES_ALWAYS", 1000)
     first, *_ = said_on("/imu", count=5)
     path = tmp_path / "log.mcap"
     said = [replace(first, log_ns=first.log_ns + 5_000_000 * k) for k in range(5000)]

@@ -39,7 +39,7 @@ WANTED = ("/imu", "/joint_states")
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Waiting times are short."""
-    monkeypatch.setattr(http, "_PAUSE_S", 0.01)
+    monkeypatch.setattr(http, "PAUSE_S", 0.01)
 
 
 @pytest.fixture(scope="module")

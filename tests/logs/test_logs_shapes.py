@@ -91,7 +91,7 @@ def test_low_state_contains_imu_and_joints(
     said, numbers = low_states(package, 2**32 - 50)
     log = shapes.write_mcap(tmp_path / "log.mcap", said, **written)
     if slow:
-        monkeypatch.setattr(wire, "_MAX_SHAPES", 0)
+        monkeypatch.setattr(wire, "MAX_SHAPES", 0)
     data = read(log)
     assert data.losses == ()
     imu, (joints,) = data.imus["/lowstate"], data.joints["/lowstate"]
@@ -165,7 +165,7 @@ def test_custom_type_is_recognised_by_its_fields(
     slow: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if slow:
-        monkeypatch.setattr(wire, "_MAX_SHAPES", 0)
+        monkeypatch.setattr(wire, "MAX_SHAPES", 0)
     said, position = arms(["pan", "lift"])
     data = read(shapes.write_mcap(tmp_path / "log.mcap", said))
     (joints,) = data.joints["/arm"]

@@ -138,8 +138,8 @@ def holds_too_much(scene: Scene) -> Seen:
     """As if the last tenth were too much."""
     log = scene.log(noisy())
     with (
-        patch("imucalib_cli.logs.decoding.decode._MESSAGES_PER_BYTE", 0.0),
-        patch("imucalib_cli.logs.decoding.decode._MESSAGES_ALWAYS", 4300),
+        patch("imucalib_cli.logs.decoding.decode.MESSAGES_PER_BYTE", 0.0),
+        patch("imucalib_cli.logs.decoding.decode.MESSAGES_ALWAYS", 4300),
     ):
         return scene.run(log)
 
@@ -156,7 +156,7 @@ def remote(scene: Scene, /, url: str = "", **behaviour: Any) -> Seen:
     """A log behind a URL, or else of a server with a fault."""
     log = scene.writer().imu().write()
     with (
-        patch("imucalib_cli.logs.remote.http._PAUSE_S", 0.0),
+        patch("imucalib_cli.logs.remote.http.PAUSE_S", 0.0),
         serving(log.parent, **behaviour) as web,
     ):
         seen = scene.cli("run", url or web.url(log.name))

@@ -31,15 +31,16 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Channel
     from imucalib_cli.logs.streams import Nanoseconds
 
-_BLOCK_BYTES = 1 << 22
+BLOCK_BYTES = 1 << 22
 _BLOCK_PIECES = 4096
+"""A block is decoded when it has more: enough for arrays to pay, little memory for each topic."""
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _LARGEST_MESSAGE = 1 << 24
 """Largest size of an unpacked message of these types, bytes."""
 _UNPACKED = 1 << 26
 """Bytes of unpacked messages held before they are decoded."""
-_MESSAGES_ALWAYS, _BYTES_ALWAYS = 1_000_000, 1 << 28
-_MESSAGES_PER_BYTE = 1.0
+MESSAGES_ALWAYS, BYTES_ALWAYS = 1_000_000, 1 << 28
+MESSAGES_PER_BYTE = 1.0
 MOST_RATIO = 100
 """A file with more messages than bytes, or numbers of more than so many times its size, is a
 decompression bomb and no log: stamps alone differ from message to message. Small files do no harm.
@@ -120,7 +121,7 @@ class Collector:
         block.rows.append(rows)
         block.size += rows.size
         self._arrived = max(self._arrived, int(arrival.max(initial=0)) + self._file_base + 1)
-        if block.size > _BLOCK_BYTES or len(block.rows) > _BLOCK_PIECES:
+        if block.size > BLOCK_BYTES or len(block.rows) > _BLOCK_PIECES:
             self._decode(block)
 
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
@@ -137,8 +138,8 @@ class Collector:
     def next_file(self, size: int) -> None:
         """Begin the recording's next file, of this size in bytes."""
         self._file_base = self._arrived
-        self._messages_left = max(_MESSAGES_ALWAYS, int(_MESSAGES_PER_BYTE * size))
-        self._bytes_left = max(_BYTES_ALWAYS, MOST_RATIO * size)
+        self._messages_left = max(MESSAGES_ALWAYS, int(MESSAGES_PER_BYTE * size))
+        self._bytes_left = max(BYTES_ALWAYS, MOST_RATIO * size)
 
     def finish(self) -> Iterator[TopicData]:
         """Decode the remaining blocks; yield the data of each topic and type, and release it."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 Rows = Bytes
 """(N, L): N payloads of one length."""
 
-_MAX_SHAPES = 64
+MAX_SHAPES = 64
 """After this many structures in one block the remaining messages are decoded one by one."""
 _NS_PER_S = 1_000_000_000
 _NS_PER_TICK = 1_000_000
@@ -250,7 +250,7 @@ def decode(
     left = np.arange(len(rows))
     if reading is None:
         return
-    for _ in range(_MAX_SHAPES if channel.encoding in BINARY else 0):
+    for _ in range(MAX_SHAPES if channel.encoding in BINARY else 0):
         if not len(left):
             return
         try:

@@ -25,7 +25,7 @@ CONNECT_S, SILENCE_S, REQUEST_S = 10.0, 30.0, 300.0
 """s: time-outs of connecting, of waiting for the next byte, and of one request for a range."""
 TRIES = 4
 """Of each range; a further try continues where the last one ended."""
-_PAUSE_S = 0.5
+PAUSE_S = 0.5
 """s before the second try; doubled before each further one."""
 _RANGE = re.compile(r"bytes (?:(\d+)-\d+|\*)/(\d+)")
 _BUSY = {HTTPStatus.REQUEST_TIMEOUT, HTTPStatus.TOO_MANY_REQUESTS}
@@ -115,7 +115,7 @@ class HttpStore:
         for number in range(TRIES):
             if number:
                 self._traffic.repeats += 1
-                await asyncio.sleep(_PAUSE_S * 2 ** (number - 1))
+                await asyncio.sleep(PAUSE_S * 2 ** (number - 1))
             try:
                 return await once()
             except (*_FINAL, *_PASSING) as error:
