@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
 from imucalib_cli.jobs.input.recording import path_text
-from imucalib_cli.logs.open import holds_log, is_own_output, kinds_of_table
+from imucalib_cli.logs.open import files_below, holds_log, is_own_output, kinds_of_table
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.results.atomic import identity
 

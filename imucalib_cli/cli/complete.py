@@ -5,9 +5,8 @@ A callback reads only the index of a log, and offers nothing if a file cannot be
 
 from __future__ import annotations
 
-import io
 import signal
-from contextlib import redirect_stderr, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,8 +31,7 @@ def _completion(names: Callable[[typer.Context], Iterable[str]]) -> Completion:
         if hasattr(signal, "setitimer"):
             signal.signal(signal.SIGPROF, _give_up)
             signal.setitimer(signal.ITIMER_PROF, _PATIENCE)
-        # the command itself tells what is wrong; xacro warns on stderr
-        with suppress(Exception), redirect_stderr(io.StringIO()):
+        with suppress(Exception):  # the command itself tells what is wrong
             found = list(names(ctx))
         if hasattr(signal, "setitimer"):
             signal.setitimer(signal.ITIMER_PROF, 0.0)
@@ -70,8 +68,8 @@ def topics(kind: Kind) -> Completion:
 def links(ctx: typer.Context) -> Iterable[str]:
     """Links of the URDF on the command line."""
     from imucalib_cli.errors import InputError
+    from imucalib_cli.robot.expansion import expanded
     from imucalib_cli.robot.urdf_xml import parse_xml
-    from imucalib_cli.robot.xacro_file import expanded
 
     path = Path(ctx.params["urdf"])
     try:
@@ -79,7 +77,7 @@ def links(ctx: typer.Context) -> Iterable[str]:
     except InputError:
         if path.suffix != ".xacro":
             raise
-        root = parse_xml(expanded(path), path)
+        root = parse_xml(expanded(path, patience=_PATIENCE), path)
     return [link.attributes["name"] for link in root.findall("link")]
 
 

@@ -14,7 +14,6 @@ from imucalib_cli.logs.messages.table import MESSAGE_TYPES
 from imucalib_cli.logs.open import open_files, readers_with
 from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
-from imucalib_cli.logs.text.csv_file import CsvFile
 from imucalib_cli.shown import listed
 
 if TYPE_CHECKING:

@@ -52,8 +52,10 @@ def opened_by(path: Path) -> tuple[Path, ...]:
     return _opened[path]
 
 
-def expanded(path: Path) -> bytes:
+def expanded(path: Path, *, patience: float | None = None) -> bytes:
     """The URDF that a xacro file expands to with the defaults of its arguments.
+
+    With ``patience``, s, as of shell completion, it takes no longer and is silent.
 
     Raises:
         InputError: xacro is not installed, cannot expand it, or needs too much time or memory.
@@ -64,7 +66,7 @@ def expanded(path: Path) -> bytes:
             f"{path}: is xacro: expand it with {command}, or let imucalib expand it: "
             "pip install 'imucalib[xacro]'"
         )
-    outcome = _ahead.pop(path, None) or _outcome(path)
+    outcome = _ahead.pop(path, None) or _outcome(path, patience)
     if not outcome.reason:
         return outcome.urdf
     raise InputError(
@@ -73,18 +75,22 @@ def expanded(path: Path) -> bytes:
     )
 
 
-def _outcome(path: Path) -> _Outcome:
+def _outcome(path: Path, patience: float | None = None) -> _Outcome:
+    seconds = patience or _SECONDS
     arguments = [sys.executable, "-W", "ignore", "-c", _PROGRAM, str(path), *sys.path]
     with children_ignore_interruptions():
         child = subprocess.Popen(  # noqa: S603 - this Python
-            arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE
+            arguments,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL if patience else None,
         )
     with child:
         try:
-            answer, _ = child.communicate(timeout=_SECONDS)
+            answer, _ = child.communicate(timeout=seconds)
             late = ""
         except subprocess.TimeoutExpired:
-            answer, late = b"", f"it takes more than {_SECONDS:g} s"
+            answer, late = b"", f"it takes more than {seconds:g} s"
         finally:
             child.kill()
     said, *opened = answer.split(b"\0")

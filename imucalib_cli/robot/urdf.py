@@ -26,7 +26,6 @@ from imucalib_cli.robot.expansion import expanded
 from imucalib_cli.robot.names import frame_name
 from imucalib_cli.robot.urdf_check import check_urdf
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
-from imucalib_cli.robot.xacro_file import expanded
 from imucalib_cli.shown import near_matches
 
 if TYPE_CHECKING:

@@ -46,7 +46,10 @@ def test_valid_headers_are_used() -> None:
         (lambda t: 35 * SECOND + t, "apart from those of other topics"),
         (lambda t: START + 30 * SECOND + t, "apart from those of other topics"),
         (lambda t: START + (1.05 * t).astype(int), "at 1.05 times"),
-        (lambda t: START + t - 2 * SECOND * (t > t[-1] // 2), "jump back by 1.99 s at message 1001"),
+        (
+            lambda t: START + t - 2 * SECOND * (t > t[-1] // 2),
+            "jump back by 1.99 s at message 1001",
+        ),
         (lambda t: START + t + SECOND // 20 * (t > t[-1] // 3), "step by +50 ms against the rec"),
         (lambda t: START + t - SECOND // 5 * (t > t[-1] // 2), "step by -200 ms against the rec"),
     ],

@@ -11,7 +11,7 @@ import typer
 
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of, given_names
+from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs
 from imucalib_cli.cli.output import deliver, is_terminal, say, say_text
 from imucalib_cli.errors import ChoiceError, InputError
 
@@ -110,18 +110,20 @@ def batch_command(
     from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.robot.urdf import load_robot
 
-    _check_options(output, extras, dask, workers or memory)
-    request = calibration_request(ctx, (), recording, estimator, require)
-    if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
-        raise ChoiceError(
-            f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
-        )
-    if request.urdf is not None:
-        load_robot(request.urdf)  # one error here, not one for every log
-    makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
-    found = find_logs(given_names(logs, "logs"), left_out=output)
-    if not found.logs:
-        raise InputError("the list of logs on stdin is empty: write one path a line")
+    before = files_of(recording.urdf, estimator.imu_model)
+    with warning_of_old_outputs(markdown, junit, read=before):
+        _check_options(output, extras, dask, workers or memory)
+        request = calibration_request(ctx, (), recording, estimator, require)
+        if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
+            raise ChoiceError(
+                f"--urdf {request.urdf}: imucalib batch needs a URDF on disk: save it to a file"
+            )
+        if request.urdf is not None:
+            load_robot(request.urdf)  # one error here, not one for every log
+        makers = for_each_log(name for name, wanted in vars(extras).items() if wanted)
+        found = find_logs(given_names(logs, "logs"), left_out=output)
+        if not found.logs:
+            raise InputError("the list of logs on stdin is empty: write one path a line")
     paths = (path for log in found.logs for path in log.paths)
     _check_places([*before, *files_of(*paths)], output, (markdown, junit))
 

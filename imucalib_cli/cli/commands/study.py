@@ -11,7 +11,7 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
 from imucalib_cli.cli.output import deliver, is_terminal, say
-from imucalib_cli.cli.parsers import local_file
+from imucalib_cli.cli.parsers import local_file, output_folder
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:

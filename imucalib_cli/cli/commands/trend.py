@@ -50,7 +50,6 @@ def trend_command(
     quiet: Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0: no, 4: yes, 3: unknown."""
-    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional
@@ -61,19 +60,8 @@ def trend_command(
             optional("matplotlib", "--plot needs", "plot")
     with writing(output, plot, read=files_of(*names)):
         answers, failures = trend_of(names, within, since)
-        if fmt == "summary":
-            from imucalib_cli.results.trend.table import blocks
-
-            deliver_blocks(blocks(answers), output, quiet=quiet)
-        else:
-            from imucalib_cli.results.codec import to_jsonl
-            from imucalib_cli.results.trend.table import as_csv
-
-            deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
-        if plot is not None:
-            from imucalib_cli.report.paper_plot import draw_trends
-
-            deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
+        if answers:  # else an earlier output stays
+            _deliver(answers, fmt, output, plot, quiet=quiet)
         for answer in () if quiet else answers:
             for warning in answer.warnings:
                 say("warning", warning)
@@ -94,9 +82,10 @@ def _deliver(
     *,
     quiet: bool,
 ) -> None:
+    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.results.trend.table import as_csv, blocks
 
-    if fmt == "text":
+    if fmt == "summary":
         deliver_blocks(blocks(answers), output, quiet=quiet)
     else:
         from imucalib_cli.results.codec import to_jsonl
