@@ -35,7 +35,7 @@ def test_exchanged_joints_with_parallel_axes_are_named(seed: int) -> None:
     estimate = inputs.judged(MatchedOptions()).explained
     assert not estimate.trusted
     assert estimate.findings[0].code == "cause.order"
-    assert set(estimate.findings[0].values["names"]) == {"j1", "j2"}
+    assert estimate.findings[0].values["names"] in {("j1", "j2"), ("j2", "j1")}
 
 
 @pytest.mark.slow

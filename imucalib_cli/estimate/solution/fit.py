@@ -449,9 +449,9 @@ def _fitted(
         _check_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, few * more**turn)
         all_used = len(centres) == len(every)
-        known = [start] if start and not turn else None
+        first = [start] if start and not turn else None
         plans = (windowing.plan, *others) if all_used else (windowing.plan,)
-        residuals, *by_others = known or model.residuals(state, centres, plans)
+        residuals, *by_others = first or model.residuals(state, centres, plans)
         # A log without noise is no reason to doubt the priors.
         before, own = scales, residual_scales(residuals.values)
         scales = np.maximum(own, SCALE_FLOOR)
