@@ -25,9 +25,9 @@ class Severity(Enum):
     """What a finding means for the result."""
 
     NOTE = "note"
-    """Worth knowing; the result stands."""
+    """Worth knowing; the result is valid."""
     WARNING = "warning"
-    """Something is wrong and the result stands."""
+    """Something is wrong, and the result is valid."""
     UNTRUSTED = "untrusted"
     """The result must not be used as it is."""
 
