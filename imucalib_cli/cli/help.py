@@ -112,9 +112,9 @@ class Command(TyperCommand):
                 names, words = each.get_help_record(ctx)
                 if len(names) > _LONGEST:
                     names = names.replace("|", "| ")  # where it may be broken
-                help_ = each.help or ""  # what follows it in the words is no markup
-                text = Text.from_markup(help_).append(words[len(help_) :], "dim")
-                table.add_row(names, text)
+                help_ = each.help or ""
+                added = words[len(help_) :].replace("\\[", "[")  # some versions of typer escape it
+                table.add_row(Text(names), Text.from_markup(help_).append(added, "dim"))
             console.print(Panel(table, title=title, title_align="left", border_style="dim"))
         if self._guide.examples:
             lines = "\n".join(f"  {line}" for line in self._guide.examples)
@@ -126,5 +126,6 @@ class Command(TyperCommand):
         params = [each for each in self.get_params(ctx) if not getattr(each, "hidden", False)]
         for each in sorted(params, key=lambda each: each.param_type_name != "argument"):
             other = MOST_USED if self._guide.most_used else f"{each.param_type_name.title()}s"
-            panels.setdefault(each.rich_help_panel or other, []).append(each)
+            # click's own --help has no panel
+            panels.setdefault(getattr(each, "rich_help_panel", None) or other, []).append(each)
         return panels
