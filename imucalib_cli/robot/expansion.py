@@ -19,14 +19,14 @@ from imucalib_cli.shown import as_word
 _SECONDS = 60.0
 """s: the largest robots need a few."""
 _MEMORY = 2 << 30
-"""Bytes: a hundred for each of the largest result."""
+"""Bytes: a hundred times the largest URDF that is accepted."""
 _PROGRAM = (
     "import sys; sys.path[:] = sys.argv[2:]\n"
     "from imucalib_cli.robot.expansion import expand_here\n"
     "sys.exit(expand_here(sys.argv[1]))"
 )
-
 _CODE = (".py", ".pyc")
+"""Suffixes of files that Python opens for itself."""
 
 
 class _Outcome(NamedTuple):

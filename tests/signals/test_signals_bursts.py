@@ -169,6 +169,8 @@ def test_messages_that_were_held_up_are_no_crowd(size: int) -> None:
     held = t + rng.exponential(1e-4, len(t))
     for row in range(100, 5900, 50 * size):
         held[row : row + size] = held[row + size - 1] + 1e-6 * np.arange(size)
+        half = slice(row + size // 2, row + size)  # comes a little later
+        held[half] += 0.002
     assert not crowding(np.maximum.accumulate(held)).any()
     copied = np.insert(held, [3000] * size, held[2999] + 1e-6 * np.arange(1, size + 1))
     np.testing.assert_array_equal(np.flatnonzero(crowding(copied)), 3000 + np.arange(size))

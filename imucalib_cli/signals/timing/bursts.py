@@ -83,6 +83,8 @@ _RATE_SECONDS = 1.0
 _LEAST_CROWD = 2.5
 """Messages beyond those that there was time for: jitter and a lost message make one or two, and
 single ones are found by their values."""
+_RECENT = 1000
+"""Messages before a burst, of which one at least was not held up."""
 
 
 class Stretch(NamedTuple):
@@ -139,10 +141,12 @@ def crowding(t: Floats) -> Bools:
     period = usual_interval(t, robust=True)
     steps = np.diff(t)
     bursts = stretches_of((steps >= 0.0) & (steps < SHORT * period))
-    before, after = np.maximum(bursts.first - 1, 0), np.minimum(bursts.end + 1, len(t) - 1)
-    surplus = after - before - (t[after] - t[before]) / period
     at_once = t[bursts.end] - t[bursts.first] < period  # else it may be a faster rate
-    crowds = bursts.where(at_once & (surplus > np.maximum(_LEAST_CROWD, 0.5 * bursts.lengths)))
+    bursts = bursts.where(at_once & (bursts.lengths > _LEAST_CROWD))
+    late = t - period * np.arange(len(t))
+    before = np.array([late[max(row - _RECENT, 0) : row + 1].min() for row in bursts.first])
+    surplus = (before - late[np.minimum(bursts.end + 1, len(t) - 1)]) / period
+    crowds = bursts.where(surplus > np.maximum(_LEAST_CROWD, 0.5 * bursts.lengths))
     return np.append(False, crowds.mask(len(steps)))
 
 
