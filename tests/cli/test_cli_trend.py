@@ -156,5 +156,5 @@ def test_failed_trend_leaves_the_earlier_one(
     (tmp_path / "empty").mkdir()
     for wrong in (tmp_path / "nope.yaml", bad, tmp_path / "empty"):
         said = trend(wrong, code=1).err
-        assert f"warning: {old} is of an earlier run: this one has not written it" in said
+        assert f"warning: {old} was not updated; it still holds an earlier result" in said
         assert old.read_bytes() == before

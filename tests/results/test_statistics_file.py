@@ -244,8 +244,8 @@ def test_earlier_output_of_a_failed_combination_is_told(
     combine(file)
     (tmp_path / "empty").mkdir()
     for wrong in (tmp_path / "nope.npz", tmp_path / "empty"):
-        assert f"{old} is of an earlier run" in combine(wrong, code=1).err
-    assert "is of an earlier run" not in combine(wrong, "-o", wrong / "new", code=1).err
+        assert f"{old} was not updated" in combine(wrong, code=1).err
+    assert "was not updated" not in combine(wrong, "-o", wrong / "new", code=1).err
 
 
 def test_untrusted_combination_is_a_bare_pose_by_force(file: Path, imucalib: Imucalib) -> None:
