@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.imu.data_sheet import ImuModel
 
 PACKAGE = Path(__file__).parents[1] / "imucalib_cli"
+BENCHMARKS = PACKAGE.parent / "benchmarks/README.md"
 _VALUE = re.compile(r"\{[^{}]*\}")
 _CONDITION = re.compile(r"\[\w+(?:=[^?\]]*)?\?")
 """Of a clause of a message."""
@@ -42,6 +43,11 @@ _SECTIONS = {
 }
 """Of the paper, by the study that repeats them."""
 _METHODS = ("paper", "paper, components", "matched, pose only", "matched")
+_GROUPS = (
+    *("nothing", "joint zeros", "origins", "joint axes", "joint curves", "sensor scales"),
+    *("gravity's magnitude", "all of these"),
+)
+"""Of the ablation, those that change an error or the NEES most."""
 _JUDGED = re.compile(rf"\| ({'|'.join(_METHODS)}): (.*) \| (.*) \| (met|not met|not judged) \|")
 _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
@@ -124,6 +130,33 @@ def unknowns() -> str:
     """The table of unknowns, each with its prior."""
     rows = ((f"`{u.name}`", u.words, u.unit, _prior(u)) for u in TABLE)
     return _table(("entry", "what it is", "unit", "prior, 1σ"), rows)
+
+
+def ablation() -> str:
+    """What the groups of unknowns buy that matter most, in short."""
+    told, rows = _measured("left out")
+    shown = {row["left out"]: tuple(row.values()) for row in rows}
+    return f"{told}:\n\n" + _table(tuple(rows[0]), (shown[group] for group in _GROUPS))
+
+
+def sweeps() -> str:
+    """Errors and NEES of imperfect robots, in short: a line for each row, a column for a robot."""
+    told, rows = _measured("robot")
+    lines: dict[str, list[str]] = {}
+    for each in rows:
+        figures = (each["RMS mm"], each["RMS deg"], each["NEES mean"])
+        lines.setdefault(each["row"], []).append(", ".join(figures))
+    robots = dict.fromkeys(f"{each['robot']}: mm, deg, NEES" for each in rows)
+    return f"{told}:\n\n" + _table(("row", *robots), ((row, *of) for row, of in lines.items()))
+
+
+def _measured(first: str) -> tuple[str, list[dict[str, str]]]:
+    """Of the benchmarks' first table with such a first column: seeds and code, and its rows."""
+    before, head, after = BENCHMARKS.read_text("utf-8").partition(f"\n| {first} |")
+    told = re.findall(r"\d+ seeds[^.:]*by the code of \w+", before)[-1]
+    table = (head + after).strip().split("\n\n")[0].split("\n")
+    heads, _, *rows = (line[2:-2].split(" | ") for line in table)
+    return told, [dict(zip(heads, row, strict=True)) for row in rows]
 
 
 def _prior(unknown: Unknown) -> str:
