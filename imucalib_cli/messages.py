@@ -337,8 +337,9 @@ MESSAGES: Messages = {
     # The robot.
     "robot.described": "the URDF of '{robot}' is taken from the log's {topic}; --urdf overrides it",
     "robot.description_unusable": "{reason}: the log's own description of the robot is not used",
-    "robot.chain_missing": "{parent} is taken as the parent of '{frame}', because no other frame "
-    "moves; if a joint lies between them, give --urdf, without which {topics:list} cannot be used",
+    "robot.chain_missing": "{parent} is taken as the parent of [frame?'{frame}'||the IMU], because "
+    "no other frame moves; if a joint lies between them, [has_robot?name the IMU's link by "
+    "--imu-link or --parent||give --urdf], without which {topics:list} cannot be used",
     "joints.other_robot": "{dropped:list} also has joints of {robot}; {used:list} is used because "
     "it is in the namespace of the IMU",
     "cause.pose_unread": "no link of the robot moves like the IMU, but {topics:list} was not "

@@ -128,6 +128,12 @@ def test_motion_is_read_without_a_urdf(
             {},
             "ChoiceError: several poses move links of .*--pose-topic",
         ),
+        # an IMU and a pose that name no frame do not name the same one
+        (
+            lambda w: w.imu(frame="").joints().poses("/m"),
+            {"pose_topics": ("/m",)},
+            "ChoiceError: the IMU's frame_id is empty: name the link .*--parent.*--imu-link$",
+        ),
     ],
 )
 def test_unusable_motion_is_refused(
@@ -136,6 +142,17 @@ def test_unusable_motion_is_refused(
     with pytest.raises(ImucalibError) as caught:
         motion_of(log(log_writer).write(), **{"urdf": arm_urdf, **wishes})
     assert re.match(message, f"{type(caught.value).__name__}: {caught.value}")
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_guessed_parent_names_the_option_that_is_missing(
+    given: bool, log_writer: LogWriter, arm_urdf: Path
+) -> None:
+    log = lost(log_writer).tf("lost", "ball").write()
+    motion = motion_of(log, urdf=arm_urdf if given else None)
+    (said,) = (each.message for each in motion.findings if each.code == "robot.chain_missing")
+    assert ("--imu-link or --parent" in said) == given
+    assert ("--urdf" in said) != given
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,7 @@ def test_unread_pose_topic_is_proposed_as_base(tmp_path: Path) -> None:
     shape, mount = SHAPES["arm on a moving base"], random_mount(3)
     log = record(shape, tmp_path / "log", mount=mount, base_topic="/mocap", seconds=15.0)
     (error,) = run(log, shape, tmp_path).failures
+    assert "name its link by --imu-link or --parent; if /mocap" in str(error)
     assert str(error).endswith("read it too: --pose-topic /mocap")
     found = inspect(CalibrationRequest(logs=(log,), urdf=tmp_path / "robot.urdf"))
     assert found.command is not None

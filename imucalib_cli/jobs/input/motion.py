@@ -115,9 +115,8 @@ def find_motion(
         InputError: The log has no motion of the parent.
         UntrustedError: Nothing in the log moves, so that no pose can be determined.
     """
-    frames_alone = replace(sources, robot=None)
     if sources.robot is None:
-        return _checked(_from_frames(frames_alone, frame_id, request), request, samples)
+        return _checked(_from_frames(sources, frame_id, request), request, samples)
     try:
         motion = _from_robot(sources, sources.robot, frame_id, request)
         return _checked(motion, request, samples)
@@ -125,12 +124,13 @@ def find_motion(
         if request.needs_nominal and request.urdf is not None:
             raise
         frame = request.parent or frame_id
-        is_in_log = any(frame in (edge.parent, edge.child) for edge in sources.edges)
+        edges = sources.edges  # an empty name, of IMU and pose alike, is none
+        is_in_log = frame != "" and any(frame in (each.parent, each.child) for each in edges)
         unplaced = isinstance(error, ChoiceError) and error.option == "--parent"
         if not is_in_log and (sources.joints or not unplaced):
             raise  # frames alone would take the base of an arm for what carries the IMU
         try:
-            motion = _checked(_from_frames(frames_alone, frame_id, request), request, samples)
+            motion = _checked(_from_frames(sources, frame_id, request), request, samples)
         except ImucalibError:
             raise error from None
         make, urdf = note if request.urdf is None else warning, str(sources.robot.source)
@@ -309,7 +309,8 @@ def _base(
 
 
 def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -> Motion:
-    """Motion of a frame of the log, without a URDF."""
+    """Motion of a frame of the log; the URDF, if there is one, is not used."""
+    has_robot, sources = sources.robot is not None, replace(sources, robot=None)
     base = sources.base
     if base is None and not sources.edges:
         if sources.joints:
@@ -334,10 +335,8 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
             parent, nominal = _guess_parent(edges, frame_id)
             if nominal is None and joints_move:  # a joint may lie between that frame and the IMU
                 topics = sources.topics_of(sources.joints)
-                missing = warning(
-                    "robot.chain_missing", parent=parent, frame=frame_id, topics=topics
-                )
-                findings = (missing,)
+                values = {"parent": parent, "frame": frame_id, "topics": topics}
+                findings = (warning("robot.chain_missing", **values, has_robot=has_robot),)
         path = frame_path(edges, parent, world=request.world)
         if not path.tracks and not all(edge.is_static for edge in edges):
             apart = f"no transform of the log leads from '{parent}' to a frame that moves"

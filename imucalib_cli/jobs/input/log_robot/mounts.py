@@ -96,8 +96,9 @@ def with_carriers(
         )
     elif unread:
         text = (
-            f"{reason}, and no link moves like it: if {' or '.join(unread)} has the pose "
-            f"of the robot's base, read it too: --pose-topic {unread[0]}"
+            f"{reason}, and no link moves like it: name its link by --imu-link or --parent; if "
+            f"{' or '.join(unread)} has the pose of the robot's base, read it too: "
+            f"--pose-topic {unread[0]}"
         )
     else:
         return error, carriers
