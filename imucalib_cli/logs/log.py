@@ -11,7 +11,7 @@ from imucalib_cli.findings import Finding, warning, warnings
 from imucalib_cli.logs.messages.protobuf import EXTRA, is_damaged, is_installed
 from imucalib_cli.logs.messages.shapes import numbers_of
 from imucalib_cli.logs.messages.table import MESSAGE_TYPES
-from imucalib_cli.logs.open import open_files, readers_with
+from imucalib_cli.logs.open import check_csv_columns, open_files, readers_with
 from imucalib_cli.logs.reader import Topic, with_columns
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.shown import listed
@@ -231,7 +231,7 @@ def open_log(
         progress: Called with the share of one that is downloaded, 0 to 1.
 
     Raises:
-        InputError: A path is missing, unreadable, or not a log.
+        InputError: A path is missing, unreadable, or not a log, or ``csv_columns`` fit no table.
         ChoiceError: A folder holds several recordings, a path is given twice, or a remote file
             would have to be read whole.
     """
@@ -244,10 +244,13 @@ def open_log(
     if twice:
         raise ChoiceError(f"{twice[0]} is given twice: name each file of the recording once")
     readers = readers_with(csv_columns)
-    files = (
+    opened = (
         open_files(path, readers, scan_remote=scan_remote, progress=progress) for path in paths
     )
-    return Log([file for opened in files for file in opened], columns)
+    files = [file for some in opened for file in some]
+    if csv_columns:
+        check_csv_columns(files, readers)
+    return Log(files, columns)
 
 
 def _add_streams(data: LogData, found: TopicData) -> None:

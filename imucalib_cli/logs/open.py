@@ -39,6 +39,21 @@ def readers_with(csv_columns: Sequence[str]) -> Readers:
     return [*READERS, CsvFile.with_columns(csv_columns)] if csv_columns else READERS
 
 
+def check_csv_columns(files: Sequence[LogFile], readers: Readers) -> None:
+    """Refuse a guess of a table's columns, if the user names columns and no table has those.
+
+    Raises:
+        InputError: A header of unknown names is taken for one of joints instead.
+    """
+    tables = [each for each in files if isinstance(each, CsvFile)]
+    if any(each.IS_NAMED_BY_USER for each in tables):
+        return
+    for table in tables:
+        if table.guessed:
+            head = ",".join(table.guessed).encode()
+            raise InputError(f"{table.path} {readers[-1].why_not(head, '')}")
+
+
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _METADATA = b"rosbag2_bagfile_information"
 _MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2")

@@ -85,6 +85,7 @@ def assert_pose(data: LogData, topic: str) -> None:
         ("timestamp;gyro_x;gyro_y;gyro_z;acc_x;acc_y;acc_z", ";"),
         ("Time [ns]\tGyro.x\tGyro.y\tGyro.z\tAccel.x\tAccel.y\tAccel.z", "\t"),
         (ROSTOPIC, ","),
+        ("t_ns,gyroX,gyroY,gyroZ,accX,accY,accZ", ","),
         ('"t_ns","wx","wy","wz","ax","ay","az"', ","),
         ("\ufeff# t_ns, wx, wy, wz, ax, ay, az", ","),
     ],
@@ -186,6 +187,28 @@ def test_user_can_name_columns(tmp_path: Path) -> None:
         open_log([path], columns[:-1])
     with pytest.raises(InputError, match=r"--csv-columns a,b: name a column t"):
         open_log([path], ("a", "b"))
+
+
+@pytest.mark.parametrize("time", ["", "timeTick"])
+def test_known_columns_without_a_time_are_named(tmp_path: Path, time: str) -> None:
+    names = "acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z"
+    path = write(tmp_path / "imu.csv", f"{time},{names}\n{lines(STAMPS, VALUES)}")
+    with pytest.raises(InputError, match=r"imu\.csv has no time column: name one t, or t_ns"):
+        open_log([path])
+
+
+def test_named_columns_are_not_ignored_for_a_guess(tmp_path: Path) -> None:
+    """Every column of a header of unknown names became a joint, without a word."""
+    header = "Time(s),BaseWx,BaseWy,BaseWz,BaseAx,BaseAy,BaseAz"
+    path = write(tmp_path / "robot.csv", f"{header}\n{lines(STAMPS, VALUES)}")
+    columns = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+    with pytest.raises(InputError, match=r"robot\.csv begins with a header without the columns t"):
+        open_log([path], columns)
+    # joints beside a table that has the columns
+    imu = write(tmp_path / "imu.csv", lines(STAMPS, VALUES))
+    arm = write(tmp_path / "arm.csv", f"t_ns,elbow\n{lines(STAMPS, VALUES[:, :1])}")
+    (joints,) = read(imu, arm, columns=("t_ns", *columns[1:])).joints["/arm"]
+    assert joints.names == ("elbow",)
 
 
 def test_last_columns_need_no_names(tmp_path: Path) -> None:

@@ -74,6 +74,7 @@ NAMES = (
     "x y z qx qy qz qw of a pose"
 )
 """Advice for a table with unknown columns."""
+_NO_TIME = "has no time column: name one t, or t_ns, t_us, t_ms or t_s by its unit"
 _EARLIEST = ((10**16, "ns"), (10**13, "us"), (10**10, "ms"))
 """Times since 1970 above these limits are in these units: in a larger one they are after 2286."""
 
@@ -147,6 +148,8 @@ class CsvFile(LogFile):
     HAS_MORE: ClassVar[bool] = False
     """Whether rows may have more cells than these, which are not used."""
     IS_NAMED_BY_USER: ClassVar[bool] = False
+    guessed: tuple[str, ...]
+    """Columns of unknown names, which are taken for joints."""
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
         self.path = path
@@ -159,6 +162,7 @@ class CsvFile(LogFile):
             if layout is None:
                 raise InputError(f"{path}: its columns are not known: {NAMES}")
             time, named_unit, self._groups = layout
+            self.guessed = () if any(each.named for each in self._groups) else tuple(names)
             for group in self._groups:
                 self._check_joints(group.joints)
             self._take(lines, separator, time, named_unit or unit)
@@ -216,11 +220,14 @@ class CsvFile(LogFile):
     @classmethod
     def why_not(cls, head: bytes, name: str) -> str:
         """Why the columns of a table are not known, or not those that the user names."""
+        names = _header(iter(_filled(head)), ())[0]
         if b"\0" in head or not cls.IS_NAMED_BY_USER:
+            timed = _layout(["t", *names])
+            if timed is not None and any(group.named for group in timed[2]):
+                return _NO_TIME
             is_table = name.lower().endswith(".csv") or cls.holds_numbers(head)
             known = f"has no header with known columns: {NAMES}, or use --csv-columns"
             return known if is_table else ""
-        names = _header(iter(_filled(head)), ())[0]
         if names and _is_number(names[0]):
             count = len(cls.COLUMNS)
             return (
