@@ -208,6 +208,7 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
             starts.append(k)
     bounds = [*(k * _RATE_SPAN for k in starts), len(t)]
     found: list[Stretch] = []
+    begun = 0
     for first, end in pairwise(bounds):
         steps = np.diff(t[first:end])
         period = float(np.median(steps))
@@ -217,8 +218,18 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
         # Lost messages increase the mean interval and not the median.
         if found and abs(np.log(period * found[-1].rate)) < other:
             continue
-        found.append(Stretch(1.0 / period, float(t[first])))
+        if found:
+            reach = _RATE_FILTER * _RATE_SPAN
+            begun, end = max(begun, first - reach), min(end, first + reach)
+            begun += _change_of_rate(np.diff(t[begun:end]), 1.0 / found[-1].rate, period)
+        found.append(Stretch(1.0 / period, float(t[begun])))
     return tuple(found) if len(found) > 1 else ()
+
+
+def _change_of_rate(steps: Floats, before: float, after: float) -> int:
+    """How many of some intervals, s, come before the change from one period to another."""
+    as_before = (steps > np.sqrt(before * after)) == (before > after)
+    return int(np.argmax(np.cumsum(np.append(0, np.where(as_before, 1, -1)))))
 
 
 def _counts(t: Floats, ways: tuple[_Units, ...], period: float) -> Iterator[BurstTiming]:
