@@ -15,9 +15,13 @@ if TYPE_CHECKING:
 
     Messages = dict[str, str | Callable[..., str]]
 
+_TO = "--to {seconds:before uncertainty}"
+_FROM = "--from {seconds:after uncertainty}"
 _ONE_SIDE = (
-    "use a part on one side of it (--to {seconds:before uncertainty} or --from "
-    "{seconds:after uncertainty})"
+    "[only=?use a part on one side of it (" + _TO + " or " + _FROM + ")]"
+    "[only=before?use the part before it (" + _TO + ")]"
+    "[only=after?use the part after it (" + _FROM + ")]"
+    "[only=none?record again]"
 )
 _AT = " at about {seconds:.0f} ± {uncertainty:whole} s of the log: "
 _RESET = "the sensor was reset, struck or is warming up; " + _ONE_SIDE
@@ -49,8 +53,8 @@ _ROTATION = (
 # Codes with a meaning for decisions, in sections; the sets of each meaning are below them.
 _UNSPECIFIC: Messages = {
     "fit.unsettled": "the solution does not settle: it still changes from step to step, which "
-    "happens if the model does not fit: check parent link, units and stamps, choose a longer "
-    "--window, or use another part of the log (--from, --to)",
+    "happens if the model does not fit: check parent link, units and stamps, "
+    "[longest=?choose a longer --window, ]or use another part of the log (--from, --to)",
     "fit.rotation_unexplained": "the robot's motion does not explain the gyroscope ({share:.0%} "
     "of the rotation remains unexplained): [beyond?is the gyroscope's unit right "
     "(--gyro-unit), and ]"
@@ -80,8 +84,11 @@ _UNSPECIFIC: Messages = {
     "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
-    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
-    "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
+    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; "
+    "[only=?calibrate each part alone (" + _TO + ", " + _FROM + ")]"
+    "[only=before?calibrate the part before alone (" + _TO + "), the other is too short]"
+    "[only=after?calibrate the part after alone (" + _FROM + "), the other is too short]"
+    "[only=none?record again, each part is too short]",
     "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
     "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount gives way, or "
     "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
@@ -236,6 +243,9 @@ MESSAGES: Messages = {
     "markers or started over" + _MARKERS,
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
     "longest time from {start:.1f} to {end:.1f} s: the rest is used, and sigma is for the rest",
+    "streams.overlap": "{streams:list} have only {shared:.3g} s in common, and the shorter has "
+    "{shorter:.3g} s: with so little, a wrong time offset can fit by chance: check --time-offset "
+    "and the stamps (--clock), or record both over the same time",
     # Stamps and clocks.
     "joints.numbered": "{topic}: the motors are numbered; {count} get the names of {called} in "
     "{robot}",
@@ -419,25 +429,16 @@ MESSAGES: Messages = {
     "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
     "would; sigma includes the difference",
     "window.noisy": "the gyroscope shows errors of the kinematics, which may move the position by "
-    "{error:mm.2g} in windows of {seconds:.2g} s; sigma includes this: choose a longer --window, "
-    "or [tracked?stamp each pose when it is measured][tracked=?publish each sample of the "
-    "controller with the controller's stamp]",
+    "{error:mm.2g} in windows of {seconds:.2g} s; sigma includes this: [longest?move faster, "
+    "reduce these errors||choose a longer --window], or "
+    "[tracked?stamp each pose when it is measured][tracked=?publish each sample of the controller "
+    "with the controller's stamp]",
     "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
     "explain: an error that is not in the model changes within the log, such as a tracker's "
     "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
-    "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
-    "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
-    "beyond what noise and model explain: the mount moved, or the log joins two set-ups; calibrate "
-    "each part alone (--to {seconds:before uncertainty}, --from {seconds:after uncertainty})",
     "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
     "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount is loose, or "
     "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
-    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
-    + _AT
-    + _ONE_SIDE
-    + ", and see that no clock is set while recording",
-    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s" + _AT + _RESET,
-    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
     "unknown.found": unknown_found,
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
     "sensor has ({limit:in unit}): [other?a {other:.2g} s window does not confirm it "

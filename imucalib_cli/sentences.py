@@ -405,13 +405,13 @@ def publishers(names: tuple[str, ...], sizes: tuple[float, ...], what: str, kind
     )
 
 
-def unusual_bias(name: str, size: float, std: float | None = None) -> str:
-    """A bias that is larger than usual; older results have no ``std``."""
+def unusual_bias(name: str, size: float, std: float | None = None, *, gravity: bool = True) -> str:
+    """A bias that is larger than usual, with or without gravity in the equations."""
     error = "" if std is None else f" ± {std:.2g}"
     whose = " of the base IMU" if name.startswith(_OF_BASE) else ""
     if name.endswith("accel_bias"):
         return (
-            f"an accelerometer bias{whose} of {size:.2g}{error} m/s² is unusual: a scale error, or "
-            "another --gravity norm?"
+            f"an accelerometer bias{whose} of {size:.2g}{error} m/s² is unusual: a scale error"
+            f"{', or another --gravity norm' if gravity else ''}?"
         )
     return f"a gyroscope bias{whose} of {size:.2g}{error} rad/s is unusual: is its unit right?"

@@ -115,6 +115,40 @@ def test_a_joint_is_singular_and_joints_are_plural() -> None:
     assert two.startswith("a, b do not move in this log: errors of their zeros and lengths")
 
 
+def test_gravity_is_not_blamed_where_it_is_in_no_equation() -> None:
+    values = {"name": "base_accel_bias", "size": 1.5, "std": 0.1}
+    assert "another --gravity norm?" in warning("bias.unusual", **values, gravity=True).message
+    assert warning("bias.unusual", **values, gravity=False).message.endswith(": a scale error?")
+
+
+def test_a_longer_window_is_advised_where_there_is_one() -> None:
+    for found in (
+        {"code": "window.noisy", "seconds": 1.0, "error": 0.01, "tracked": True},
+        {"code": "fit.unsettled"},
+    ):
+        assert "a longer --window" in warning(**found).message
+        assert "--window" not in warning(**found, longest=True).message
+
+
+@pytest.mark.parametrize(
+    ("only", "advised"),
+    [
+        (None, ("--to 9", "--from 12")),
+        ("before", ("--to 9",)),
+        ("after", ("--from 12",)),
+        ("none", ()),
+    ],
+)
+@pytest.mark.parametrize("kind", ["mount", "clock"])
+def test_a_part_that_is_too_short_is_not_proposed(
+    kind: str, only: str | None, advised: tuple[str, ...]
+) -> None:
+    sizes = dict.fromkeys(("translation", "rotation", "size"), 0.01)
+    sizes |= {"translation_std": 1e-3, "rotation_std": 1e-3, "seconds": 10.5, "uncertainty": 1.0}
+    message = warning(f"change.{kind}", **sizes, only=only).message
+    assert [each for each in ("--to 9", "--from 12") if each in message] == list(advised)
+
+
 @pytest.mark.parametrize("finding", EXAMPLES, ids=lambda finding: finding.code)
 def test_messages_are_one_line_without_a_full_stop(finding: Finding) -> None:
     message = finding.message

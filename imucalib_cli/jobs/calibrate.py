@@ -153,7 +153,6 @@ def _estimate_one(
     path = motion.path
     check_joint_topics(recording.joints, set(map(path.reported, path.joint_steps.values())))
     check_overlap(samples, motion)
-    missing = missing_parts({imu.name: samples.t, **{track.name: track.t for track in path.tracks}})
     repaired = request.repaired(samples, path)
     options = _options(motion, request)
     estimate = estimate_by_method(repaired.samples, repaired.path, options, details=request.details)
@@ -174,6 +173,8 @@ def _estimate_one(
         progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
+    of_robot = {track.name: track.t for track in path.tracks}
+    missing = missing_parts({imu.name: samples.t - estimate.time_offset, **of_robot})
     of_log = (*recording.findings, *motion.findings, *missing)
     before, suspects = (
         tuple(each for each in some if each.code not in blamed)

@@ -194,6 +194,15 @@ def test_moving_mount_is_found_with_time_and_size(
     assert share is None or replace(found, mount=moved_by(share)).covered
 
 
+def test_a_part_without_enough_windows_is_not_proposed() -> None:
+    log = log_of(Flaws(mount_after=(28.0, moved_by(1.0))), LONG).noisy(1, "mems")
+    found = solve(log.kept(log.imu.t < 29.6))  # 0.6 s from the first whole second after it
+    change = change_in(found, "mount", 28.0)
+    assert np.ceil(change["seconds"] + change["uncertainty"]) == 29.0
+    assert "--to 27" in found.distrust[0]
+    assert "--from" not in found.distrust[0]
+
+
 NONE = (0.0, 0.0, 0.0)
 STEPS = [
     *(("gyro_bias", at, ((0.01, 0.0, -0.005), NONE), g) for g in GRADES for at in (11.0, 20.0)),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
@@ -76,6 +77,22 @@ def test_unread_pose_topic_is_proposed_as_base(tmp_path: Path) -> None:
     assert found.command is not None
     assert "--pose-topic /mocap" in found.command
     assert found.command.endswith("--parent upper")
+
+
+def test_streams_are_compared_on_one_clock(tmp_path: Path) -> None:
+    """An IMU whose clock is 8 s ahead was told to be missing for 8 of the 28 s."""
+    shape, mount = SHAPES["pan and tilt on a lift"], random_mount(6)
+    said = messages(shape, mount=mount, seconds=20.0)
+    for k, each in enumerate(said):
+        if each.topic == "/imu":
+            each.message.header.stamp.sec += 8
+            said[k] = replace(each, log_ns=each.log_ns + 8 * 10**9)
+    log = write_log(tmp_path / "log", sorted(said, key=lambda each: each.log_ns), "mcap2")
+    options = MatchedOptions(max_offset=9.0)
+    (result,) = run(log, shape, tmp_path, parent="tilt_link", estimator=options).results
+    assert_matches_truth(result, mount)
+    codes = {each.code for each in result.diagnostics.findings}
+    assert codes.isdisjoint({"stream.missing", "streams.overlap"})
 
 
 @pytest.mark.slow

@@ -116,6 +116,13 @@ def a_fifth_missing() -> Recording:
     return replace(noisy(), imu=rows_kept(imu, kept))
 
 
+def little_in_common() -> Recording:
+    """The IMU's first 14 s of 24, and the robot's last."""
+    imu, (robot,) = noisy().imu, noisy().robot
+    late = rows_kept(robot, robot.t > robot.t[-1] - 14.0)
+    return replace(noisy(), imu=rows_kept(imu, imu.t < imu.t[0] + 14.0), robot=(late,))
+
+
 def on_the_base() -> Recording:
     """What an IMU beside the arm reads: noise and gravity."""
     rng, shape = np.random.default_rng(1), noisy().imu.gyro.shape
@@ -156,6 +163,7 @@ STAMPS: dict[str, Provocation] = {
     "offset-beyond": stamped(lambda t: t + 1.7),
     "offset-given": stamped(lambda t: t + 0.7, "--time-offset", "none"),
     "missing": on_arm(a_fifth_missing),
+    "little-in-common": on_arm(little_in_common),
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.solution.algebra import inverse_of
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, WRONG
+from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRONG
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     SENSORS,
@@ -25,6 +25,7 @@ from imucalib_cli.estimate.unknowns import (
     Reading,
     measured_over_true,
 )
+from imucalib_cli.estimate.window_choice import is_longest
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -221,7 +222,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     """Motion that the model does not account for."""
     fit = evidence.fit
     if not fit.settled:
-        yield untrusted("fit.unsettled")
+        yield untrusted("fit.unsettled", longest=is_longest(evidence.attempt.window) or None)
     turning = fit.residuals.turning
     left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
@@ -348,11 +349,13 @@ def _gaps(evidence: Evidence) -> Iterator[Finding]:
 
 def _window(evidence: Evidence) -> Iterator[Finding]:
     """A window too short for the noise, or an answer that depends on it, which nothing explains."""
-    error, seconds = evidence.fit.noise_error, evidence.attempt.window.seconds
+    window = evidence.attempt.window
+    error, seconds, longest = evidence.fit.noise_error, window.seconds, is_longest(window)
     if error > 0.0:
         make = untrusted if evidence.too_noisy else warning
         tracked = _is_tracked(evidence.fit)
-        yield make("window.noisy", seconds=seconds, error=error, tracked=tracked)
+        values = {"seconds": seconds, "error": error, "tracked": tracked, "longest": longest}
+        yield make("window.noisy", **values)
     worst = evidence.largest_dependence
     if worst is not None:
         sigma = evidence.fit.std[evidence.fit.layout.pose]
@@ -381,7 +384,7 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     change = evidence.change
     if change is None:
         return
-    lengths, size, values = _lengths(change.moves_pose), change.size, dict[str, float]()
+    lengths, size, values = _lengths(change.moves_pose), change.size, dict[str, Any]()
     if change.kind in {"mount", "drift"}:
         spread = _lengths(size * change.std)
         for name, length in lengths.items():
@@ -390,9 +393,25 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
         values["size"] = float(size[0] if len(size) == 1 else np.linalg.norm(size))
     if change.kind != "drift":
         values |= {"seconds": change.seconds, "uncertainty": change.uncertainty}
+        values["only"] = _only_part(evidence.fit, change)
     # A mount that gives is in sigma already.
     slipped = (np.array(list(lengths.values())) > SLIP).any()
     yield (untrusted if slipped else warning)(f"change.{change.kind}", **values)
+
+
+def _only_part(fit: Fit, change: Change) -> Literal["before", "after", "none"] | None:
+    """The part beside a change that is long enough for a calibration; None if both are.
+
+    Parts end and begin at whole seconds, as the message proposes them.
+    """
+    grid, reach = fit.model.windowing.grid, fit.model.windowing.seconds / 2.0
+    centres = grid.t0 + grid.dt * fit.centres
+    before = centres + reach <= np.floor(change.seconds - change.uncertainty)
+    after = centres - reach >= np.ceil(change.seconds + change.uncertainty)
+    enough = [int(np.count_nonzero(part)) >= MIN_WINDOWS for part in (before, after)]
+    if all(enough):
+        return None
+    return "before" if enough[0] else "after" if enough[1] else "none"
 
 
 def _lengths(pose: Floats) -> dict[str, float]:
@@ -438,7 +457,8 @@ def _errors(  # noqa: C901 one case for each kind of error
                 # surely so: a bias that a log hardly determines proves nothing
                 sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
                 make = untrusted if sure else warning
-                yield make("bias.unusual", name=unknown.name, size=size, std=along)
+                facts = {"name": unknown.name, "size": size, "std": along}
+                yield make("bias.unusual", **facts, gravity=bool(answer.state.gravity.any()))
         elif part.start in too_large:
             worst, other = too_large[part.start]
             if other and not below and abs(value[worst]) < WARN_SIGMAS * std[worst]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.findings import Finding, warning
+from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
 from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, longest_step, usual_interval
 
 if TYPE_CHECKING:
@@ -103,12 +104,18 @@ def _is_set(stamp_ns: Nanoseconds) -> Bools:
 
 
 def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
-    """A finding for each stream that is missing from much of the log.
+    """A finding for each stream that is missing from much of the log, or one for little overlap.
 
-    ``streams`` are stamps, s, in any order, by the stream's name.
+    ``streams`` are stamps on one clock, s, in any order, by the stream's name.
     """
     firsts, lasts = zip(*map(_ends, streams.values()), strict=True)
     first, last = min(firsts), max(lasts)
+    shorter = min(end - start for start, end in zip(firsts, lasts, strict=True))
+    shared = max(min(lasts) - max(firsts), 0.0)
+    if shared < LEAST_OVERLAP * shorter:
+        values = {"streams": tuple(streams), "shared": shared, "shorter": shorter}
+        yield warning("streams.overlap", **values)
+        return
     for name, unordered in streams.items():
         t = np.sort(np.clip(unordered, first, last))
         # The ends of the log bound holes as samples do.

@@ -220,8 +220,9 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
             continue
         if found:
             reach = _RATE_FILTER * _RATE_SPAN
-            begun, end = max(begun, first - reach), min(end, first + reach)
-            begun += _change_of_rate(np.diff(t[begun:end]), 1.0 / found[-1].rate, period)
+            begun = max(begun, first - reach)
+            steps = np.diff(t[begun : min(end, first + reach)])
+            begun += _change_of_rate(steps, 1.0 / found[-1].rate, period)
         found.append(Stretch(1.0 / period, float(t[begun])))
     return tuple(found) if len(found) > 1 else ()
 
