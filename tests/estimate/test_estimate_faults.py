@@ -203,6 +203,14 @@ def test_a_part_without_enough_windows_is_not_proposed() -> None:
     assert "--from" not in found.distrust[0]
 
 
+@pytest.mark.parametrize("norm", [0.0, GRAVITY])
+def test_an_unusual_bias_is_blamed_on_gravity_only_where_there_is_some(norm: float) -> None:
+    log = make_log(SHORT, gravity_world=(0.0, 0.0, -norm)).noisy(1, "industrial")
+    found = solve(log.with_imu(accel=log.imu.accel + 1.0), gravity_norm=norm)
+    (said,) = (each.message for each in found.findings if each.code == "bias.unusual")
+    assert ("--gravity" in said) == (norm > 0.0)
+
+
 NONE = (0.0, 0.0, 0.0)
 STEPS = [
     *(("gyro_bias", at, ((0.01, 0.0, -0.005), NONE), g) for g in GRADES for at in (11.0, 20.0)),

@@ -458,7 +458,7 @@ def _errors(  # noqa: C901 one case for each kind of error
                 sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
                 make = untrusted if sure else warning
                 facts = {"name": unknown.name, "size": size, "std": along}
-                yield make("bias.unusual", **facts, gravity=bool(answer.state.gravity.any()))
+                yield make("bias.unusual", **facts, gravity=answer.options.has_gravity)
         elif part.start in too_large:
             worst, other = too_large[part.start]
             if other and not below and abs(value[worst]) < WARN_SIGMAS * std[worst]:
