@@ -80,7 +80,7 @@ _UNSPECIFIC: Messages = {
     "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
     "would; sigma includes the difference",
     "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
-    "explain: an error that the model does not know changes within the log, such as a tracker's "
+    "explain: an error that is not in the model changes within the log, such as a tracker's "
     "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
     "change.mount": "before and after about {seconds:.0f} ± {uncertainty:whole} s of the log the "
     "IMU's pose differs by {translation:mm± translation_std} and {rotation:deg± rotation_std}, "
@@ -90,7 +90,7 @@ _UNSPECIFIC: Messages = {
     "[only=after?calibrate the part after alone (" + _FROM + "), the other is too short]"
     "[only=none?record again, each part is too short]",
     "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
-    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount gives way, or "
+    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount is loose, or "
     "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
     "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
     + _AT
@@ -101,8 +101,8 @@ _UNSPECIFIC: Messages = {
 }
 _UNSPECIFIC_OF_ANSWER: Messages = {
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
-    "sensor has ({limit:in unit}): [other?not surely so by a window of {other:.2g} s (try "
-    "--window), vibration may look like that][other=?{name:cure negative}]",
+    "sensor has ({limit:in unit}): [other?a {other:.2g} s window does not confirm it "
+    "(try --window); vibration can cause it][other=?{name:cure negative}]",
     "bias.unusual": unusual_bias,
 }
 _FOLLOWING: Messages = {
@@ -119,11 +119,11 @@ _FOLLOWING_OF_ANSWER: Messages = {
     "offset.undetermined": "the motion does not determine the time offset; the value is a guess",
     "unknown.found": unknown_found,
     "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if "
-    "[tracked?another axis of the tracker's world points up, as y of many; otherwise its "
+    "[tracked?another axis of the tracker's world points up (often y); otherwise its "
     "quaternions, its frames][tracked=?the base is mounted like this; otherwise joint signs, "
     "frames] or the accelerometer's sign are wrong",
-    "prior.contradicted": "the data contradict {option}: left free, it would be {step:in unit std} "
-    "from what is stated; leave the option out, or measure again",
+    "prior.contradicted": "the data contradict {option}: if it is estimated, it differs from your "
+    "value by {step:in unit std}; leave the option out, or measure again",
 }
 _OF_ANSWER: Messages = {
     "prior.untested": "the log has no information on {components:list} beyond --fix or "
@@ -424,39 +424,11 @@ MESSAGES: Messages = {
     "windows.between_gaps": "filter windows cover only {share:.0%} of the time of both streams, "
     "the rest is lost to gaps ({imu} in the IMU's stamps, {robot} in the robot's): record without "
     "losses, or choose a shorter --window",
-    "window.dependent": "the result depends on the filter window: with {seconds:.2g} s instead of "
-    "{used:.2g} s the pose differs by {translation:mm.2g} and {rotation:deg.2g}, {sigmas:.2g} "
-    "sigma: the model does not explain this; a flexible mount[tracked=? or joint], for example, "
-    "would; sigma includes the difference",
     "window.noisy": "the gyroscope shows errors of the kinematics, which may move the position by "
     "{error:mm.2g} in windows of {seconds:.2g} s; sigma includes this: [longest?move faster, "
     "reduce these errors||choose a longer --window], or "
     "[tracked?stamp each pose when it is measured][tracked=?publish each sample of the controller "
     "with the controller's stamp]",
-    "parts.disagree": "parts of the log disagree {factor:.2g} times more than noise and model "
-    "explain: an error that is not in the model changes within the log, such as a tracker's "
-    "from place to place[tracked=? or a joint's as it warms]; sigma is larger by this factor",
-    "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
-    "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount is loose, or "
-    "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
-    "unknown.found": unknown_found,
-    "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "
-    "sensor has ({limit:in unit}): [other?a {other:.2g} s window does not confirm it "
-    "(try --window); vibration can cause it][other=?{name:cure negative}]",
-    "robot.joints_still": "{joints:list} [count=1?does not move in this log: errors of its "
-    "zero||do not move in this log: errors of their zeros] and lengths "
-    "look like errors of the mount, and add {translation:mm.2g} and {rotation:deg.2g} to "
-    "sigma; move them too, or give --robot exact or --robot DEG,MM",
-    "prior.contradicted": "the data contradict {option}: if it is estimated, it differs from your "
-    "value by {step:in unit std}; leave the option out, or measure again",
-    "prior.untested": "the log has no information on {components:list} beyond --fix or "
-    "--prior-std: it neither confirms nor contradicts the given value",
-    "imu.accel_sign_in_doubt": "the estimated gravity is far from down, and the motion does not "
-    "show whether the world frame is tilted or the accelerometer points down at rest: give "
-    "--accel-sign up or down, or also move the parent link along straight lines",
-    "bias.unusual": unusual_bias,
-    "imu.accel_reversed": "the accelerometer points down at rest: its values fit the motion "
-    "decisively better with the opposite sign, so the sign was reversed (--accel-sign up keeps it)",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
     "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
     "stamps.imu_ticks": "IMU stamps jitter by {jitter:ms.2g} about a constant rate; the constant "
@@ -465,10 +437,6 @@ MESSAGES: Messages = {
     "and was used",
     "stream.held_values": "{stream}: values are held for several messages; only changes were used, "
     "and the time offset contains the hold",
-    "gravity.tilted": "gravity is {tilt:deg.0f} away from -z of the world: right if "
-    "[tracked?another axis of the tracker's world points up (often y); otherwise its "
-    "quaternions, its frames][tracked=?the base is mounted like this; otherwise joint signs, "
-    "frames] or the accelerometer's sign are wrong",
     "paper.not_converged": "the solver did not converge: give a better --initial guess",
     "paper.undetermined": "the motion does not determine the pose: rotate about two axes at least",
     "paper.unexplained": "the solution leaves {force:.2g} m/s² and {rate:.2g} rad/s unexplained, "
