@@ -167,16 +167,10 @@ class Windowing:
     def other_plans(self) -> tuple[WindowPlan, ...]:
         """Half and twice the window, about the same centres or every second one."""
         plan, dt = self.plan, self.grid.dt
-        lengths = (odd_length((plan.length - 1) * factor) for factor in (0.5, 2.0))
+        halved, doubled = (odd_length((plan.length - 1) * factor) for factor in (0.5, 2.0))
         return tuple(
-            plan_windows(
-                length,
-                plan.degree,
-                dt,
-                hop=plan.hop * max(length // plan.length, 1),
-                nodes=_FEWER_NODES,
-            )
-            for length in lengths
+            plan_windows(length, plan.degree, dt, hop=hop, nodes=_FEWER_NODES)
+            for length, hop in ((halved, plan.hop), (doubled, 2 * plan.hop))
             if length >= 9  # a window of nine samples cannot be halved any more
         )
 
