@@ -37,7 +37,7 @@ def combine_command(
         logs, foreign, unread = read_statistics_files(paths)
     for each in () if quiet else foreign:
         say("note", f"{each}: holds no statistics of imucalib and is left out")
-    with writing(output, read=files_of(*paths, *(log.name for log in logs))):
+    with writing(output, read=files_of(*paths, *(log.name for log in logs)), force=force):
         found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
         write_results(deliverable(found, chosen, force=force), chosen, output, quiet=quiet)
