@@ -20,6 +20,7 @@ from imucalib_cli.results.statistics_file import read_statistics, statistics_byt
 from tests.conftest import Imucalib
 from tests.report.report_pages import outcome
 
+SAMPLE_DATA = Path(__file__).parents[2] / "sample_data"
 MOST = 1_000_000
 """Bytes of a file of an ordinary arm."""
 
@@ -254,3 +255,14 @@ def test_untrusted_combination_is_a_bare_pose_by_force(file: Path, imucalib: Imu
     assert refused.out == ""
     assert "--force writes it anyway" in refused.err
     assert len(imucalib("combine", file, *bound, "--force", code=3).out.splitlines()) == 4
+
+
+def test_combination_overwrites_a_log_by_force_alone(
+    file: Path, tmp_path: Path, imucalib: Imucalib
+) -> None:
+    log = tmp_path / "log.mcap"
+    log.write_bytes((SAMPLE_DATA / "rihibot.mcap").read_bytes())
+    combine = imucalib.with_("combine", file, "-o", log)
+    combine(code=2)
+    combine("--force")
+    assert yaml.safe_load(log.read_text())["status"] == "ok"
