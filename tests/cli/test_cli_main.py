@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from unittest import mock
 
@@ -32,6 +33,17 @@ ROOT = Path(__file__).parents[2]
 SAMPLE, BAR = ROOT / "sample_data" / "rihibot", ROOT / "sample_data" / "barbot.bag"
 HEAVY = {"numpy", "scipy", "rosbags", "yourdfpy", "yaml", "mujoco", "cv2", "matplotlib"}
 HEAVY |= {"distributed", "msgspec"}
+
+
+@pytest.fixture(autouse=True)
+def hangup_is_heeded() -> Iterator[None]:
+    """Where tests run under nohup it is ignored, which children inherit."""
+    if not hasattr(signal, "SIGHUP"):
+        yield
+        return
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 def test_help_imports_no_heavy_module() -> None:
