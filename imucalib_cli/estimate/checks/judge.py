@@ -177,8 +177,11 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     if wrong is None:  # else something that looks like the wrong value has taken it up
         found += _changed(evidence)
     unexplained = [*_unexplained(evidence)]
-    misled = bool(wrong or unexplained) or evidence.mount_moved or evidence.too_noisy
-    found += [*unexplained, *of_answer(evidence.fit, log, misled=misled)]
+    misled = bool(wrong) or evidence.mount_moved or evidence.too_noisy
+    of_fit = of_answer(evidence.fit, log, misled=misled)
+    if unexplained:  # errors take up what is not explained; but a mount that gives may be the cause
+        of_fit = (each for each in of_fit if each.values.get("name") in {None, "mount_give"})
+    found += [*unexplained, *of_fit]
     found += [*_window(evidence), *_parts(evidence)]
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
         found += _undecided(evidence)
@@ -192,9 +195,8 @@ def of_answer(
 ) -> Iterator[Finding]:
     """Findings that depend on the unknowns and their priors alone.
 
-    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong, motion
-    is not explained, the mount moved or the window is far too short, which errors of robot and
-    sensor then take up.
+    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong, the
+    mount moved or the window is far too short, which errors of robot and sensor then take up.
     """
     if not misled:
         yield from _errors(answer, log)
