@@ -87,7 +87,7 @@ def writing(
 ) -> Iterator[None]:
     """Check before any computing that files may be written; None is stdout.
 
-    ``force`` as results.places.check_places.
+    ``force`` as results.overwrite_checks.check_places.
 
     Raises:
         ChoiceError, InputError: As results.overwrite_checks.check_places.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
+from imucalib_cli.shown import listed
 from imucalib_cli.signals.moves import STILL, travel
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class Carrier:
     def __str__(self) -> str:
         """Such as ``wrist_3_link (rigidly joined: flange, tool0)``."""
         groups = (("rigidly joined", self.joined), ("at rest to it in this log", self.resting))
-        words = "; ".join(f"{what}: {_listed(names)}" for what, names in groups if names)
+        words = "; ".join(f"{what}: {listed(names, _LISTED)}" for what, names in groups if names)
         return f"{self.frame} ({words})" if words else self.frame
 
 
@@ -118,8 +119,3 @@ def rigid_groups(
             )
         )
     return tuple(found)
-
-
-def _listed(names: tuple[str, ...]) -> str:
-    left = len(names) - _LISTED
-    return ", ".join(names[:_LISTED]) + (f" and {left} more" if left > 0 else "")

@@ -43,12 +43,7 @@ def run_command(
         show_default="stdout",
     ),
     require: options.Require = None,
-    force: bool = options.output_option(
-        False,
-        "--force",
-        help="Write a bare pose (urdf, tf, ...) even if it should not be trusted, and overwrite "
-        "a log or a URDF.",
-    ),
+    force: options.Force = False,
     together: bool = typer.Option(
         False,
         "--together",
