@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
 
 
-_STEP_SECONDS = 0.005
+_STEP_SECONDS = 0.01
 """Resolution of the search; the estimator refines the result."""
 _WINDOW_SECONDS = 0.1
 _STILL = (1e-3, 2e-2)
@@ -31,7 +31,7 @@ def coarse_time_offset(
     """Shift up to ``most``, s, at which |angular rate| of the IMU and of the kinematics agree best.
 
     Returns:
-        IMU stamp - robot stamp, s, to a few milliseconds, and others at which periodic motion
+        IMU stamp - robot stamp, s, to some milliseconds, and others at which periodic motion
         agrees nearly as well; and the lag. Zero and None if nothing turns.
     """
     every = max(round(_STEP_SECONDS / grid.dt), 1)

@@ -152,7 +152,7 @@ def refine(normal: Floats, known: Known, x: Floats, steps: int = 25) -> Solution
         v = np.where(better[..., None], trial, v)
         off = np.where(better[..., None], trial_off, off)
         cost = np.where(better, trial_cost, cost)
-        if np.abs(step).max() < 1e-12:  # rad
+        if np.abs(step).max() < 1e-9:  # rad
             break
     return Solution(v @ back.T, cost)
 
