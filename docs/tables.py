@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+import itertools
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
@@ -49,6 +50,8 @@ _GROUPS = (
 )
 """Of the ablation, those that change an error or the NEES most."""
 _JUDGED = re.compile(rf"\| ({'|'.join(_METHODS)}): (.*) \| (.*) \| (met|not met|not judged) \|")
+_TUNED = " Tuned on our logs."
+"""How the docstring of such a number ends."""
 _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
 
@@ -211,6 +214,23 @@ def claims() -> str:
     heads = ("section", "claim", "command", *(f"`{method}`" for method in _METHODS))
     told = ((*row, *(cells.get(each, "") for each in _METHODS)) for row, cells in rows.items())
     return _table(heads, sorted(told, key=lambda row: row[0]))
+
+
+def tuned() -> str:
+    """Numbers that no physics, data sheet, standard or chance gives, with where they stand."""
+    rows = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        body, place = ast.parse(path.read_text("utf-8")).body, path.relative_to(PACKAGE)
+        for constant, reason in itertools.pairwise(body):
+            match constant, reason:
+                case ast.Assign() | ast.AnnAssign(), ast.Expr(value=ast.Constant(value=str(text))):
+                    why = " ".join(text.split())
+                    if why.endswith(_TUNED) and constant.value is not None:
+                        name = ast.unparse(getattr(constant, "target", None) or constant.targets[0])
+                        value = ast.unparse(constant.value)
+                        shown = f"`{name}` in [{place}](../imucalib_cli/{place})"
+                        rows.append((shown, f"`{value}`", why.removesuffix(_TUNED)))
+    return _table(("number", "value", "what it is"), rows)
 
 
 def rooms() -> str:
