@@ -50,7 +50,7 @@ _GROUPS = (
 )
 """Of the ablation, those that change an error or the NEES most."""
 _JUDGED = re.compile(rf"\| ({'|'.join(_METHODS)}): (.*) \| (.*) \| (met|not met|not judged) \|")
-_TUNED = " Tuned on our logs."
+_TUNED = " Tuned."
 """How the docstring of such a number ends."""
 _KINDS = {"Path": "FILE", "float": "NUMBER", "int": "NUMBER", "str": "TEXT"}
 
