@@ -3,13 +3,11 @@
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
-from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
-from imucalib_cli.jobs.calibrate import Calibrated
+from imucalib_cli.estimate.details import Details
 from imucalib_cli.report.chart import plain, ranges, thinned
 from imucalib_cli.report.figures import Material, figures
 from imucalib_cli.report.page import page
@@ -18,6 +16,7 @@ from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.results.result import Result
 from tests.report.report_pages import data_of, outcome, page_of
+from tests.results.results_samples import edited
 from tests.slow import slow_after
 
 VOID = {"meta", "br", "hr", "img", "input", "link"}
@@ -51,16 +50,26 @@ class Outline(HTMLParser):
         self.texts.append(data)
 
 
+def material_of(name: str) -> Material:
+    """Of a sample's IMU, without stamps."""
+    (found,) = outcome(name).calibrated
+    return Material(result=found.result, details=found.estimate.details, stamps={})
+
+
 @pytest.fixture
-def calibrated() -> Calibrated:
-    (found,) = outcome("rihibot").calibrated
-    return found
+def material() -> Material:
+    return material_of("rihibot")
 
 
-def changed(result: Result, **diagnostics: Any) -> Result:
-    """A result with other diagnostics."""
-    replaced = msgspec.structs.replace(result.diagnostics, **diagnostics)
-    return msgspec.structs.replace(result, diagnostics=replaced)
+@pytest.fixture
+def result(material: Material) -> Result:
+    return material.result
+
+
+@pytest.fixture
+def details(material: Material) -> Details:
+    assert material.details is not None
+    return material.details
 
 
 def outline(text: str) -> Outline:
@@ -83,8 +92,7 @@ def test_page_is_complete_and_small(name: str) -> None:
     assert "default-src 'none'" in text
 
 
-def test_page_contains_the_summary(calibrated: Calibrated) -> None:
-    result = calibrated.result
+def test_page_contains_the_summary(result: Result) -> None:
     texts = " ".join(outline(page_of("rihibot")).texts)
     assert all(field.text in texts for each in sections(result) for field in each.fields)
     assert verdict(result).removeprefix("ok: ") in texts
@@ -95,10 +103,7 @@ def test_page_contains_the_summary(calibrated: Calibrated) -> None:
 
 @pytest.mark.parametrize("name", slow_after(1, ["rihibot", "broad_21_cut"]))
 def test_every_figure_has_text_and_plots(name: str) -> None:
-    (calibrated,) = outcome(name).calibrated
-    made = list(
-        figures(Material(result=calibrated.result, details=calibrated.estimate.details, stamps={}))
-    )
+    made = list(figures(material_of(name)))
     keys = [each.key for each in made]
     assert keys == [key for key in WORDS if key in keys]
     assert len(keys) == len(WORDS) - 1  # without stamps
@@ -113,9 +118,7 @@ def test_every_figure_has_text_and_plots(name: str) -> None:
         assert plot["x"] == sorted(plot["x"])
 
 
-def test_plots_show_measured_values(calibrated: Calibrated) -> None:
-    details = calibrated.estimate.details
-    assert details is not None
+def test_plots_show_measured_values(details: Details) -> None:
     plot = data_of(page_of("rihibot"))["plots"]["imu0-gyro-2"]
     band, measured, predicted = plot["traces"]
     assert measured["label"] == "measured"
@@ -159,24 +162,19 @@ def test_numbers_that_are_not_finite_are_null() -> None:
 HOSTILE = '</script><img src=x onerror="alert(1)">\x1b[31m\u202e'
 
 
-def test_names_from_the_log_are_escaped(calibrated: Calibrated) -> None:
-    result = calibrated.result
-    hostile = msgspec.structs.replace(
-        result, transform=msgspec.structs.replace(result.transform, child=HOSTILE, parent=HOSTILE)
-    )
+def test_names_from_the_log_are_escaped(result: Result, details: Details) -> None:
+    hostile = edited(edited(result, "transform.child", HOSTILE), "transform.parent", HOSTILE)
     stamps = {HOSTILE: np.arange(10.0)}
-    text = page([Material(result=hostile, details=calibrated.estimate.details, stamps=stamps)])
+    text = page([Material(result=hostile, details=details, stamps=stamps)])
     assert "img" not in outline(text).tags
     assert "\x1b" not in text
     assert "\u202e" not in text
     assert data_of(text)["mounts"]["imu0-mount"]["child"].startswith("</script>")
 
 
-def test_untrusted_result_is_marked_first_and_hides_copy_blocks(
-    calibrated: Calibrated,
-) -> None:
-    result = changed(calibrated.result, distrust=["the mount moved"])
-    text = page([Material(result=msgspec.structs.replace(result, status="untrusted"))])
+def test_untrusted_result_is_marked_first_and_hides_copy_blocks(result: Result) -> None:
+    result = edited(result, "diagnostics.distrust", ["the mount moved"])
+    text = page([Material(result=edited(result, "status", "untrusted"))])
     for part in ('<p class="verdict untrusted"><strong>untrusted</strong>', "the mount moved"):
         assert part in text
     for part in ("<details open>", "<joint", "&lt;joint"):
@@ -184,8 +182,8 @@ def test_untrusted_result_is_marked_first_and_hides_copy_blocks(
     assert "&lt;joint" in page_of("rihibot")
 
 
-def test_page_of_result_alone_lists_missing_details(calibrated: Calibrated) -> None:
-    text = page([Material(result=calibrated.result)])
+def test_page_of_result_alone_lists_missing_details(result: Result) -> None:
+    text = page([Material(result=result)])
     outline(text)
     assert "--report report.html" in text
     assert data_of(text)["plots"] == {}
@@ -193,28 +191,22 @@ def test_page_of_result_alone_lists_missing_details(calibrated: Calibrated) -> N
 
 
 @pytest.mark.parametrize("extreme", [5e-324, 1e-300, 1e300, 1.79e308])
-def test_extreme_numbers_are_shown(extreme: float, calibrated: Calibrated) -> None:
-    result = calibrated.result
+def test_extreme_numbers_are_shown(extreme: float, result: Result) -> None:
+    result = edited(result, "std.translation_mm", [extreme] * 3)
     first, *others = result.diagnostics.parameters
-    assert result.std is not None
-    std = msgspec.structs.replace(result.std, translation_mm=[extreme] * 3)
     for field in ("value", "std", "prior_std"):
-        parameters = [msgspec.structs.replace(first, **{field: extreme}), *others]
-        spoilt = changed(msgspec.structs.replace(result, std=std), parameters=parameters)
+        parameters = [edited(first, field, extreme), *others]
+        spoilt = edited(result, "diagnostics.parameters", parameters)
         outline(page([Material(result=spoilt)]))
 
 
-def test_sensor_without_noise_has_no_noise_line(calibrated: Calibrated) -> None:
-    details = calibrated.estimate.details
-    assert details is not None
-    silent = tuple(replace(each, own=0.0) for each in details.spectra)
-    assert len(silent) == 2
-    text = page([Material(result=calibrated.result, details=replace(details, spectra=silent))])
+def test_sensor_without_noise_has_no_noise_line(result: Result, details: Details) -> None:
+    accel, gyro = (replace(each, own=0.0) for each in details.spectra)
+    text = page([Material(result=result, details=replace(details, spectra=(accel, gyro)))])
     assert data_of(text)["plots"]["imu0-spectra-0"]["levels"] == []
 
 
-def test_two_imus_on_a_page_have_distinct_ids(calibrated: Calibrated) -> None:
-    material = Material(result=calibrated.result, details=calibrated.estimate.details, stamps={})
+def test_two_imus_on_a_page_have_distinct_ids(material: Material) -> None:
     found = outline(page([material, replace(material)]))
     assert len(set(found.ids)) == len(found.ids)
     assert found.tags >= {"article", "nav", "figure"}

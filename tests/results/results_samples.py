@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
@@ -121,6 +122,13 @@ def make_result(
             ),
         ),
     )
+
+
+def edited(tree: Any, place: str, value: Any) -> Any:
+    """The tree with another value at a place in it, such as ``transform.child``."""
+    key, _, inner = place.partition(".")
+    value = edited(getattr(tree, key), inner, value) if inner else value
+    return structs.replace(tree, **{key: value})
 
 
 HERE = np.array([0.1, 0.2, 0.3])

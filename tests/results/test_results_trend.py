@@ -1,11 +1,11 @@
 """Whether, when and how far a mount moved, from random draws with known answer."""
 
+from copy import copy
 from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,7 +14,7 @@ from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.requirement import Tolerance
 from imucalib_cli.results.trend.search import Series, find_line, find_mounts
 from imucalib_cli.results.trend.trend import trend
-from tests.results.results_samples import RECORDED, drawn, named, result
+from tests.results.results_samples import RECORDED, drawn, edited, named, result
 from tests.slow import slow_after
 
 SCATTERS = {"none": (0.0, 0.0), "some": (3e-4, 1e-4), "much": (3e-3, 1e-3)}
@@ -167,11 +167,8 @@ def test_too_few_recordings_are_reported() -> None:
     assert trend(named(values, C)).verdict == "not moved"
     values[2] += MOVE
     answer = trend(named(values, C))
-    assert answer.verdict == "unknown"
-    assert answer.scatter is None
-    assert (
-        "so few do not distinguish a move from a scatter between recordings: 4 do" in answer.reason
-    )
+    assert (answer.verdict, answer.scatter) == ("unknown", None)
+    assert "not distinguish a move from a scatter between recordings: 4 do" in answer.reason
 
 
 def test_uninformative_results_are_excluded_and_named() -> None:
@@ -181,26 +178,25 @@ def test_uninformative_results_are_excluded_and_named() -> None:
     fixed = C[0].copy()
     fixed[0], fixed[:, 0] = 0.0, 0.0
     flat = np.outer(np.sqrt(np.diag(C[0])), np.sqrt(np.diag(C[0])))
+    loose = (untrusted(TEXT, text="loose"),)
     wrong = [
-        (
-            "a.yaml",
-            result(20, values[0], C[0], findings=(untrusted(TEXT, text="loose"),)),
-        ),
+        ("a.yaml", result(20, values[0], C[0], findings=loose)),
         ("b.yaml", result(21, values[0], np.zeros((6, 6)))),
         ("c.yaml", result(22, values[0], fixed)),
         ("e.yaml", result(23, values[0], flat)),
-        ("d.yaml", msgspec.structs.replace(given[2][1])),
+        ("d.yaml", copy(given[2][1])),
     ]
     for order in ([*given, *wrong], [*wrong[1:4], *given, wrong[0], wrong[4]]):
         answer = trend(order)
         assert answer.verdict == "not moved"
         assert [each.file for each in answer.recordings] == [name for name, _ in given]
-    reasons = {each.file: each.reason for each in answer.left_out}
-    assert reasons["a.yaml"] == "untrusted: do not use this result: loose"
-    assert reasons["b.yaml"] == "all of its pose is held by --fix, not found"
-    assert reasons["c.yaml"] == "--fix holds tx, unlike most of the others"
-    assert reasons["e.yaml"] == "its covariance is singular"
-    assert reasons["d.yaml"] == f"it is of the same log as {given[2][0]}"
+    assert {each.file: each.reason for each in answer.left_out} == {
+        "a.yaml": "untrusted: do not use this result: loose",
+        "b.yaml": "all of its pose is held by --fix, not found",
+        "c.yaml": "--fix holds tx, unlike most of the others",
+        "e.yaml": "its covariance is singular",
+        "d.yaml": f"it is of the same log as {given[2][0]}",
+    }
 
 
 def test_fixed_axes_are_ignored() -> None:
@@ -233,17 +229,16 @@ def test_results_without_time_keep_given_order() -> None:
 def test_simultaneous_recordings_are_reported_and_sorted_by_name() -> None:
     """Numbers in names count as numbers, as of day1 to day12."""
     values, C = drawn(12, 12)
-    given = [
-        (f"day{k + 1}.yaml", result(k, *each, recorded=RECORDED))
-        for k, each in enumerate(zip(values, C, strict=True))
-    ]
+    at_once = [each for _, each in named(values, C, recorded=RECORDED)]
+    given = [(f"day{k + 1}.yaml", each) for k, each in enumerate(at_once)]
     answer = trend(sorted(given))
     assert [each.file for each in answer.recordings] == [name for name, _ in given]
     (said,) = answer.warnings
     assert said.startswith("day2.yaml and 10 more began before day1.yaml ended")
+    starts = [RECORDED + timedelta(seconds=59.9 * k) for k in range(12)]
     apart = [
-        (f"{k}.yaml", result(k, *each, recorded=RECORDED + timedelta(seconds=59.9 * k)))
-        for k, each in enumerate(zip(values, C, strict=True))
+        (name, edited(each, "provenance.recording.start", start))
+        for (name, each), start in zip(given, starts, strict=True)
     ]
     assert not trend(apart).warnings  # as parts of a log that share their ends
 
@@ -272,15 +267,8 @@ def test_recording_that_alone_defines_drift_is_not_odd() -> None:
 
 
 def test_urdf_change_at_a_move_is_reported() -> None:
-    values, C = drawn(11, 12, moves=[(6, MOVE)])
-    given = named(values, C)
-    source = given[0][1].provenance.urdf
-    assert source is not None
-    for k in range(6, 12):
-        name, each = given[k]
-        urdf = msgspec.structs.replace(source, sha256="e" * 64)
-        provenance = msgspec.structs.replace(each.provenance, urdf=urdf)
-        given[k] = (name, msgspec.structs.replace(each, provenance=provenance))
-    answer = trend(given)
+    given = named(*drawn(11, 12, moves=[(6, MOVE)]))
+    later = [(name, edited(each, "provenance.urdf.sha256", "e" * 64)) for name, each in given[6:]]
+    answer = trend([*given[:6], *later])
     assert answer.changes[0].other_urdf
     assert "where the URDF changed too" in answer.reason

@@ -17,7 +17,7 @@ from imucalib_cli.results.comparison.verdicts import diff, verify
 from imucalib_cli.results.requirement import Tolerance, require
 from imucalib_cli.results.result import Result, SourceFile
 from imucalib_cli.robot.mount import NominalPose
-from tests.results.results_samples import ROLL, UP, make_estimate, make_result
+from tests.results.results_samples import ROLL, UP, edited, make_estimate, make_result
 
 R_TOLD = Rotation.from_euler("xyz", [0.5, -1.0, 2.0])
 T_TOLD = np.array([0.1, -0.2, 0.3])
@@ -187,46 +187,50 @@ def _widened(*directions: Unobservable) -> NDArray[np.float64]:
     return np.asarray(covariance)
 
 
-def test_unknown_translation_prevents_yes_but_not_no() -> None:
-    """UP: nothing is known along z of the parent."""
-    blind: dict[str, Any] = {"covariance": _widened(UP), "unobservable": (UP,)}
-    right = answer(found_at([0.0, 0.0, 0.0], **blind))
+def blind(direction: Unobservable, shift: Any = (0, 0, 0), turn: Any = (0, 0, 0)) -> Result:
+    """A result that does not determine a direction."""
+    return found_at(shift, turn, _widened(direction), unobservable=(direction,))
+
+
+NO_ROLL = structs.replace(ROLL, std=None)
+ANYHOW = Rotation.from_rotvec([2.0, 0, 0]) * Rotation.from_rotvec([0, 0.01, 0])
+
+
+@pytest.mark.parametrize(
+    ("direction", "shift", "turn", "verdict"),
+    [
+        # nothing is known along z of the parent
+        (UP, [0.0, 0.0, 4.0], [0.0, 0.0, 0.0], "unknown"),
+        (UP, [0.0, 0.01, -4.0], [0.0, 0.0, 0.0], "no"),
+        (UP, [0.0, 0.0, 4.0], [0.01, 0.0, 0.0], "no"),
+        # nothing is known about x of the parent, so no lever arm either
+        (NO_ROLL, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], "unknown"),
+        (NO_ROLL, [0.0, 0.0, 0.0], [2.0, 0.0, 0.0], "unknown"),
+        (NO_ROLL, [0.5, 0.0, 0.0], [0.0, 0.0, 0.0], "unknown"),
+        (NO_ROLL, [0.0, 0.0, 0.0], [0.0, 0.01, 0.0], "no"),
+        (NO_ROLL, [0.0, 0.0, 0.0], ANYHOW.as_rotvec(), "no"),
+    ],
+)
+def test_unknown_direction_prevents_yes_but_not_no(
+    direction: Unobservable, shift: Any, turn: Any, verdict: str
+) -> None:
+    assert answer(blind(direction, shift, turn)).verdict == verdict
+
+
+def test_unknown_direction_is_named_whatever_the_tolerance() -> None:
+    right = answer(blind(UP))
     assert right.verdict == "unknown"
     assert "not determined: translation along (0.00 0.00 1.00)" in right.reason
     assert "tilt it" in right.reason
-    for shift, turn, verdict in (
-        ([0.0, 0.0, 4.0], [0.0, 0.0, 0.0], "unknown"),
-        ([0.0, 0.01, -4.0], [0.0, 0.0, 0.0], "no"),
-        ([0.0, 0.0, 4.0], [0.01, 0.0, 0.0], "no"),
-    ):
-        assert answer(found_at(shift, turn, **blind)).verdict == verdict
-    # whatever the tolerance
-    loose = structs.replace(UP, std=0.06)
-    found = found_at(covariance=_widened(loose), unobservable=(loose,))
-    assert answer(found, Tolerance(translation=1.0, rotation=1.0)).verdict == "unknown"
-
-
-def test_unknown_rotation_prevents_verdicts_that_depend_on_it() -> None:
-    """ROLL: nothing is known about x of the parent, so no lever arm either."""
-    free = structs.replace(ROLL, std=None)
-    blind: dict[str, Any] = {"covariance": _widened(free), "unobservable": (free,)}
-    anyhow = Rotation.from_rotvec([2.0, 0, 0]) * Rotation.from_rotvec([0, 0.01, 0])
-    for shift, turn, verdict in (
-        ([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], "unknown"),
-        ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], "unknown"),
-        ([0.5, 0.0, 0.0], [0.0, 0.0, 0.0], "unknown"),
-        ([0.0, 0.0, 0.0], [0.0, 0.01, 0.0], "no"),
-        ([0.0, 0.0, 0.0], anyhow.as_rotvec(), "no"),
-    ):
-        assert answer(found_at(shift, turn, **blind)).verdict == verdict
+    loose = blind(structs.replace(UP, std=0.06))
+    assert answer(loose, Tolerance(translation=1.0, rotation=1.0)).verdict == "unknown"
 
 
 def test_unknown_directions_are_never_judged_moved() -> None:
-    blind = found_at([0.0, 0.0, 4.0], covariance=_widened(UP), unobservable=(UP,))
-    found = moved(found_at(), blind)
+    found = moved(found_at(), blind(UP, [0.0, 0.0, 4.0]))
     assert found.verdict == "unknown"
     assert "b.yaml: not determined: translation along (0.00 0.00 1.00)" in found.reason
-    sideways = found_at([0.0, 0.01, 4.0], covariance=_widened(UP), unobservable=(UP,))
+    sideways = blind(UP, [0.0, 0.01, 4.0])
     assert moved(found_at(), sideways).verdict == "moved"
     assert moved(sideways, found_at()).verdict == "moved"
     nothing = moved(found_at(), found_at(covariance=None, method="paper"))
@@ -279,13 +283,12 @@ def test_rotation_by_half_a_turn_is_wrong() -> None:
 def test_shared_samples_are_reported_but_other_log_parts_not(
     first: Any, second: Any, *, is_said: bool
 ) -> None:
-    def of_part(part: Any) -> Result:
-        result = found_at()
-        source = structs.replace(result.provenance, part=UNSET if part is None else part)
-        return structs.replace(result, provenance=source)
-
-    for sides in ((first, second), (second, first)):
-        said = moved(of_part(sides[0]), of_part(sides[1])).warnings
+    one, other = (
+        edited(found_at(), "provenance.part", UNSET if part is None else part)
+        for part in (first, second)
+    )
+    for sides in ((one, other), (other, one)):
+        said = moved(*sides).warnings
         assert ["computed from the same log" in each for each in said] == [True] * is_said
 
 
@@ -299,10 +302,9 @@ def test_given_components_are_listed_in_the_reason() -> None:
 
 def test_model_limited_sigma_does_not_advise_more_motion() -> None:
     wide = np.diag([1e-6] * 3 + [1e-12] * 3)
-    assert "record longer" in answer(found_at(covariance=wide)).reason
     found = found_at(covariance=wide)
-    earlier = structs.replace(found.diagnostics, sigma_source="segments")
-    modelled = answer(structs.replace(found, diagnostics=earlier))
+    assert "record longer" in answer(found).reason
+    modelled = answer(edited(found, "diagnostics.sigma_source", "segments"))
     assert modelled.verdict == "unknown"
     assert "correct the URDF's lengths and joint zeros" in modelled.reason
     assert "record longer" not in modelled.reason

@@ -2,7 +2,6 @@
 
 import io
 import json
-import zipfile
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from msgspec import structs
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.segments import parts_of_log
@@ -19,6 +17,7 @@ from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.statistics_file import read_statistics, statistics_bytes
 from tests.conftest import Imucalib
 from tests.report.report_pages import outcome
+from tests.results.results_samples import edited
 
 SAMPLE_DATA = Path(__file__).parents[2] / "sample_data"
 MOST = 1_000_000
@@ -42,15 +41,13 @@ def combine(imucalib: Imucalib) -> Imucalib:
     return imucalib.with_("combine", "--format", "yaml")
 
 
-def of_another(calibrated: Calibrated, **source: Any) -> bytes:
-    """The same statistics, of another IMU."""
+def of_another(calibrated: Calibrated, sha256: str | None = None) -> bytes:
+    """The same statistics, of another IMU and by other files."""
     assert calibrated.estimate.statistics is not None
-    result = calibrated.result
-    other = structs.replace(
-        result,
-        transform=structs.replace(result.transform, child="other"),
-        provenance=structs.replace(result.provenance, **source),
-    )
+    other = edited(calibrated.result, "transform.child", "other")
+    if sha256 is not None:
+        log = edited(other.provenance.files[0], "sha256", sha256)
+        other = edited(edited(other, "provenance.urdf.sha256", sha256), "provenance.files", [log])
     return statistics_bytes(other, calibrated.estimate.statistics)
 
 
@@ -134,12 +131,9 @@ def test_statistics_are_found_under_batch_names(
 def test_unsolvable_imu_does_not_stop_the_others(
     file: Path, calibrated: Calibrated, combine: Imucalib
 ) -> None:
-    source = calibrated.result.provenance
-    assert source.urdf is not None
-    for name, sha in (("a", "0" * 64), ("b", "1" * 64)):
-        urdf, log = (structs.replace(each, sha256=sha) for each in (source.urdf, source.files[0]))
-        content = of_another(calibrated, urdf=urdf, files=[log])
-        file.with_name(f"{name}.npz").write_bytes(content)
+    for digit in "01":
+        content = of_another(calibrated, sha256=64 * digit)
+        file.with_name(f"{digit}.npz").write_bytes(content)
     seen = combine(file.parent, code=2)
     (found,) = yaml.safe_load_all(seen.out)
     assert found["transform"]["child"] == calibrated.result.child
@@ -180,61 +174,41 @@ def test_a_page_of_statistics_has_spectra_and_parts(file: Path, imucalib: Imucal
         assert part in text
 
 
-def _without(content: bytes, name: str) -> bytes:
-    """The archive with one array fewer."""
-    out = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(content)) as old, zipfile.ZipFile(out, "w") as new:
-        for each in old.namelist():
-            if each != f"{name}.npy":
-                new.writestr(each, old.read(each))
-    return out.getvalue()
-
-
-@pytest.mark.parametrize("name", ["header", "information", "widened", "accel_density"])
-def test_incomplete_file_is_one_line_error(name: str, content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "log.npz"
-    path.write_bytes(_without(content, name))
-    with pytest.raises(InputError, match="damaged or has no statistics"):
-        read_statistics(path)
-
-
 @pytest.mark.parametrize("seed", range(40))
-def test_damaged_file_is_one_line_error(seed: int, content: bytes, tmp_path: Path) -> None:
+def test_damaged_file_is_one_line_error(seed: int, content: bytes, file: Path) -> None:
     rng = np.random.default_rng(seed)
     data = bytearray(content)
     for place in rng.integers(0, len(data), 20).tolist():
         data[place] = int(rng.integers(256))
-    path = tmp_path / "log.npz"
-    path.write_bytes(data)
+    file.write_bytes(data)
     with pytest.raises(InputError):
-        read_statistics(path)
+        read_statistics(file)
 
 
-def _wrong_level(level: float) -> Any:
-    def changed(arrays: dict[str, Any]) -> dict[str, Any]:
-        header = {**json.loads(arrays["header"].tobytes()), "level": level}
-        return {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)}
+def _of_level(level: float) -> Any:
+    def change(header: Any) -> Any:
+        changed = {**json.loads(header.tobytes()), "level": level}
+        return np.frombuffer(json.dumps(changed).encode(), dtype=np.uint8)
 
-    return changed
+    return change
 
 
 @pytest.mark.parametrize(
-    "change",
+    ("name", "change"),
     [
-        _wrong_level(0.0),
-        _wrong_level(-1.0),
-        _wrong_level(np.nan),
-        lambda arrays: {"R": 2.0 * arrays["R"]},
-        lambda arrays: {"score": arrays["score"] * np.inf},
+        *((name, None) for name in ("header", "information", "widened", "accel_density")),
+        *(("header", _of_level(level)) for level in (0.0, -1.0, np.nan)),
+        ("R", lambda R: 2.0 * R),
+        ("score", lambda score: score * np.inf),
     ],
 )
-def test_impossible_numbers_are_one_line_error(change: Any, content: bytes, tmp_path: Path) -> None:
-    with np.load(io.BytesIO(content)) as file:
-        arrays = {name: file[name] for name in file.files}
-    path = tmp_path / "log.npz"
-    np.savez(path, **{**arrays, **change(arrays)})
+def test_missing_or_impossible_array_is_one_line_error(name: str, change: Any, file: Path) -> None:
+    with np.load(file) as archive:
+        arrays = dict(archive)
+    array = arrays.pop(name)
+    np.savez(file, **arrays, **({} if change is None else {name: change(array)}))
     with pytest.raises(InputError, match="damaged or has no statistics"):
-        read_statistics(path)
+        read_statistics(file)
 
 
 def test_earlier_output_of_a_failed_combination_is_told(

@@ -2,6 +2,7 @@
 
 import io
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,17 +29,18 @@ NEW = b'xyz="0.1234567890123 -2.5e-07 3" rpy="3.1415926535898 -0.7071067811865 0
 NEW_XYZ, NEW_RPY = re.findall(rb'"([^"]*)"', NEW)
 
 
-def origin_by_yourdfpy(urdf: bytes, joint: str) -> np.ndarray:
-    model = yourdfpy.URDF.load(io.BytesIO(urdf), build_scene_graph=False, load_meshes=False)
-    return np.asarray(model.joint_map[joint].origin)
+def load(urdf: bytes, *, graph: bool = False) -> yourdfpy.URDF:
+    return yourdfpy.URDF.load(io.BytesIO(urdf), build_scene_graph=graph, load_meshes=False)
+
+
+def assert_pose_is(found: np.ndarray, R: Rotation, p: Any) -> None:
+    np.testing.assert_allclose(found[:3, 3], p, atol=1e-12)
+    np.testing.assert_allclose(found[:3, :3], R.as_matrix(), atol=1e-12)
 
 
 def assert_origin_is(urdf: bytes, joint: str, xyz: Triple = XYZ, rpy: Triple = RPY) -> None:
-    found = origin_by_yourdfpy(urdf, joint)
-    np.testing.assert_allclose(found[:3, 3], xyz, atol=1e-12)
-    np.testing.assert_allclose(
-        found[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-12
-    )
+    origin = load(urdf).joint_map[joint].origin
+    assert_pose_is(origin, Rotation.from_euler("xyz", rpy), xyz)
 
 
 TRICKY = b"""<?xml version="1.0"?>
@@ -216,10 +218,8 @@ def test_apply_reexpresses_the_pose_in_the_parent_of_the_urdfs_joint() -> None:
     origin = joint_for(ARM, "arm", "imu", R_arm_imu.as_matrix(), p_arm_imu)
     assert origin.joint == "f2"
     changed = replace_origin(ROBOT.encode(), origin.joint, origin.xyz, origin.rpy)
-    model = yourdfpy.URDF.load(io.BytesIO(changed), load_meshes=False)
-    found = model.get_transform("imu", "arm")
-    np.testing.assert_allclose(found[:3, 3], p_arm_imu, atol=1e-12)
-    np.testing.assert_allclose(found[:3, :3], R_arm_imu.as_matrix(), atol=1e-12)
+    found = load(changed, graph=True).get_transform("imu", "arm")
+    assert_pose_is(found, R_arm_imu, p_arm_imu)
     # unchanged where the parents agree
     R = Rotation.from_euler("xyz", (0.1, 0.2, 0.3)).as_matrix()
     origin = joint_for(ARM, "plate", "imu", R, np.array([0.5, 0.6, 0.7]))
@@ -242,16 +242,11 @@ def test_missing_joint_error_has_a_snippet_to_paste(child: str, named: str) -> N
     assert "\n" not in str(caught.value)
     pasted = ROBOT.replace("</robot>", caught.value.snippet + "</robot>").encode()
     assert_origin_is(pasted, f"{named}_joint")
-    model = yourdfpy.URDF.load(io.BytesIO(pasted), load_meshes=False)
-    assert model.joint_map[f"{named}_joint"].child == named
-    assert model.joint_map[f"{named}_joint"].parent == "arm"
+    joint = load(pasted).joint_map[f"{named}_joint"]
+    assert (joint.parent, joint.child) == ("arm", named)
 
 
 def test_names_in_the_snippet_are_escaped() -> None:
     snippet = joint_snippet("a&b", 'i"<', (0, 0, 0), (0, 0, 0))
-    model = yourdfpy.URDF.load(
-        io.BytesIO(f"<robot name='r'><link name='a&amp;b'/>{snippet}</robot>".encode()),
-        build_scene_graph=False,
-        load_meshes=False,
-    )
+    model = load(f"<robot name='r'><link name='a&amp;b'/>{snippet}</robot>".encode())
     assert [(joint.parent, joint.child) for joint in model.robot.joints] == [("a&b", 'i"<')]
