@@ -188,7 +188,7 @@ def explained(series: Series, model: Model) -> Explained[Model]:
     parts = np.eye(2)[series.parts]
     variances = np.zeros(2)
     for _ in range(_STEPS):
-        weights = weights_of(series, variances)
+        weights = _weights(series, variances)
         mean, covariance = model.fit(series, weights)
         pull = np.einsum("kij,kj->ki", weights, series.values - mean)
         left = weights - weights @ covariance @ weights
@@ -203,7 +203,7 @@ def explained(series: Series, model: Model) -> Explained[Model]:
         variances = new
         if settled:
             break
-    weights = weights_of(series, variances)
+    weights = _weights(series, variances)
     left = series.values - model.fit(series, weights)[0]
     chi2 = np.einsum("ki,kij,kj->", left, weights, left)
     deviance = float(chi2 - np.linalg.slogdet(weights)[1].sum())  # -2 log L, but for a constant
@@ -211,7 +211,7 @@ def explained(series: Series, model: Model) -> Explained[Model]:
     return Explained(model=model, variances=variances, weights=weights, score=score)
 
 
-def weights_of(series: Series, variances: Floats) -> Floats:
+def _weights(series: Series, variances: Floats) -> Floats:
     """(k, m, m), inverse covariance of the recordings about the pose of their mount."""
     return np.asarray(np.linalg.inv(series.covariances + np.diag(variances[series.parts])))
 
@@ -220,9 +220,14 @@ def find_mounts(series: Series) -> Explained[Mounts]:
     """Find which recordings show the same mount: the partition with the lowest score.
 
     The search starts from three scatters (none, that of neighbours, that about one mean), updates
-    partition and scatter in turn, and then removes changes that cost more than they gain.
+    partition and scatter in turn, and then removes changes that cost more than they gain. Fewer
+    than LEAST recordings are one mount without scatter.
     """
-    one = explained(series, Mounts(numbers=np.zeros(len(series), dtype=np.intp)))
+    still = Mounts(numbers=np.zeros(len(series), dtype=np.intp))
+    if len(series) < LEAST:
+        weights = _weights(series, np.zeros(2))
+        return Explained(model=still, variances=np.zeros(2), weights=weights, score=0.0)
+    one = explained(series, still)
     best = one
     tried: list[Floats] = []
     for start in (np.zeros(2), _of_neighbours(series), one.variances):
@@ -231,7 +236,7 @@ def find_mounts(series: Series) -> Explained[Mounts]:
             if any(np.allclose(variances, each, rtol=_SAME, atol=0.0) for each in tried):
                 break
             tried.append(variances)
-            numbers = _partition(series, weights_of(series, variances))
+            numbers = _partition(series, _weights(series, variances))
             if numbers is None:
                 break
             found = explained(series, Mounts(numbers=numbers))
@@ -308,7 +313,7 @@ def certainty_of_place(
 
 def chi2_about_one(series: Series) -> float:
     """Chi-squared about one mean by the stated covariances; it has (k - 1) m degrees of freedom."""
-    weights = weights_of(series, np.zeros(2))
+    weights = _weights(series, np.zeros(2))
     return float(_chi2_from_the_end(series.values, weights)[0])
 
 

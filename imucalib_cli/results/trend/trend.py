@@ -85,8 +85,8 @@ def trend(
         order = "as given"
         warnings.append(warning("trend.unknown_time", file=untimed[0], others=len(untimed) - 1))
     else:
-        used.sort(key=_key)
-        times = np.array([_key(each)[0] / _DAY for each in used])
+        used.sort(key=lambda named: (_start(named[1]), natural_key(named[0])))
+        times = np.array([_start(result) for _, result in used]) / _DAY
         warnings += _at_once(used)
     _, first = given[0]
     place = f"{first.child} in {first.parent}"
@@ -126,7 +126,7 @@ def _at_once(used: Sequence[Named]) -> Iterator[Finding]:
     found = []
     last, ends, begun = "", -math.inf, -math.inf
     for name, result in used:
-        start = _key((name, result))[0]
+        start = _start(result)
         if start < ends - _SHARED or start == begun:
             found.append((last, name))
         begun = start
@@ -190,11 +190,9 @@ def _held(result: Result) -> tuple[bool, ...]:
     return tuple(bool(each) for each in np.diag(covariance) == 0.0)
 
 
-def _key(named: Named) -> tuple[float, list[tuple[int, str]]]:
-    """Order of recordings: by start, s, then by name, with numbers in names as numbers."""
-    name, result = named
-    start = result.recorded_at
-    return (0.0 if start is None else start.timestamp()), natural_key(name)
+def _start(result: Result) -> float:
+    """Seconds since the epoch; 0 where it is unknown."""
+    return 0.0 if result.recorded_at is None else result.recorded_at.timestamp()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -261,14 +259,7 @@ def _middle(rotations: Floats) -> Floats:
 
 def _seen(used: Sequence[Named], times: Floats, unit: Literal["day", "recording"]) -> _Seen:
     vectors = _vectors_of([result.uncertain_pose for _, result in used], times)
-    series = vectors.series
-    if len(series) < search.LEAST:
-        one = search.Mounts(numbers=np.zeros(len(series), dtype=np.intp))
-        variances = np.zeros(2)
-        weights = search.weights_of(series, variances)
-        found = search.Explained(model=one, variances=variances, weights=weights, score=0.0)
-        return replace(_steps(used, vectors, found), scatter=None)
-    found, line = search.find_mounts(series), search.find_line(series)
+    found, line = search.find_mounts(vectors.series), search.find_line(vectors.series)
     if line is not None and line.score < found.score:
         return _drifting(used, vectors, line, unit)
     return _steps(used, vectors, found)
@@ -320,7 +311,7 @@ def _steps(
         moves=moves,
         words="; ".join(map(_change_words, moves, changes)),
         odd=odd,
-        scatter=_scatter(found.variances),
+        scatter=_scatter(found.variances) if len(used) >= search.LEAST else None,
         chance=chance_of_more(chi2, series.values.size - series.values.shape[1]),
     )
 
