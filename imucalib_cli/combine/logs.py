@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.combine.scatter import Together, combine, disagreeing
+from imucalib_cli.combine.scatter import Together, disagreeing, most_likely_together
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.normal_equations import Answer, embedded_matrix, prior_offset
+from imucalib_cli.estimate.solution.scales import integrate
 from imucalib_cli.estimate.unknowns import LEAN, TABLE
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
@@ -108,7 +109,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         widened=np.array([log.widened for log in logs])[:, moves][:, :, moves],
         scattered=moves // 3,
     )
-    posterior = combine(equations)
+    posterior = integrate(*most_likely_together(equations))
     answer = Answer(
         layout=shared,
         options=options[0],

@@ -21,14 +21,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.solution.algebra import inverse_of, squared_distance
-from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
+from imucalib_cli.estimate.solution.scales import Problem, most_likely
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.prior import Prior
-    from imucalib_cli.estimate.solution.scales import Posterior
 
 USUAL: Final = (1e-4, 5e-4)
 """m and rad: where the half-Cauchy prior of the scatter falls to a half. A decimetre of aluminium
@@ -225,12 +224,6 @@ def most_likely_together(logs: Together) -> tuple[Together, Floats]:
             ends = np.clip([likely[0] - 1, likely[-1] + 1], 0, _TRIED - 1)
             bounds[index] = tried[ends]
     return replace(logs, scatter_bounds=bounds), u
-
-
-def combine(logs: Together) -> Posterior:
-    """Posterior of the shared components; its last two scales are the scatters."""
-    narrowed, mode = most_likely_together(logs)
-    return integrate(narrowed, mode)
 
 
 def disagreeing(logs: Together, u: Floats) -> dict[int, float]:

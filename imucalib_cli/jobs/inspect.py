@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from shlex import quote
 from typing import TYPE_CHECKING
 
+from msgspec import to_builtins
+
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import check_overlap
@@ -17,7 +19,6 @@ from imucalib_cli.jobs.input.recording import on_one_clock, open_requested, prog
 from imucalib_cli.layout import Table
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
-from imucalib_cli.results.codec import to_document
 from imucalib_cli.results.from_estimate import finding_entry
 from imucalib_cli.shown import as_word
 from imucalib_cli.signals.imu.repair import check_alone
@@ -219,7 +220,7 @@ class Inspection:
 
 
 def _entries(findings: Iterable[Finding]) -> list[object]:
-    return [to_document(finding_entry(finding)) for finding in findings]
+    return [to_builtins(finding_entry(finding)) for finding in findings]
 
 
 def _topic_row(topic: Topic) -> tuple[str, ...]:

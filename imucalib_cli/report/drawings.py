@@ -29,10 +29,10 @@ _FARTHEST = 20.0
 """Prior sigmas; a value farther from zero belongs to another nominal value."""
 
 
-def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> str:
+def heat_map(share: Floats, rows: Sequence[str], edges: Floats) -> str:
     """Cells for shares (C, R), 0 to 1; darker is more, and the darkest of a row is its greatest.
 
-    Column c reaches from edges[c] to edges[c + 1] along x; edges are (C + 1,).
+    Column c reaches from edges[c] to edges[c + 1] along x; edges are (C + 1,), s.
     """
     span = float(edges[-1] - edges[0])
     x = _LABELS + _CELLS * (edges - edges[0]) / span
@@ -46,7 +46,7 @@ def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> st
             parts.append(
                 f'<rect x="{x[column]:.1f}" y="{y}" width="{x[column + 1] - x[column]:.1f}" '
                 f'height="{_ROW - 3}" fill-opacity="{value / greatest[row]:.3f}"><title>'
-                f"{name}, {edges[column]:.1f} to {edges[column + 1]:.1f} {unit}: "
+                f"{name}, {edges[column]:.1f} to {edges[column + 1]:.1f} s: "
                 f"{100.0 * value:.1f} %</title></rect>"
             )
     foot = len(rows) * _ROW
@@ -55,10 +55,8 @@ def heat_map(share: Floats, rows: Sequence[str], edges: Floats, unit: str) -> st
     for tick in ticks.tolist():
         at = _LABELS + _CELLS * (tick - edges[0]) / span
         parts.append(f'<text x="{at:.1f}" y="{foot + 15}" text-anchor="middle">{tick:g}</text>')
-    parts.append(
-        f'<text x="{_LABELS + _CELLS / 2}" y="{foot + 34}" text-anchor="middle">time of the log, '
-        f"{unit}</text>"
-    )
+    label = f'<text x="{_LABELS + _CELLS / 2}" y="{foot + 34}" text-anchor="middle">'
+    parts.append(f"{label}time of the log, s</text>")
     size = f"0 0 {_LABELS + _CELLS + 10} {foot + _FOOT}"
     drawn = "".join(parts)
     return f'<div class="wide"><svg class="heat" viewBox="{size}" role="img">{drawn}</svg></div>'

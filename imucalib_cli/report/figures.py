@@ -86,7 +86,7 @@ def figures(material: Material) -> Iterator[Figure]:
         yield _figure("segments", count=len(edges) - 1, plots=plots)
         yield _so_far(stretches)
         rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in AXES)
-        drawing = heat_map(stretches.share, rows=rows, edges=stretches.edges, unit="s")
+        drawing = heat_map(stretches.share, rows, stretches.edges)
         yield _figure("taught", drawing=drawing)
     if details is not None and details.offset is not None:
         yield _offset(details.offset, material.result.time_offset)

@@ -82,10 +82,10 @@ def _article(material: Material, number: int, data: dict[str, Any]) -> str:
             first += _section(section)
         else:
             others += _section(section)
-    status, words = judgement(result)
     return (
         f"<article><header><h1>{as_html(result.child)} in {as_html(result.parent)}</h1>"
-        f'<p class="verdict {status}"><strong>{status}</strong> {as_html(words)}</p>'
+        f'<p class="verdict {result.status}"><strong>{result.status}</strong> '
+        f"{as_html(judgement(result))}</p>"
         f"{first}</header><nav><ul>{links}</ul></nav>"
         f'<section id="{prefix}pose"><h2>The pose</h2>{others}{_copies(result)}</section>'
         f'<section id="{mount}"><h2>Where it is</h2>{_mount_words(result)}'

@@ -86,12 +86,6 @@ def _represent_list(dumper: yaml.SafeDumper, values: list[Any]) -> yaml.Node:
 _Dumper.add_representer(list, _represent_list)
 
 
-def to_document(tree: Tree) -> Document:
-    """A tree as dicts, lists and scalars."""
-    document: Document = msgspec.to_builtins(tree)
-    return document
-
-
 def to_yaml(documents: Sequence[Tree | Document]) -> str:
     """One document, or several separated by ``---``."""
     parts = (

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
         FindingEntry,
         Observable,
         Result,
-        Status,
     )
 
 _GREEN, _RED, _RESET = "\x1b[32m", "\x1b[31m", "\x1b[0m"
@@ -64,8 +63,7 @@ class Section:
 
 def verdict(result: Result) -> str:
     """Whether the result can be used, in one sentence."""
-    status, words = judgement(result)
-    return f"{status}: {words}" if status == "ok" else f"{status}, {words}"
+    return f"{result.status}{': ' if result.status == 'ok' else ', '}{judgement(result)}"
 
 
 def solved_with(result: Result) -> tuple[str, ...]:
@@ -78,23 +76,23 @@ def _findings(result: Result, code: str) -> list[FindingEntry]:
     return [each for each in result.diagnostics.findings if each.code == code]
 
 
-def judgement(result: Result) -> tuple[Status, str]:
-    """Whether the result can be used, and in words its accuracy or the gravest reason against it.
+def judgement(result: Result) -> str:
+    """The accuracy of a result in words, or the gravest reason against it.
 
     The cause of a poor fit, where one was found, is graver than its consequences.
     """
     if result.status != "ok":
         reason = "".join(f": {each}" for each in reasons(result)[:1])
-        return result.status, f"do not use this result{reason}"
+        return f"do not use this result{reason}"
     place = f"{result.child} in {result.parent} is"
     if result.std is None:
-        return result.status, f"{place} found; --method {result.diagnostics.method} states no sigma"
+        return f"{place} found; --method {result.diagnostics.method} states no sigma"
     units = {"mm": result.std.translation_mm, "deg": result.std.rotation_deg}
     largest = {unit: max(filter(None, stds), default=None) for unit, stds in units.items()}
     known = " and ".join(f"{sigma(std)} {unit}" for unit, std in largest.items() if std)
     if not known:
-        return result.status, f"{place} held as given by --fix"
-    return result.status, f"{place} known to {known} (1 sigma, of the axis known least)"
+        return f"{place} held as given by --fix"
+    return f"{place} known to {known} (1 sigma, of the axis known least)"
 
 
 def reasons(result: Result) -> list[str]:
@@ -194,8 +192,9 @@ def _lines(result: Result) -> Iterator[str]:
 def unobservable_fields(result: Result) -> Iterator[Field]:
     """Undetermined directions one by one, or in one field where a poor fit leaves many."""
     directions = result.diagnostics.unobservable
-    if len(directions) > _MANY and _is_poor(result):
-        # all have one cause, so their directions say nothing
+    is_poor = contradictions(result) or _findings(result, "residual.beyond_noise")
+    if len(directions) > _MANY and is_poor:
+        # all may have one cause, so their directions say nothing
         kinds = dict.fromkeys(each.kind for each in directions)
         sigmas = (
             f"{kind} (sigma "
@@ -224,11 +223,6 @@ def contradictions(result: Result) -> list[FindingEntry]:
     findings = result.diagnostics.findings
     grave = (each for each in findings if each.severity == "untrusted")
     return [each for each in grave if each.code not in REQUIREMENTS]
-
-
-def _is_poor(result: Result) -> bool:
-    """Whether the fit may have a cause that comes before all else."""
-    return bool(contradictions(result) or _findings(result, "residual.beyond_noise"))
 
 
 def _known(direction: Observable) -> str:
@@ -385,13 +379,10 @@ def _fit(result: Result) -> Iterator[Field]:
             f"of {model.name}",
         )
     if (parts := diagnostics.consistency) is not None:
-        apart = float(np.linalg.norm(parts.halves.translation_mm))
-        turned = float(np.linalg.norm(parts.halves.rotation_deg))
-        yield Field(
-            "consistency",
-            f"first and second half {figures(apart, 2)} mm and {figures(turned, 2)} deg apart, "
-            f"{figures(parts.halves.sigmas, 2)} sigma",
-        )
+        shift, turn = parts.halves.translation_mm, parts.halves.rotation_deg
+        apart = mm_and_deg(float(np.linalg.norm(shift)), float(np.linalg.norm(turn)), 2)
+        sigmas = f"{figures(parts.halves.sigmas, 2)} sigma"
+        yield Field("consistency", f"first and second half {apart} apart, {sigmas}")
 
 
 def _logs(result: Result) -> Iterator[Field]:
@@ -408,7 +399,7 @@ def _logs(result: Result) -> Iterator[Field]:
         "each",
     )
     for log in combined.logs:
-        apart = f"{figures(log.distance_mm, 2)} mm and {figures(log.distance_deg, 2)} deg"
+        apart = mm_and_deg(log.distance_mm, log.distance_deg, 2)
         odd = ": it disagrees" if log.disagrees else ""
         yield Field(log.name, f"{apart} from the others, {figures(log.sigmas, 2)} sigma{odd}")
 
@@ -420,9 +411,14 @@ def _nominal(result: Result) -> Iterator[Field]:
     where = f"joint {entry.joint}" if entry.joint else "the pose in the URDF or on /tf"
     shift = (result.pose.t - pose.t_parent_imu) * 1e3
     turn = np.degrees(rotvec_from_matrix(result.pose.R @ pose.R_parent_imu.T))
-    apart = f"{figures(entry.distance_mm, 3)} mm and {figures(entry.distance_deg, 3)} deg away"
+    apart = f"{mm_and_deg(entry.distance_mm, entry.distance_deg, 3)} away"
     vectors = f"({numbers(shift, 2)}) mm, ({numbers(turn, 3)}) deg in {result.parent}"
     yield Field("from nominal", f"{apart} from {where}: {vectors}")
+
+
+def mm_and_deg(translation: float, rotation: float, count: int) -> str:
+    """Sizes in mm and degrees to some significant figures, such as ``0.12 mm and 0.003 deg``."""
+    return f"{figures(translation, count)} mm and {figures(rotation, count)} deg"
 
 
 def numbers(values: Sequence[float | None] | Floats, places: int) -> str:

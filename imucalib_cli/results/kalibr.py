@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -22,7 +21,7 @@ from imucalib_cli.layout import Table
 from imucalib_cli.results.codec import FARTHEST, ROTATIONS_AGREE, convert
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import compare_poses
-from imucalib_cli.results.fields import numbers
+from imucalib_cli.results.fields import mm_and_deg, numbers
 from imucalib_cli.results.from_estimate import pose_entry
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.result import SCHEMA, Result
@@ -173,15 +172,9 @@ def compare_with_kalibr(
         if truth[1].camera is not None:
             kalibr_error = _distance((R_camera, t_camera), truth[1].camera.pose)
 
-    def poses(pose: Pose) -> answers.FramePoses:
-        return answers.FramePoses(pose_entry(R.T @ pose[0], R.T @ (pose[1] - p)), pose_entry(*pose))
-
-    def entries(pose: Pose, error: answers.Distance | None) -> dict[str, Any]:
-        return {
-            **msgspec.structs.asdict(poses(pose)),
-            "from_nominal": _distance(pose, nominal),
-            "error": error,
-        }
+    def poses(pose: Pose) -> dict[str, Any]:
+        in_camera = R.T @ pose[0], R.T @ (pose[1] - p)
+        return {"T_camera_imu": pose_entry(*in_camera), "T_parent_imu": pose_entry(*pose)}
 
     apart = compare_poses(found, found.exactly(*kalibr_pose))
     times = None if shift is None else _time_shifts(ours, shift, true)
@@ -202,15 +195,21 @@ def compare_with_kalibr(
         time=times,
         warnings=[doubt] if far else [],
         imucalib=answers.OurPose(
-            file=file, time_offset=plain(ours.time_offset.seconds), **entries(our_pose, error)
+            file=file,
+            **poses(our_pose),
+            from_nominal=_distance(our_pose, nominal),
+            error=error,
+            time_offset=plain(ours.time_offset.seconds),
         ),
         kalibr=answers.KalibrPose(
             file=kalibr_file,
             camera=camera_name,
+            **poses(kalibr_pose),
+            from_nominal=_distance(kalibr_pose, nominal),
+            error=kalibr_error,
             timeshift_cam_imu=plain(shift),
-            **entries(kalibr_pose, kalibr_error),
         ),
-        nominal=None if nominal is None else poses(nominal),
+        nominal=None if nominal is None else answers.FramePoses(**poses(nominal)),
         truth=true,
     )
     return answer, tuple(_blocks(answer, apart))
@@ -275,13 +274,12 @@ def _reason(
         said += f", which is {apart.in_sigmas} of ours"
     for name, error in zip(("ours", "Kalibr's"), errors, strict=True):
         if error is not None:
-            said += f"; {name} is {_distance_words(error)} off the truth"
+            said += f"; {name} is {_words(error)} off the truth"
     return said if times is None else f"{said}; {_camera_clock_words(times)}"
 
 
-def _distance_words(distance: answers.Distance) -> str:
-    """Such as ``0.12 mm and 0.003 deg``."""
-    return f"{figures(distance.distance_mm, 3)} mm and {figures(distance.angle_deg, 3)} deg"
+def _words(distance: answers.Distance) -> str:
+    return mm_and_deg(distance.distance_mm, distance.angle_deg, 3)
 
 
 def _camera_clock_words(times: answers.TimeShifts) -> str:
@@ -310,7 +308,7 @@ def _blocks(answer: answers.KalibrAnswer, apart: PoseComparison) -> Iterator[Blo
         ("off the truth", ours.error, theirs.error),
     ):
         if mine is not None and his is not None:
-            rows.append((name, _distance_words(mine), _distance_words(his), ""))
+            rows.append((name, _words(mine), _words(his), ""))
     if times is not None and ours.time_offset is not None and theirs.timeshift_cam_imu is not None:
         shifts = (
             _milliseconds(1e3 * each) for each in (ours.time_offset, theirs.timeshift_cam_imu)

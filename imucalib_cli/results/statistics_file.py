@@ -28,7 +28,7 @@ from imucalib_cli.estimate.solution.normal_equations import (
 )
 from imucalib_cli.estimate.solution.spectrum import Spectrum
 from imucalib_cli.estimate.unknowns import TABLE, JointCurve, Mount, Origin
-from imucalib_cli.results.codec import result_from, to_document
+from imucalib_cli.results.codec import result_from
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -78,7 +78,7 @@ def statistics_bytes(result: Result, statistics: LogStatistics) -> bytes:
         "what": _WHAT,
         "schema": _SCHEMA,
         "version": __version__,
-        "result": to_document(result),
+        "result": msgspec.to_builtins(result),
         "options": msgspec.to_builtins(statistics.options, enc_hook=lambda each: each.tolist()),
         "unknowns": [
             {"name": each.unknown.name}

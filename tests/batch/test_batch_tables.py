@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 
 import jsonschema
 import pytest
+from msgspec import to_builtins
 
 from imucalib_cli.batch.record import Record, schema_of_record
 from imucalib_cli.batch.tables import (
@@ -26,7 +27,6 @@ from imucalib_cli.batch.tables import (
 from imucalib_cli.cli.commands.batch import batch_command
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.layout import csv_text, plain
-from imucalib_cli.results.codec import to_document
 from imucalib_cli.shown import printable
 from tests.results.results_samples import UP, make_result
 
@@ -116,7 +116,7 @@ def test_json_line_equals_the_record() -> None:
     assert line.count("\n") == 1
     document = json.loads(line)
     assert document["log"] == "c.mcap"
-    assert document["results"] == [to_document(doubtful().results[0])]
+    assert document["results"] == [to_builtins(doubtful().results[0])]
     assert document["schema"] == 1
     schema = json.loads(schema_of_record())
     jsonschema.Draft202012Validator.check_schema(schema)

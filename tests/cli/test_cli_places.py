@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from msgspec import to_builtins
 
 from imucalib_cli.configuration import configs_folder
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.results.atomic import write_whole
-from imucalib_cli.results.codec import to_document, to_yaml
+from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.names import shortened
 from imucalib_cli.results.overwrite_checks import check_places
 from tests.cli.stand_in import Estimator
@@ -386,7 +387,7 @@ def test_repeated_apply_keeps_hand_edited_urdfs(
     for x in (0.1, 0.2):
         moved = make_estimate(t_parent_imu=make_estimate().t_parent_imu + x)
         found = make_result(estimate=moved, parent="hand", child="imu_link")
-        result.write_text(to_yaml([to_document(found)]))
+        result.write_text(to_yaml([to_builtins(found)]))
         apply()
     target.write_text(target.read_text().replace("keep me", "changed by hand"))
     assert "is a URDF and would be overwritten" in apply(code=2).err

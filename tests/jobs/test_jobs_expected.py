@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import to_builtins
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu
-from imucalib_cli.results.codec import result_from, to_document
+from imucalib_cli.results.codec import result_from
 from imucalib_cli.results.result import Result
 from imucalib_cli.signals.imu.data_sheet import load_imu_model
 from imucalib_cli.simulate.load import load_imu
@@ -70,7 +71,7 @@ def test_noise_matching_data_sheet_is_not_reported(tmp_path: Path) -> None:
     # The sheet's own figures: 190 ug and 0.014 deg/s per sqrt(Hz), up to half the rate.
     assert check.accel.expected == pytest.approx(190e-6 * 9.80665 * np.sqrt(RATE / 2.0))
     assert check.gyro.expected == pytest.approx(np.radians(0.014) * np.sqrt(RATE / 2.0))
-    document = to_document(found)
+    document = to_builtins(found)
     assert document["provenance"]["options"]["imu_model"] == "bmi088"
     assert document["diagnostics"]["imu_model"]["accel"]["measured"] == check.accel.measured
     again = result_from(json.loads(json.dumps(document)), "x").diagnostics.imu_model

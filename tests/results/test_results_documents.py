@@ -14,12 +14,12 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec import structs
+from msgspec import structs, to_builtins
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError, UntrustedError
 from imucalib_cli.findings import TEXT, note, untrusted, warning
-from imucalib_cli.results.codec import read_results, result_from, to_document, to_json, to_yaml
+from imucalib_cli.results.codec import read_results, result_from, to_json, to_yaml
 from imucalib_cli.results.comparison.answers import schema_of
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
@@ -50,12 +50,12 @@ VARIANTS: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("write", [to_yaml, to_json])
 def test_documents_match_schema_and_read_back_equal(variant: str, write: Any) -> None:
-    document = to_document(make_result(**VARIANTS[variant]))
+    document = to_builtins(make_result(**VARIANTS[variant]))
     text = write([document])
     SCHEMA.validate(document)
     SCHEMA.validate((yaml.safe_load if write is to_yaml else json.loads)(text))
     (again,) = read_results(text, "result.yaml")
-    assert to_document(again) == document
+    assert to_builtins(again) == document
 
 
 def test_recording_time_is_read_from_any_writer() -> None:
@@ -74,7 +74,7 @@ def test_keys_are_in_schema_order_and_vectors_on_one_line() -> None:
     told = "schema status transform partial covariance std time_offset accel_bias gyro_bias"
     keys = [*told.split(), "gravity_world", "diagnostics", "provenance"]
     result = make_result(unobservable=(UP,))
-    assert list(to_document(result)) == keys
+    assert list(to_builtins(result)) == keys
     text = to_yaml([result])
     assert "  translation: [-0.0225, 0.1, null]\n" in text
     assert "\n- [" in text.split("covariance:")[1]
@@ -91,7 +91,7 @@ def test_keys_are_in_schema_order_and_vectors_on_one_line() -> None:
 )
 def test_undetermined_values_are_null(direction: Any, translation: Any, place: Any) -> None:
     """Of a translation every component that it touches, a rotation as a whole."""
-    document = to_document(make_result(unobservable=(direction,)))
+    document = to_builtins(make_result(unobservable=(direction,)))
     assert document["status"] == "untrusted"
     assert document["transform"]["translation"] == translation
     is_turned = direction.kind == "rotation"
@@ -105,7 +105,7 @@ def test_undetermined_values_are_null(direction: Any, translation: Any, place: A
 
 
 def test_std_and_rotation_agree_with_scipy() -> None:
-    document = to_document(make_result())
+    document = to_builtins(make_result())
     stds = np.sqrt(np.diag(document["covariance"]))
     np.testing.assert_allclose(document["std"]["translation_mm"], 1e3 * stds[:3])
     np.testing.assert_allclose(document["std"]["rotation_deg"], np.degrees(stds[3:]))
@@ -117,7 +117,7 @@ def test_std_and_rotation_agree_with_scipy() -> None:
 
 def test_several_imus_are_a_yaml_stream_or_json_array() -> None:
     pair = [make_result(), make_result(unobservable=(UP,))]
-    documents = [to_document(calibration) for calibration in pair]
+    documents = [to_builtins(calibration) for calibration in pair]
     assert len(list(yaml.safe_load_all(to_yaml(documents)))) == 2
     array = json.loads(to_json(documents))
     assert len(array) == 2
@@ -178,7 +178,7 @@ def test_findings_keep_their_codes_and_values() -> None:
     for write in (to_yaml, to_json):
         (again,) = read_results(write([result]), "f")
         assert again == result
-    document = to_document(result)["diagnostics"]
+    document = to_builtins(result)["diagnostics"]
     assert document["findings"][0]["values"] == {"share": 0.75}
     assert document["findings"][2]["values"]["stretches"] == [[1.0, 2.5], [3.0, "inf"]]
     severities = ["untrusted", "warning", "warning", "note"]
@@ -189,7 +189,7 @@ def test_findings_keep_their_codes_and_values() -> None:
 
 def test_results_without_finding_codes_are_read() -> None:
     """As versions wrote them that had no findings."""
-    document = to_document(make_result())
+    document = to_builtins(make_result())
     del document["diagnostics"]["findings"]
     document["status"] = "untrusted"
     old = "--require asks for 1 mm, the largest sigma is 2 mm along x of a: record longer"
@@ -199,7 +199,7 @@ def test_results_without_finding_codes_are_read() -> None:
     assert [each.message for each in found] == ["it wobbles", old, "the moon is full"]
     assert [each.code for each in found] == ["text", "require.text", "text"]
     assert [each.severity for each in found] == ["untrusted", "untrusted", "warning"]
-    (again,) = read_results(to_yaml([to_document(result_from(document, "f"))]), "f")
+    (again,) = read_results(to_yaml([to_builtins(result_from(document, "f"))]), "f")
     assert again == result
 
 
@@ -207,13 +207,13 @@ def test_results_without_finding_codes_are_read() -> None:
 def test_missing_known_directions_are_computed(findings: Any, known: int) -> None:
     """A sigma that something contradicts makes no direction known."""
     result = make_result(unobservable=(UP,), findings=findings)
-    document = to_document(result)
+    document = to_builtins(result)
     assert len(document["diagnostics"].pop("observable")) == known
     assert result_from(document, "f") == result
 
 
 def test_finding_of_a_later_version_is_kept_verbatim() -> None:
-    document = to_document(make_result())
+    document = to_builtins(make_result())
     document["diagnostics"]["findings"] = [
         {"code": "imu.sings", "severity": "warning", "values": {"hz": 440}, "message": "it sings"}
     ]
@@ -232,7 +232,7 @@ def _paths(node: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 def test_every_missing_or_mistyped_key_is_an_input_error() -> None:
     """No key's absence and no wrong type may end in a traceback."""
-    whole = to_document(make_result(unobservable=(UP, ROLL)))
+    whole = to_builtins(make_result(unobservable=(UP, ROLL)))
     unread = {"tool", "distance_mm", "distance_deg", "observable"}
     for path in _paths(whole):
         for damage in ("missing", "nonsense"):
@@ -304,7 +304,7 @@ SCALAR, VALUE = "a number or a text or null", "a number or a text or a list or n
 def test_inconsistent_edits_are_refused(edit: tuple[Any, ...]) -> None:
     place, value, part, *more = edit
     changes = {"findings": DOUBTS} if "findings" in place else (more or [{}])[0]
-    document = to_document(make_result(**changes))
+    document = to_builtins(make_result(**changes))
     node: Any = document
     *path, last = (int(key) if key.isdigit() else key for key in place.split())
     for key in path:
@@ -316,7 +316,7 @@ def test_inconsistent_edits_are_refused(edit: tuple[Any, ...]) -> None:
 
 def test_lone_surrogate_is_an_input_error() -> None:
     """JSON and YAML can name it, UTF-8 cannot write it."""
-    document = to_document(make_result())
+    document = to_builtins(make_result())
     document["diagnostics"]["notes"]["unit"] = "\ud800"
     with pytest.raises(InputError, match=r"notes\.unit has half of a character"):
         result_from(document, "f")

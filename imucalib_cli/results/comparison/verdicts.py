@@ -222,11 +222,5 @@ def _chance(test: answers.TestEntry | None) -> str:
 
 
 def _side(name: str, result: Result) -> answers.Side:
-    return answers.Side(
-        file=name,
-        status=result.status,
-        parent=result.parent,
-        child=result.child,
-        imu=result.imu_topic,
-        logs=result.provenance.files,
-    )
+    logs = result.provenance.files
+    return tree_from(answers.Side, result, file=name, imu=result.imu_topic, logs=logs)

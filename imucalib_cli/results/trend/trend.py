@@ -18,7 +18,7 @@ from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more
 from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison, compare_poses
 from imucalib_cli.results.comparison.verdicts import within_entry
-from imucalib_cli.results.fields import instant, judgement
+from imucalib_cli.results.fields import instant, judgement, mm_and_deg
 from imucalib_cli.results.from_estimate import pose_entry, tangent, tree_from
 from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.result import SCHEMA
@@ -170,7 +170,7 @@ def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> 
     if result.diagnostics.combined is not None:
         yield "it is of several recordings together"
     if result.status != "ok":
-        yield f"untrusted: {judgement(result)[1]}"
+        yield f"untrusted: {judgement(result)}"
     if covariance is None:
         yield f"--method {result.diagnostics.method} states no sigma"
         return
@@ -462,8 +462,7 @@ def _change_words(apart: PoseComparison, change: answers.ChangeEntry) -> str:
 
 
 def _drift_words(apart: PoseComparison, drift: answers.DriftEntry) -> str:
-    rates = {"mm": drift.translation_mm, "deg": drift.rotation_deg}
-    each = " and ".join(f"{figures(math.hypot(*rate), 2)} {unit}" for unit, rate in rates.items())
+    each = mm_and_deg(math.hypot(*drift.translation_mm), math.hypot(*drift.rotation_deg), 2)
     return f"by {apart} in all, {each} a {drift.per} ({_evidence_words(drift.evidence)})"
 
 
