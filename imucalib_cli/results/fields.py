@@ -215,14 +215,16 @@ def unobservable_fields(result: Result) -> Iterator[Field]:
         yield Field("still determined", "; ".join(map(_known, known)), "note")
 
 
-def contradictions(result: Result) -> list[FindingEntry]:
-    """Findings against a result that make its sigma worthless.
+def contradictions(result: Result) -> list[str]:
+    """Why the sigma of a result is worthless, in words.
 
     Undetermined directions and a sigma larger than required do not: the covariance contains them.
     """
-    findings = result.diagnostics.findings
-    grave = (each for each in findings if each.severity == "untrusted")
-    return [each for each in grave if each.code not in REQUIREMENTS]
+    return [
+        f"the result contradicts itself or its model: {each.message}"
+        for each in result.diagnostics.findings
+        if each.severity == "untrusted" and each.code not in REQUIREMENTS
+    ]
 
 
 def _known(direction: Observable) -> str:

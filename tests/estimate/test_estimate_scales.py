@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.combine.scatter import USUAL, Together, combine
+from imucalib_cli.combine.scatter import USUAL, Together, most_likely_together
 from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.solution.scales import Posterior, Problem, integrate, most_likely
 from tests.slow import slow_after
@@ -188,17 +188,16 @@ def combine_poses(values: Floats, covariances: Floats) -> Posterior:
     """The common pose of logs of which only the pose and its covariance within it are known."""
     information = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
     prior = Prior(std=np.repeat([10.0, np.pi], 3), scale=np.full(6, -1), bounds=np.zeros((0, 2)))
-    return combine(
-        Together(
-            information=information,
-            score=-np.einsum("kij,kj->ki", information, values),
-            noise=information,
-            offset=np.zeros(6),
-            prior=prior,
-            widened=np.zeros((len(values), 6, 6)),
-            scattered=np.repeat([0, 1], 3),
-        )
+    logs = Together(
+        information=information,
+        score=-np.einsum("kij,kj->ki", information, values),
+        noise=information,
+        offset=np.zeros(6),
+        prior=prior,
+        widened=np.zeros((len(values), 6, 6)),
+        scattered=np.repeat([0, 1], 3),
     )
+    return integrate(*most_likely_together(logs))
 
 
 def grid_over_scatter(

@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -54,27 +55,24 @@ def browser() -> Iterator[Any]:
         found.close()
 
 
-class Opened:
-    """A page that is open, with its console messages and requests."""
-
-    def __init__(self, browser: Any, path: Path, **options: Any) -> None:
-        self.complaints: list[str] = []
-        self.requests: list[str] = []
-        self.context = browser.new_context(**{"viewport": WIDE, "locale": "en-GB"} | options)
-        self.context.grant_permissions(["clipboard-read", "clipboard-write"])
-        self.page = self.context.new_page()
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
-        self.page.on("request", lambda request: self.requests.append(request.url))
-        self.page.goto(path.as_uri())
-        self.page.wait_for_function("document.querySelectorAll('.plot canvas').length > 0")
-        self.page.wait_for_timeout(300)  # the frame in which plots are drawn
-
-    def close(self) -> None:
-        assert self.complaints == []
-        assert all(url.startswith("file:") for url in self.requests)
-        assert len(self.requests) == 1
-        self.context.close()
+@contextmanager
+def opened(browser: Any, path: Path, **options: Any) -> Iterator[Any]:
+    """The page of a file, which may neither complain nor load anything."""
+    complaints: list[str] = []
+    requests: list[str] = []
+    context = browser.new_context(**{"viewport": WIDE, "locale": "en-GB"} | options)
+    context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page = context.new_page()
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
+    page.goto(path.as_uri())
+    page.wait_for_function("document.querySelectorAll('.plot canvas').length > 0")
+    page.wait_for_timeout(300)  # the frame in which plots are drawn
+    yield page
+    assert complaints == []
+    assert [url.partition(":")[0] for url in requests] == ["file"]
+    context.close()
 
 
 @pytest.fixture(scope="module", params=["rihibot", "broad_21_cut"])
@@ -85,10 +83,9 @@ def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture
-def opened(browser: Any, path: Path) -> Iterator[Opened]:
-    found = Opened(browser, path)
-    yield found
-    found.close()
+def page(browser: Any, path: Path) -> Iterator[Any]:
+    with opened(browser, path) as found:
+        yield found
 
 
 def coarse(png: bytes) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -116,33 +113,32 @@ COLOURED = """
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_every_plot_draws_data(browser: Any, path: Path, scheme: str) -> None:
-    opened = Opened(browser, path, color_scheme=scheme)
-    places = opened.page.locator(".plot")
-    assert places.count() >= 15
-    for place in range(places.count()):
-        canvas = places.nth(place).locator("canvas")
-        assert canvas.evaluate(COLOURED) > 100, places.nth(place).get_attribute("data-plot")
-    opened.close()
+    with opened(browser, path, color_scheme=scheme) as page:
+        places = page.locator(".plot").all()
+        assert len(places) >= 15
+        for place in places:
+            drawn = place.locator("canvas").evaluate(COLOURED)
+            assert drawn > 100, place.get_attribute("data-plot")
 
 
-def test_the_3d_view_turns_by_keys_and_by_dragging(opened: Opened) -> None:
-    view = opened.page.locator(".views svg").first
+def test_the_3d_view_turns_by_keys_and_by_dragging(page: Any) -> None:
+    view = page.locator(".views svg").first
     assert view.locator("polyline").count() >= 6
     seen = [view.inner_html()]
     view.focus()
-    opened.page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowLeft")
     seen.append(view.inner_html())
     view.scroll_into_view_if_needed()
     box = view.bounding_box()
-    opened.page.mouse.move(box["x"] + 50, box["y"] + 50)
-    opened.page.mouse.down()
-    opened.page.mouse.move(box["x"] + 120, box["y"] + 80, steps=5)
-    opened.page.mouse.up()
+    page.mouse.move(box["x"] + 50, box["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 120, box["y"] + 80, steps=5)
+    page.mouse.up()
     seen.append(view.inner_html())
     assert len(set(seen)) == 3
 
 
-def test_copy_buttons_copy_to_clipboard(opened: Opened, path: Path) -> None:
+def test_copy_buttons_copy_to_clipboard(page: Any, path: Path) -> None:
     (calibrated,) = outcome(path.stem).calibrated
     wanted = {
         each.command + each.render([calibrated.result])
@@ -150,63 +146,62 @@ def test_copy_buttons_copy_to_clipboard(opened: Opened, path: Path) -> None:
         if each.is_bare_pose
     }
     copied = set()
-    for details in opened.page.locator("details:has(.copy)").all():
+    for details in page.locator("details:has(.copy)").all():
         if details.get_attribute("open") is None:
             details.locator("summary").click()
         details.locator("button").click()
-        opened.page.wait_for_function(
+        page.wait_for_function(
             "(button) => button.textContent === 'Copied'",
             arg=details.locator("button").element_handle(),
         )
-        copied.add(opened.page.evaluate("navigator.clipboard.readText()"))
+        copied.add(page.evaluate("navigator.clipboard.readText()"))
     assert wanted <= copied
 
 
-def drawn(opened: Opened, key: str) -> str:
+def drawn(page: Any, key: str) -> str:
     """All that a plot draws: another range of x gives another picture."""
-    canvas = opened.page.locator(f"[data-plot='{key}'] canvas")
+    canvas = page.locator(f"[data-plot='{key}'] canvas")
     return str(canvas.evaluate("(canvas) => canvas.toDataURL()"))
 
 
-def test_zooming_by_keys_and_mouse_moves_all_plots_over_time(opened: Opened) -> None:
-    first, other, apart = "imu0-accel-0", "imu0-gyro-2", "imu0-spectra-0"
-    before = [drawn(opened, key) for key in (first, other, apart)]
-    plot = opened.page.locator(f"[data-plot='{first}']")
+def test_zooming_by_keys_and_mouse_moves_all_plots_over_time(page: Any) -> None:
+    keys = first, other, _ = "imu0-accel-0", "imu0-gyro-2", "imu0-spectra-0"
+    before = [drawn(page, key) for key in keys]
+    plot = page.locator(f"[data-plot='{first}']")
     plot.focus()
-    opened.page.keyboard.press("+")
-    opened.page.wait_for_timeout(100)
-    zoomed = [drawn(opened, key) for key in (first, other, apart)]
+    page.keyboard.press("+")
+    page.wait_for_timeout(100)
+    zoomed = [drawn(page, key) for key in keys]
     assert [a != b for a, b in zip(before, zoomed, strict=True)] == [True, True, False]
-    opened.page.keyboard.press("0")
-    opened.page.wait_for_timeout(100)
-    assert [drawn(opened, key) for key in (first, other, apart)] == before
+    page.keyboard.press("0")
+    page.wait_for_timeout(100)
+    assert [drawn(page, key) for key in keys] == before
     plot.scroll_into_view_if_needed()
     box = plot.locator(".u-over").bounding_box()
-    opened.page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 40)
-    opened.page.mouse.down()
-    opened.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60, steps=5)
-    opened.page.mouse.up()
-    opened.page.wait_for_timeout(100)
-    dragged = drawn(opened, other)
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 60, steps=5)
+    page.mouse.up()
+    page.wait_for_timeout(100)
+    dragged = drawn(page, other)
     assert dragged not in (before[1], zoomed[1])
     plot.locator(".u-over").dblclick()
-    opened.page.wait_for_timeout(100)
-    assert drawn(opened, other) == before[1]
+    page.wait_for_timeout(100)
+    assert drawn(page, other) == before[1]
 
 
 def test_page_fits_phone_width(browser: Any, path: Path) -> None:
-    opened = Opened(browser, path, viewport=PHONE, device_scale_factor=2, has_touch=True)
-    width = opened.page.evaluate("document.documentElement.scrollWidth")
-    assert width <= PHONE["width"]
-    assert opened.page.locator(".plot canvas").first.evaluate(COLOURED) > 100
-    opened.close()
+    phone: Any = {"viewport": PHONE, "device_scale_factor": 2, "has_touch": True}
+    with opened(browser, path, **phone) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= PHONE["width"]
+        assert page.locator(".plot canvas").first.evaluate(COLOURED) > 100
 
 
-def test_every_control_is_reachable_by_keyboard(opened: Opened) -> None:
+def test_every_control_is_reachable_by_keyboard(page: Any) -> None:
     reached = set()
     for _ in range(200):
-        opened.page.keyboard.press("Tab")
-        reached.add(opened.page.evaluate("document.activeElement.tagName.toLowerCase()"))
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.tagName.toLowerCase()"))
     assert {"a", "summary", "button", "svg", "div"} <= reached
 
 
@@ -224,13 +219,12 @@ def test_log_axis_without_positive_values_does_not_hang(browser: Any, tmp_path: 
     path.write_text(
         f'{before}<script id="data" type="application/json">{json.dumps(data)}</script>{after}'
     )
-    opened = Opened(browser, path)
-    assert opened.page.locator(".plot canvas").count() >= 15
-    opened.close()
+    with opened(browser, path) as page:
+        assert page.locator(".plot canvas").count() >= 15
 
 
-def test_page_prints(opened: Opened) -> None:
-    pdf = opened.page.pdf(format="A4")
+def test_page_prints(page: Any) -> None:
+    pdf = page.pdf(format="A4")
     assert pdf.startswith(b"%PDF")
     assert len(pdf) > 50_000
 
@@ -244,11 +238,11 @@ def test_page_matches_reference_screenshot(
     if path.stem != "rihibot":
         pytest.skip("one sample is enough to show the layout")
     viewport = WIDE if size == "wide" else PHONE
-    opened = Opened(browser, path, color_scheme=scheme, viewport=viewport)
+    keys = ("mount", "accel", "segments", "taught")
+    with opened(browser, path, color_scheme=scheme, viewport=viewport) as page:
+        shots = {key: page.locator(f"#imu0-{key}").screenshot() for key in keys}
     wrong = []
-    for key in ("mount", "accel", "segments", "taught"):
-        section = opened.page.locator(f"#imu0-{key}")
-        shot = section.screenshot()
+    for key, shot in shots.items():
         reference = SCREENS / f"{path.stem}-{key}-{size}-{scheme}.png"
         if not reference.exists():
             SCREENS.mkdir(exist_ok=True)
@@ -262,7 +256,6 @@ def test_page_matches_reference_screenshot(
         difference = float(np.sqrt(np.mean((ours[:height] - theirs[:height]) ** 2)))
         if difference > MOST_DIFFERENT:
             wrong.append(f"{key}: off by {difference:.1f} of 255")
-    opened.close()
     assert wrong == []
 
 

@@ -57,7 +57,7 @@ def verify(
     apart = apart.without(ignored)
     left_out = tuple(POSE_NAMES[place] for place in sorted(ignored))
     verdicts = [apart.judge(part, within) for part in apart.parts]
-    doubts = _contradictions(result)
+    doubts = contradictions(result)
     verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{result.child} in {result.parent}"
     source = "the log's own frames say" if urdf is None else f"{_named(urdf)} says"
@@ -112,7 +112,7 @@ def diff(
     apart = compare_poses(*poses)
     test = apart.test()
     sides = (first, second)
-    doubts = [f"{name}: {said}" for name, result in sides for said in _contradictions(result)]
+    doubts = [f"{name}: {said}" for name, result in sides for said in contradictions(result)]
     verdict: answers.Verdict = "unknown" if doubts else apart.verdict(within)
     place = f"{poses[0].child} in {poses[0].parent}"
     figures_said = f"{apart} apart{_chance(test)}"
@@ -160,12 +160,6 @@ def within_entry(within: Tolerance) -> answers.Within:
 
 def _named(urdf: SourceFile) -> str:
     return "the URDF on standard input" if urdf.path == "-" else urdf.path
-
-
-def _contradictions(result: Result) -> list[str]:
-    """Why a result gives no answer."""
-    said = "the result contradicts itself or its model"
-    return [f"{said}: {finding.message}" for finding in contradictions(result)]
 
 
 def _gaps(result: Result) -> Iterator[str]:
