@@ -331,10 +331,15 @@ def _uncoded(result: Result) -> list[FindingEntry]:
 
     A result that misses --require is not wrong, and must still answer `verify` and `diff`.
     """
-    found = []
-    for reason in result.diagnostics.distrust:
-        code = "require.text" if reason.startswith(_OLD_REQUIREMENT) else TEXT
-        found.append(FindingEntry(code, "untrusted", {"text": reason}, reason))
+    found = [
+        FindingEntry(
+            "require.text" if reason.startswith(_OLD_REQUIREMENT) else TEXT,
+            "untrusted",
+            {"text": reason},
+            reason,
+        )
+        for reason in result.diagnostics.distrust
+    ]
     warnings = result.diagnostics.warnings
     return found + [FindingEntry(TEXT, "warning", {"text": each}, each) for each in warnings]
 
