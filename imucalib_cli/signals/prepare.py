@@ -13,7 +13,7 @@ from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.spikes import find_spikes
-from imucalib_cli.signals.timing.stamps import Ticks, TidyRows, constant_rate_ticks, tidy_rows
+from imucalib_cli.signals.timing.stamps import Ticks, constant_rate_ticks, tidy_rows
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
@@ -36,7 +36,8 @@ class CleanImu:
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
     spikes: int
-    tidy: TidyRows
+    left_out: dict[str, int]
+    """As of :func:`in_order`."""
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
         """Even grid with the shorter interval of the IMU and the robot, s.
@@ -68,18 +69,24 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
     Raises:
         InputError: Too few usable samples.
     """
-    tidy = tidy_rows(imu.t, imu.gyro, imu.accel)
-    if len(tidy.rows) < MIN_IMU_SAMPLES:
+    tidy, left_out = in_order(imu)
+    if len(tidy) < MIN_IMU_SAMPLES:
         raise InputError(
-            f"the IMU has {len(tidy.rows)} usable samples of {len(imu.t)}, need at least "
+            f"the IMU has {len(tidy)} usable samples of {len(imu)}, need at least "
             f"{MIN_IMU_SAMPLES}: record a longer log, or try --clock log if its stamps repeat"
         )
-    t = tidy.of(imu.t)
-    gyro, gyro_spikes = _bridged(t, tidy.of(imu.gyro), _SPIKE_FLOOR_GYRO)
-    accel, accel_spikes = _bridged(t, tidy.of(imu.accel), _SPIKE_FLOOR_ACCEL)
+    gyro, gyro_spikes = _bridged(tidy.t, tidy.gyro, _SPIKE_FLOOR_GYRO)
+    accel, accel_spikes = _bridged(tidy.t, tidy.accel, _SPIKE_FLOOR_ACCEL)
     spikes = int((gyro_spikes | accel_spikes).sum())
-    samples = replace(imu, t=t, gyro=gyro, accel=accel)
-    return CleanImu(samples, constant_rate_ticks(t), spikes, tidy)
+    samples = replace(tidy, gyro=gyro, accel=accel)
+    return CleanImu(samples, constant_rate_ticks(tidy.t), spikes, left_out)
+
+
+def in_order(imu: ImuSamples) -> tuple[ImuSamples, dict[str, int]]:
+    """The usable samples in order, and numbers of the others, as of :class:`TidyRows`."""
+    tidy = tidy_rows(imu.t, imu.gyro, imu.accel)
+    sound = {name: tidy.of(getattr(imu, name)) for name in ("t", "gyro", "accel")}
+    return replace(imu, **sound), tidy.left_out
 
 
 def _bridged(t: Floats, values: Floats, floor: float) -> tuple[Floats, Bools]:

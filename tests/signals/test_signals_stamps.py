@@ -9,7 +9,7 @@ from imucalib_cli.signals.timing.stamps import (
     Ticks,
     constant_rate_ticks,
     gap_breaks,
-    gap_limit,
+    longest_step,
     tidy_rows,
 )
 
@@ -20,7 +20,7 @@ def test_rows_are_sorted_unique_and_finite() -> None:
     values[6, 1] = np.inf
     tidy = tidy_rows(t, values)
     np.testing.assert_array_equal(tidy.rows, [0, 1, 4, 3, 7, 9])
-    assert (tidy.repeated, tidy.backward, tidy.not_finite) == (2, 1, 2)
+    assert tidy.left_out == {"repeated": 2, "backward": 1, "not_finite": 2, "astray": 0}
     first_of_repeated = tidy_rows(np.array([0.2, 0.1, 0.2, 0.1]), np.zeros((4, 1)))
     np.testing.assert_array_equal(first_of_repeated.rows, [1, 0])
 
@@ -32,12 +32,12 @@ def test_no_usable_rows_is_not_an_error(t: Floats) -> None:
 
 def test_gap_is_longer_than_three_intervals_and_ten_ms() -> None:
     slow = np.r_[np.arange(10) * 0.1, 0.9 + 0.29 + np.arange(10) * 0.1]
-    assert gap_limit(slow) == pytest.approx(0.3)
+    assert longest_step(0.1) == pytest.approx(0.3)
     assert len(gap_breaks(slow)) == 0
     slow[10:] += 0.02
     np.testing.assert_array_equal(gap_breaks(slow), [10])
     fast = np.r_[np.arange(20) * 0.001, 0.019 + 0.0095 + np.arange(20) * 0.001]
-    assert gap_limit(fast) == pytest.approx(0.010)
+    assert longest_step(0.001) == pytest.approx(0.010)
     assert len(gap_breaks(fast)) == 0
     fast[20:] += 0.001
     np.testing.assert_array_equal(gap_breaks(fast), [20])

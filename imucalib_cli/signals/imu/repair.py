@@ -17,7 +17,7 @@ from imucalib_cli.signals.flips import find_flips
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
 from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
-from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
+from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES, in_order
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.bursts import (
@@ -276,18 +276,17 @@ def mended_imu(
 ) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
     t, delay_std, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
-    tidy = tidy_rows(t, imu.gyro, imu.accel)
-    if any(tidy.left_out.values()):
-        findings.append(warning("imu.samples_left_out", **tidy.left_out))
-    gyro, accel = tidy.of(imu.gyro), tidy.of(imu.accel)
-    return replace(imu, t=tidy.of(t), gyro=gyro, accel=accel, delay_std=delay_std), findings
+    imu, left_out = in_order(replace(imu, t=t, delay_std=delay_std))
+    if any(left_out.values()):
+        findings.append(warning("imu.samples_left_out", **left_out))
+    return imu, findings
 
 
 def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
     """A track on even stamps, without single messages that jump away and back."""
     t, delay_std, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
-    if tidy.not_finite or tidy.backward or tidy.astray:
+    if any(count for name, count in tidy.left_out.items() if name != "repeated"):
         findings.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
     read = tidy.of(track.values)
     values = continuous(track.kind, read)

@@ -54,25 +54,16 @@ _WHITE_JITTER = -0.25
 
 @dataclass(frozen=True, eq=False)
 class TidyRows:
-    """The usable rows of a stream, in order, and how many are not usable."""
+    """The usable rows of a stream, in order."""
 
     rows: Indices
-    repeated: int
-    backward: int
-    not_finite: int
-    astray: int
-    """Stamps far from all others, such as zero or another year."""
-
-    @property
-    def left_out(self) -> dict[str, int]:
-        """Numbers of unused rows, and of backward steps of the stamps, by name."""
-        names = ("repeated", "backward", "not_finite", "astray")
-        return {name: getattr(self, name) for name in names}
+    left_out: dict[str, int]
+    """Numbers of rows with stamps that are repeated or astray (far from all others, such as zero or
+    another year), of rows that are not finite, and of backward steps of the stamps, by name."""
 
     def of(self, values: Floats) -> Floats:
         """(M, ...), these rows of (N, ...); the same array if no row is left out or moved."""
-        whole = len(self.rows) == len(values) and not self.backward
-        return values if whole else values[self.rows]
+        return values[self.rows] if any(self.left_out.values()) else values
 
 
 def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
@@ -86,13 +77,13 @@ def tidy_rows(t: Floats, *values: Floats) -> TidyRows:
     if backward:
         rows = rows[np.argsort(t[rows], kind="stable")]
     keep = np.diff(t[rows], prepend=-np.inf) > 0
-    return TidyRows(
-        rows=rows[keep],
-        repeated=int((~keep).sum()),
-        backward=backward,
-        not_finite=int((~finite).sum()),
-        astray=int((finite & ~usable).sum()),
-    )
+    left_out = {
+        "repeated": int((~keep).sum()),
+        "backward": backward,
+        "not_finite": int((~finite).sum()),
+        "astray": int((finite & ~usable).sum()),
+    }
+    return TidyRows(rows[keep], left_out)
 
 
 def usable_rows(t: Floats, *values: Floats) -> Bools:
@@ -112,11 +103,6 @@ def _usable(t: Floats, values: tuple[Floats, ...]) -> tuple[Bools, Bools]:
     return finite, usable
 
 
-def gap_limit(t: Floats) -> float:
-    """Longest interval, s, that still counts as continuous."""
-    return longest_step(float(np.median(np.diff(t))))
-
-
 def longest_step(usual: float) -> float:
     """Longest continuous interval, s, where ``usual``, s, is the median one."""
     return max(_GAP_INTERVALS * usual, _GAP_SECONDS)
@@ -130,7 +116,7 @@ def gap_breaks(t: Floats) -> Indices:
     if len(t) < 2:
         return np.zeros(0, np.intp)
     intervals = np.diff(t)
-    long = np.flatnonzero(intervals > gap_limit(t))
+    long = np.flatnonzero(intervals > longest_step(float(np.median(intervals))))
     if len(long) <= _SLOW_STRETCH:
         return long + 1
     around = np.pad(intervals, _SLOW_STRETCH)
