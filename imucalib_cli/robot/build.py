@@ -16,7 +16,6 @@ from imucalib_cli.robot.path import (
     PoseStep,
     Step,
     Track,
-    fixed_inverse,
     merge_fixed,
 )
 from imucalib_cli.shown import near_matches, similar_names
@@ -63,7 +62,7 @@ def joint_path(
     steps: list[Step] = []
     for joint, upwards in route:
         origin = FixedStep(R=joint.R_origin, p=joint.p_origin)
-        step: list[Step] = [fixed_inverse(origin) if upwards else origin]
+        step: list[Step] = [origin.inverse if upwards else origin]
         if joint in drives:
             driver, multiplier, offset = drives[joint]
             track, column = columns[driver]
@@ -175,8 +174,8 @@ def base_imu_path(
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
-    to_imu = fixed_inverse(FixedStep(R=base.R_link_imu, p=base.t_link_imu))
-    steps = (PoseStep(track=0), to_imu)
+    to_imu = FixedStep(R=base.R_link_imu, p=base.t_link_imu)
+    steps = (PoseStep(track=0), to_imu.inverse)
     path = KinematicPath(world=base.link, parent=base.link, steps=steps, tracks=(base.track,))
     if parent == base.link:
         return path

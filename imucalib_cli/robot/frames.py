@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.robot.path import (
-    FixedStep,
-    KinematicPath,
-    PoseStep,
-    Step,
-    Track,
-    fixed_inverse,
-    merge_fixed,
-)
+from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Step, Track, merge_fixed
 from imucalib_cli.robot.rotations import matrix_from_quaternion, quaternion_from_matrix
 from imucalib_cli.robot.urdf import Joint, Robot, way_between
 from imucalib_cli.shown import near_matches
@@ -174,6 +166,6 @@ def _step(edge: Edge, tracks: list[Track], *, inverse: bool) -> Step:
     if not np.any(values[:, 3:] != 0.0, axis=1).all():
         raise InputError(f"{what} has a quaternion of zeros in some messages: fix its publisher")
     if edge.is_static:
-        return fixed_inverse(edge.last) if inverse else edge.last
+        return edge.last.inverse if inverse else edge.last
     tracks.append(edge.track)
     return PoseStep(track=len(tracks) - 1, inverse=inverse)

@@ -66,6 +66,15 @@ class FixedStep:
     p: Floats
     """(3,), m."""
 
+    def then(self, other: FixedStep) -> FixedStep:
+        """The product of the two."""
+        return FixedStep(R=self.R @ other.R, p=self.p + self.R @ other.p)
+
+    @property
+    def inverse(self) -> FixedStep:
+        """Of the transform."""
+        return FixedStep(R=self.R.T.copy(), p=-self.R.T @ self.p)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointStep:
@@ -161,14 +170,10 @@ class KinematicPath:
         return next(index for index, step in steps if step.track == self.base_imu)
 
     def poses(self, values: tuple[Floats, ...]) -> tuple[Floats, Floats]:
-        """Pose of the parent link in the world for M instants.
+        """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, both C-contiguous.
 
-        Args:
-            values: For each track its values at the M instants, (M, J), or (M, 7) of a pose or
-                of an IMU. Quaternions need not be normalised.
-
-        Returns:
-            R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, both C-contiguous.
+        For each track its values at the M instants are (M, J), or (M, 7) of a pose or of an IMU.
+        Quaternions need not be normalised.
 
         Raises:
             ValueError: The arrays are not one for each track, or differ in length.
@@ -233,18 +238,13 @@ def _first_whole(values: Floats) -> Floats:
     return values[whole][:1] if whole.any() else np.zeros_like(values[:1])
 
 
-def fixed_inverse(step: FixedStep) -> FixedStep:
-    """Give the inverse of a fixed step."""
-    return FixedStep(R=step.R.T.copy(), p=-step.R.T @ step.p)
-
-
 def merge_fixed(steps: Sequence[Step]) -> tuple[Step, ...]:
     """Multiply neighbouring fixed steps into one, to save work per sample."""
     merged: list[Step] = []
     for step in steps:
         last = merged[-1] if merged else None
         if isinstance(step, FixedStep) and isinstance(last, FixedStep):
-            merged[-1] = FixedStep(R=last.R @ step.R, p=last.p + last.R @ step.p)
+            merged[-1] = last.then(step)
         else:
             merged.append(step)
     return tuple(merged)

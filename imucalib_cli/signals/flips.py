@@ -7,10 +7,11 @@ pose is fixed in the body, so the step back undoes the step away, however the bo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import (
     matrix_from_quaternion,
     matrix_from_rotvec,
@@ -44,22 +45,6 @@ _MOST = 0.05
 """If a larger share of the steps is so large, they are motion or noise."""
 
 
-class _Pose(NamedTuple):
-    R: Floats
-    p: Floats
-
-    def then(self, other: _Pose) -> _Pose:
-        return _Pose(self.R @ other.R, self.p + self.R @ other.p)
-
-    def inverse(self) -> _Pose:
-        return _Pose(self.R.T, -self.R.T @ self.p)
-
-    def size(self, least: Floats) -> float:
-        """Largest of turn and shift, relative to their least steps (2,)."""
-        lengths = [np.linalg.norm(rotvec_from_matrix(self.R)), np.linalg.norm(self.p)]
-        return float((np.array(lengths) / least).max())
-
-
 @dataclass(frozen=True, eq=False)
 class Flips:
     """What to leave out of a pose stream."""
@@ -78,9 +63,8 @@ class Flips:
 def find_flips(t: Floats, values: Floats) -> Flips | None:
     """Find the flips of a pose stream; None where there are none.
 
-    Args:
-        t: (N,), s, strictly increasing.
-        values: (N, 7), position xyz, m, and quaternion xyzw with one sign.
+    Stamps (N,), s, increase strictly; poses (N, 7) are position xyz, m, and quaternion xyzw with
+    one sign.
     """
     rows = changes(values)
     if len(rows) < 2 * _REACH:
@@ -168,7 +152,7 @@ def _percentile(rates: Floats) -> Floats:
     return np.nan_to_num(np.take_along_axis(ordered, index, axis=1)[:, 0])
 
 
-def _jump(poses: Floats, step: int, found: Indices) -> _Pose:
+def _jump(poses: Floats, step: int, found: Indices) -> FixedStep:
     """A step, as seen in the body, without the motion of the body meanwhile."""
     seen = _between(poses, step)
     beside = [each for each in (step - 1, step + 1) if 0 <= each < len(poses) - 1]
@@ -176,24 +160,30 @@ def _jump(poses: Floats, step: int, found: Indices) -> _Pose:
     if not sound:
         return seen
     turn = np.mean([rotvec_from_matrix(each.R) for each in sound], axis=0)
-    moved = _Pose(matrix_from_rotvec(turn), np.mean([each.p for each in sound], axis=0))
-    return moved.inverse().then(seen)
+    shift = np.mean([each.p for each in sound], axis=0)
+    return FixedStep(R=matrix_from_rotvec(turn), p=shift).inverse.then(seen)
 
 
-def _between(poses: Floats, step: int) -> _Pose:
+def _between(poses: Floats, step: int) -> FixedStep:
     R = matrix_from_quaternion(poses[step : step + 2, 3:])
-    return _Pose(R[0].T @ R[1], R[0].T @ (poses[step + 1, :3] - poses[step, :3]))
+    return FixedStep(R=R[0].T @ R[1], p=R[0].T @ (poses[step + 1, :3] - poses[step, :3]))
 
 
-def _kinds(jumps: list[_Pose], least: Floats) -> Indices:
+def _size(pose: FixedStep, least: Floats) -> float:
+    """Largest of turn and shift, relative to their least steps (2,)."""
+    lengths = [np.linalg.norm(rotvec_from_matrix(pose.R)), np.linalg.norm(pose.p)]
+    return float((np.array(lengths) / least).max())
+
+
+def _kinds(jumps: list[FixedStep], least: Floats) -> Indices:
     """(K + 1,), which pose in the body each stretch between jumps has: 0 is that of the first."""
-    now = _Pose(np.eye(3), np.zeros(3))
+    now = FixedStep(R=np.eye(3), p=np.zeros(3))
     known, kinds = [now], [0]
     for jump in jumps:
         now = now.then(jump)
-        miss = [each.inverse().then(now).size(least) for each in known]
+        miss = [_size(each.inverse.then(now), least) for each in known]
         nearest = int(np.argmin(miss))
-        if miss[nearest] > _BACK * jump.size(least):
+        if miss[nearest] > _BACK * _size(jump, least):
             nearest = len(known)
             known.append(now)
         now = known[nearest]  # so that errors do not add up

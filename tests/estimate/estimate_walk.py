@@ -17,7 +17,6 @@ from imucalib_cli.robot.path import (
     KinematicPath,
     PoseStep,
     Track,
-    fixed_inverse,
 )
 from imucalib_cli.signals.samples import ImuSamples
 from tests.estimate.estimate_arm import GRAVITY, MEMS, Log, Mount
@@ -149,7 +148,7 @@ class Walk:
             Track(name="/imu/trunk", kind="imu", t=self._stamps(t, 0), values=np.hstack(trunk)),
             Track(name="/joint_states", kind="joints", t=t, values=q, names=("j0", "j1", "j2")),
         )
-        steps: list[PoseStep | FixedStep | JointStep] = [PoseStep(track=0), fixed_inverse(BASE)]
+        steps: list[PoseStep | FixedStep | JointStep] = [PoseStep(track=0), BASE.inverse]
         for column, (axis, origin) in enumerate(zip(self.axes, ORIGINS, strict=False)):
             steps.append(FixedStep(R=np.eye(3), p=np.array(origin)))
             along = np.array(axis)

@@ -34,7 +34,6 @@ from imucalib_cli.robot.path import (
     KinematicPath,
     PoseStep,
     Track,
-    fixed_inverse,
 )
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
@@ -112,7 +111,7 @@ def _reckoned_log() -> Log:
     mount = FixedStep(R=R, p=np.array([0.05, -0.03, 0.08]))
     base = replace(path, steps=path.steps[:1], tracks=(tracker,))
     read = readings_of(lambda t: base.poses(_mixed_values(t)[:1]), mount, tracker.t)
-    steps = (path.steps[0], fixed_inverse(mount), *path.steps[1:])
+    steps = (path.steps[0], mount.inverse, *path.steps[1:])
     imu = replace(tracker, kind="imu", values=np.hstack(read))
     return replace(log, path=replace(path, steps=steps, tracks=(imu, joints)))
 
