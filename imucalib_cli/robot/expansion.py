@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.process import children_ignore_interruptions, limit_memory
-from imucalib_cli.robot.packages import packages_near
+from imucalib_cli.robot.packages import find_packages_near
 from imucalib_cli.robot.urdf_xml import SIZE_LIMIT
 from imucalib_cli.shown import as_word
 
@@ -132,8 +132,8 @@ def _expansion(path: Path) -> tuple[int, bytes]:
     try:
         import xacro
 
-        with packages_near(path) as missing:
-            text: str = xacro.process_file(str(path)).toxml()
+        missing = find_packages_near(path)
+        text: str = xacro.process_file(str(path)).toxml()
     except Exception as error:  # noqa: BLE001 - the parent reports it
         reason = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, MemoryError) or isinstance(error.__context__, MemoryError):

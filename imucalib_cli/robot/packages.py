@@ -5,12 +5,11 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
 _ASKED = ("ament_index_python", "ament_index_python.packages")
@@ -20,28 +19,18 @@ _HEAD = 1 << 16
 """Bytes of a package.xml that are searched: its name stands first."""
 
 
-def _name_in(manifest: Path) -> bytes:
-    """The name of a package, which may differ from its folder's; empty if there is none."""
-    with suppress(OSError), manifest.open("rb") as file:
-        found = _NAME.search(file.read(_HEAD))
-        return b"" if found is None else found[1]
-    return b""
+def find_packages_near(path: Path) -> list[str]:
+    """Let xacro in this process find packages that are not installed.
 
+    They lie in and beside the folders above a file, as the sources of a workspace do.
 
-@contextmanager
-def packages_near(path: Path) -> Iterator[list[str]]:
-    """Let xacro find packages that are not installed, in and beside the folders above a file.
-
-    The sources of a workspace have this layout.
-
-    Yields:
-        Names of packages that are not found; empty at first.
+    Returns:
+        Names of packages that were not found, as they are asked for; empty at first.
     """
     missing: list[str] = []
+    installed: Any = None
     with suppress(ImportError):
-        importlib.import_module(_ASKED[1])
-    before = {name: sys.modules.pop(name, None) for name in _ASKED}
-    installed: Any = before[_ASKED[1]]
+        installed = importlib.import_module(_ASKED[1])
 
     def get_package_share_directory(package: str) -> str:
         with suppress(LookupError):  # ROS does not know the package
@@ -62,10 +51,12 @@ def packages_near(path: Path) -> Iterator[list[str]]:
     modules: dict[str, Any] = {name: ModuleType(name) for name in _ASKED}
     modules[_ASKED[1]].get_package_share_directory = get_package_share_directory
     sys.modules.update(modules)
-    try:
-        yield missing
-    finally:
-        for name, module in before.items():
-            del sys.modules[name]
-            if module is not None:
-                sys.modules[name] = module
+    return missing
+
+
+def _name_in(manifest: Path) -> bytes:
+    """The name of a package, which may differ from its folder's; empty if there is none."""
+    with suppress(OSError), manifest.open("rb") as file:
+        found = _NAME.search(file.read(_HEAD))
+        return b"" if found is None else found[1]
+    return b""
