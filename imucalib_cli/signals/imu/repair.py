@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import Finding, Severity, untrusted, warning
+from imucalib_cli.findings import Finding, gravest_first, untrusted, warning
 from imucalib_cli.signals.flips import find_flips
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
 from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
@@ -82,15 +82,10 @@ def repair(
     max_offset: float,
     accel_ranges: tuple[float, ...] = (),
 ) -> Repaired:
-    """Repair one IMU and the streams that move it, as far as possible.
+    """Repair one IMU and the streams that move its parent link, as far as possible.
 
-    Args:
-        imu: As read.
-        path: Of its parent link, as stamped.
-        units: As far as the user states them.
-        gravity: Norm that is expected at rest, m/s²; 0 for none.
-        max_offset: Largest time offset between the two, s.
-        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known.
+    ``gravity`` is the norm that is expected at rest, m/s², 0 for none; ``max_offset`` the largest
+    time offset between the two, s; ``accel_ranges`` as of :func:`sensor_faults`.
 
     Raises:
         InputError: Values are beyond any IMU, in no known unit, or all the same.
@@ -104,8 +99,7 @@ def repair(
     repaired = _in_si_units(repaired, repaired.turning, units, gravity)
     repaired = _without_faults(repaired, accel_ranges, max_offset)
     repaired = _without_held_robot(repaired)
-    graver_first = sorted(repaired.findings, key=lambda each: each.severity is Severity.WARNING)
-    return replace(repaired, findings=tuple(graver_first))
+    return replace(repaired, findings=gravest_first(repaired.findings))
 
 
 def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: float) -> Repaired:
@@ -186,13 +180,13 @@ def _without_held_robot(repaired: Repaired) -> Repaired:
 
 def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
     """Find problems of an IMU's stamps and values that are visible without kinematics."""
-    for refuse in (refuse_impossible, refuse_dead):
-        try:
-            refuse(imu)
-        except InputError as error:
-            if error.finding is None:
-                raise
-            return (error.finding,)
+    try:
+        refuse_impossible(imu)
+        refuse_dead(imu)
+    except InputError as error:
+        if error.finding is None:
+            raise
+        return (error.finding,)
     tidy, findings = mended_imu(imu)
     faults = (fault.finding(tidy) for fault in sensor_faults(tidy, None))
     return (*findings, *held_samples(tidy), *faults)
@@ -250,25 +244,23 @@ def _even(
     """
     usable = usable_rows(t, *values)
     rows = slice(None) if usable.all() else usable  # a slice copies nothing
-    stretches = rate_stretches(t[rows])
+    arrived = t[rows]
+    stretches = rate_stretches(arrived)
     if stretches:
         rates, starts = zip(*stretches, strict=True)
         return t, 0.0, [warning("stamps.rate_changes", stream=name, rates=rates, starts=starts)]
-    timed = time_bursts(t[rows], *(each[rows] for each in values))
-    facts = {"stream": name, "share": bunched_share(t[rows])}
+    timed = time_bursts(arrived, *(each[rows] for each in values))
+    facts = {"stream": name, "share": bunched_share(arrived)}
     even = t.copy()
-    if timed is None:
-        crowded = crowding(t[rows])
-        if not crowded.any():
-            return t, 0.0, []
-        even[rows] = np.where(crowded, gathered(t[rows]), t[rows])
-        return even, 0.0, [warning("stamps.surplus", **facts)]
-    if name in as_recorded:
-        even[rows] = gathered(t[rows])
-        return even, 0.0, [warning("stamps.surplus", **facts)]
-    even[rows] = timed.t
-    facts |= {"period": timed.period, "batch": timed.batch, "lost": timed.lost}
-    return even, timed.delay_std, [warning("stamps.bunched", **facts)]
+    if timed is not None and name not in as_recorded:
+        even[rows] = timed.t
+        facts |= {"period": timed.period, "batch": timed.batch, "lost": timed.lost}
+        return even, timed.delay_std, [warning("stamps.bunched", **facts)]
+    crowded = crowding(arrived) if timed is None else np.ones(len(arrived), dtype=bool)
+    if not crowded.any():
+        return t, 0.0, []
+    even[rows] = np.where(crowded, gathered(arrived), arrived)
+    return even, 0.0, [warning("stamps.surplus", **facts)]
 
 
 def mended_imu(
