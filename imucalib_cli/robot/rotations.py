@@ -52,10 +52,9 @@ def vee(A: ArrayLike) -> Floats:
 
 
 def nearest_rotation(M: ArrayLike) -> Floats:
-    """Rotation nearest to a matrix in the Frobenius norm; it also solves Wahba's problem.
+    """Rotation nearest to a matrix (3, 3) in the Frobenius norm; it also solves Wahba's problem.
 
-    Args:
-        M: (3, 3); the sum of b a' over pairs of vectors gives the R of least sum |b - R a|².
+    The sum of b a' over pairs of vectors gives the R of least sum |b - R a|².
 
     Source:
         Schönemann, Psychometrika 31(1), 1966; Markley, J. Astronautical Sciences 36(3), 1988.
@@ -90,11 +89,7 @@ def rotvec_from_matrix(R: ArrayLike) -> Floats:
 def left_jacobian_inverse(rotvec: ArrayLike) -> Floats:
     """Jacobian of a rotation vector for a small rotation on the left: log(exp(d) exp(v)) = v + J d.
 
-    Args:
-        rotvec: (..., 3), rad, of an angle below 2 pi.
-
-    Returns:
-        (..., 3, 3).
+    Of (..., 3), rad, of an angle below 2 pi: (..., 3, 3).
 
     Source:
         Sola, Deray, Atchuthan, A micro Lie theory for state estimation in robotics, 2018, eq. 146.

@@ -41,10 +41,7 @@ _SUM_OF_SUM: Final = _weights(1.0 / ((_POWERS + 1) * (_POWERS + 2)))
 def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]:
     """Pose of an IMU in the freely falling frame in which it is at rest at the first sample.
 
-    Args:
-        gyro: (N, 3), rad/s, IMU axes.
-        accel: (N, 3), specific force, m/s², IMU axes.
-        dt: s, between samples.
+    Readings, each (N, 3), are in IMU axes, rad/s and m/s², and ``dt`` s apart.
 
     Returns:
         Quaternions (N, 4), x y z w, and positions (N, 3), m: R_fall_imu and p_fall_imu. At the

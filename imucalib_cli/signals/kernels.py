@@ -28,15 +28,10 @@ MARGIN = 1
 
 
 def savitzky_golay(samples: int, degree: int, order: int) -> Floats:
-    """Coefficients of the derivative filter at the centre of a window of unit spacing.
+    """Coefficients (samples,) of the derivative filter at the centre of a window of unit spacing.
 
-    Args:
-        samples: Window length, odd, greater than ``degree``.
-        degree: Degree of the fitted polynomial, at least ``order``.
-        order: Which derivative.
-
-    Returns:
-        (samples,), to be divided by dt**order; ``h @ f(x_j)`` is the derivative.
+    A polynomial of this degree is fitted to the samples. The coefficients ``h`` are to be divided
+    by dt**order; ``h @ f(x_j)`` is then the derivative.
 
     Raises:
         ValueError: The window is even or too short for the degree.
@@ -55,15 +50,10 @@ def savitzky_golay(samples: int, degree: int, order: int) -> Floats:
 
 
 def peano_kernel(s: Floats, h: Floats, order: int) -> Floats:
-    """Value of the Peano kernel of filter ``h`` at offsets ``s`` from the centre.
+    """Peano kernel of a filter ``h`` (L,) at offsets ``s`` from the centre, samples, of any shape.
 
-    Args:
-        s: Offsets in samples, any shape.
-        h: Filter of unit spacing, (L,).
-        order: Order of the derivative the filter takes.
-
-    Returns:
-        K(s), same shape as ``s``, per sample; zero outside the window, of unit area.
+    The filter has unit spacing and takes the derivative of this order. The kernel, per sample, is
+    zero outside the window and of unit area.
     """
     half = len(h) // 2
     x = np.arange(-half, half + 1, dtype=np.float64)
@@ -76,11 +66,8 @@ def quadrature_weights(h: Floats, order: int) -> Floats:
     """Weights that integrate samples of a signal against the Peano kernel of ``h``.
 
     The signal is approximated by the local cubic through four neighbouring samples. The kernel, a
-    polynomial of degree order - 1 on each interval, is integrated exactly.
-
-    Args:
-        h: Filter of unit spacing, (L,).
-        order: Order of the derivative the filter takes.
+    polynomial of degree order - 1 on each interval, is integrated exactly. Arguments are those of
+    :func:`peano_kernel`.
 
     Returns:
         (L + 2 MARGIN,), of unit sum, for the samples from one before the window to one after.
@@ -125,15 +112,9 @@ def matched_filter(samples: int, degree: int, order: int, dt: float) -> MatchedF
 
 
 def convolve_at(values: Floats, weights: Floats, first: Indices) -> Floats:
-    """Weighted sums of consecutive rows, at selected positions.
+    """Weighted sums of consecutive rows, (W, C): sum_j weights[j] * values[first + j].
 
-    Args:
-        values: (N, C).
-        weights: (L,).
-        first: (W,), index of the first row of each sum.
-
-    Returns:
-        (W, C): sum_j weights[j] * values[first + j].
+    Values are (N, C), weights (L,), and ``first`` (W,) is the first row of each sum.
     """
     if len(first) == 0:
         return np.zeros((0, values.shape[1]))

@@ -20,15 +20,10 @@ _ROUNDING = 1e-12
 
 
 def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = False) -> Floats:
-    """Standard deviation of each channel's white noise.
+    """Standard deviation (C,) of the white noise of evenly spaced values (N, C).
 
-    Args:
-        values: (N, C), evenly spaced.
-        rows: (N,), rows to use; default: all.
-        calmest: Use the calmest part of the log, since vibration varies with motion.
-
-    Returns:
-        (C,), in the unit of the values.
+    Only some ``rows`` (N,) are used if they are given, and of these only the ``calmest`` part of
+    the log if that is asked, since vibration varies with motion.
     """
     off = np.abs(deviation_from_neighbours(values))[slice(None) if rows is None else rows]
     if calmest:

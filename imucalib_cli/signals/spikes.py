@@ -44,15 +44,10 @@ _ROUNDS = 4
 
 
 def find_spikes(values: Floats, floor: float) -> Bools:
-    """Mark isolated samples far off the cubic through their neighbours.
+    """(N,), isolated samples far off the cubic through their neighbours, in any channel of (N, C).
 
-    Args:
-        values: (N, C), evenly spaced samples.
-        floor: Deviation below which nothing is a spike, in the unit of the values. Without noise
-        every corner of the motion would be one.
-
-    Returns:
-        (N,), True where any channel holds a spike.
+    Samples are evenly spaced. A deviation below ``floor``, in their unit, is no spike: without
+    noise every corner of the motion would be one.
     """
     found = np.zeros(len(values), dtype=bool)
     if len(values) < _BLOCK // 2:
@@ -109,19 +104,12 @@ def _sudden(channel: Floats, runs: Stretches, size: Floats) -> Bools:
 
 
 def find_glitches(t: Floats, values: Floats, floor: float, rows: Indices | None = None) -> Bools:
-    """Mark single samples that jump away and back, for any stamps.
+    """(N,), single samples that jump away and back in any channel, for any stamps.
 
     For joints and poses: one wrong value of an encoder is large in the second derivative. So is a
     wrong stamp; but then the value is near those before and after it in the order of recording.
-
-    Args:
-        t: (N,), s, strictly increasing.
-        values: (N, C).
-        floor: Jump below which nothing is marked, in the unit of the values.
-        rows: (N,), places in the order of recording; by default that of the stamps.
-
-    Returns:
-        (N,), True where any channel jumps.
+    Stamps (N,), s, increase strictly; ``rows`` (N,) are places in the order of recording, by
+    default that of the stamps. A jump below ``floor``, in the unit of the values (N, C), is none.
     """
     order = np.arange(float(len(t))) if rows is None else rows.astype(np.float64)
     found = _close_leaps(t, order, values, floor)

@@ -147,11 +147,8 @@ class Turning:
 def compare_turning(t: Floats, gyro: Floats, trajectory: Trajectory, most: float) -> Turning:
     """Mean angular rates of the parent link and of the gyroscope, in aligned bins.
 
-    Args:
-        t: (N,), s, ascending.
-        gyro: (N, 3), in any unit.
-        trajectory: Of the parent link.
-        most: Largest time offset to search, s.
+    Stamps (N,), s, are ascending, rates (N, 3) in any unit; the time offset is searched up to
+    ``most``, s.
 
     Raises:
         InputError: The stamps reach over far more time than the samples fill.

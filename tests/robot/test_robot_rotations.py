@@ -76,9 +76,7 @@ def test_rpy_to_matrix_matches_scipy_fixed_axes(rpy: tuple[float, float, float])
 
 
 @given(roll_pitch_yaw)
-def test_matrix_to_rpy_round_trips_at_gimbal_lock(
-    rpy: tuple[float, float, float],
-) -> None:
+def test_matrix_to_rpy_round_trips_at_gimbal_lock(rpy: tuple[float, float, float]) -> None:
     R = Rotation.from_euler("xyz", rpy).as_matrix()
     found = rotations.rpy_from_matrix(R)
     assert abs(found[1]) <= np.pi / 2

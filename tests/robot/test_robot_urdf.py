@@ -237,9 +237,7 @@ def test_loading_is_silent_and_lazy_and_yourdfpy_is_complete_for_others() -> Non
     )
 )
 @settings(max_examples=150, deadline=None)
-def test_damaged_files_give_no_traceback(
-    damage: list[tuple[int, int, bytes]],
-) -> None:
+def test_damaged_files_give_no_traceback(damage: list[tuple[int, int, bytes]]) -> None:
     data = (DATA / "panda.urdf").read_bytes()
     for place, removed, inserted in damage:
         data = data[: place % len(data)] + inserted + data[place % len(data) + removed :]

@@ -16,15 +16,7 @@ from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.signals.imu.repair import Repaired, check_alone, repair
 from imucalib_cli.signals.imu.units import Units
-from tests.estimate.estimate_arm import (
-    EXACT,
-    Log,
-    Moves,
-    beside,
-    make_log,
-    parent_motion,
-    readings,
-)
+from tests.estimate.estimate_arm import EXACT, Log, Moves, beside, make_log, parent_motion, readings
 from tests.signals.signals_samples import arrivals
 from tests.slow import slow_after
 from tools.errors import rotation_error

@@ -123,9 +123,7 @@ def test_too_few_samples_are_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize("kind", ["imu", "joints"])
-def test_replaced_stamps_equal_cleaning_with_them(
-    kind: Literal["imu", "joints"],
-) -> None:
+def test_replaced_stamps_equal_cleaning_with_them(kind: Literal["imu", "joints"]) -> None:
     rng = np.random.default_rng(3)
     t = np.arange(400) / 200.0
     track = Track(name="/x", kind=kind, t=t, values=rng.normal(size=(400, 6)))

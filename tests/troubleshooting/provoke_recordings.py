@@ -451,8 +451,7 @@ ROBOT: dict[str, Provocation] = {
         run=("--imu-topic", "/imu/head"), edit=lambda text: text.replace('"imu_link"', '"other"')
     ),
     "base-elsewhere": struck(
-        run=("--base-imu", "/imu/data"),
-        edit=joint("imu_joint", '"trunk"', '"head"'),
+        run=("--base-imu", "/imu/data"), edit=joint("imu_joint", '"trunk"', '"head"')
     ),
     "tilted-base": wrong_urdf("shoulder_pan_joint", 'rpy="0 0 0"', 'rpy="1.57 0 0"'),
 }

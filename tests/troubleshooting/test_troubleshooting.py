@@ -10,13 +10,7 @@ from imucalib_cli.messages import MESSAGES
 from tests.slow import slow_after
 from tests.troubleshooting import provoke_files, provoke_recordings
 from tests.troubleshooting.scene import ARM, BODY, Scene, on_arm, on_body
-from tests.troubleshooting.snapshot import (
-    LISTED,
-    PROVOCATIONS,
-    provoked,
-    stored,
-    without_numbers,
-)
+from tests.troubleshooting.snapshot import LISTED, PROVOCATIONS, provoked, stored, without_numbers
 
 PAGE = (Path(__file__).parents[2] / "docs/troubleshooting.md").read_text(encoding="utf-8")
 _ROW = re.compile(r"\| `(?P<symptom>[^`]+)` <!-- (?P<key>[a-z0-9-]+) --> \| (?P<exit>\w+) \|")

@@ -105,13 +105,10 @@ class Fault:
 def sensor_faults(
     imu: ImuSamples, turning: Turning | None, accel_ranges: tuple[float, ...] = ()
 ) -> list[Fault]:
-    """Frozen and saturated stretches of an IMU; none in too few samples.
+    """Frozen and saturated stretches of an IMU, in order and SI; none in too few samples.
 
-    Args:
-        imu: In order, SI.
-        turning: Of the same IMU; None where no kinematics are known.
-        accel_ranges: Full scales of the accelerometer, m/s², as far as they are known: flat tops
-            there are saturation.
+    ``turning`` is of the same IMU, None where no kinematics are known; ``accel_ranges`` are full
+    scales of the accelerometer, m/s², as far as they are known: flat tops there are saturation.
     """
     if len(imu) < MIN_IMU_SAMPLES:
         return []

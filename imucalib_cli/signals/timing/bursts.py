@@ -151,15 +151,11 @@ def crowding(t: Floats) -> Bools:
 
 
 def time_bursts(t: Floats, *values: Floats) -> BurstTiming | None:
-    """Find the sampling times of a constant-rate device from the arrival times.
+    """Find the sampling times of a constant-rate device from the arrival times (N,), s.
 
-    Args:
-        t: (N,), s, finite, in the order of the messages, repeated stamps included.
-        values: Each (N, C), to check that samples are evenly spaced.
-
-    Returns:
-        None if stamps are not bunched, or if the values show that samples were taken when they
-        were stamped.
+    These are finite, in the order of the messages, repeated ones included; values are each (N, C).
+    None if stamps are not bunched, or if the values show that samples were taken when they were
+    stamped.
     """
     if bunched_share(t) < BUNCHED or float(np.mean(np.diff(t) < 0)) > 0.01:
         return None

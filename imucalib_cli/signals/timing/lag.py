@@ -41,17 +41,10 @@ LEAST_OVERLAP = 0.5
 def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
 
-    At a shift that is searched, at least half of the usable samples of the shorter series overlap
-    usable samples of the other.
-
-    Args:
-        reference: (N,).
-        series: (N,), on the same grid.
-        usable: (2, N), which samples of each may be used.
-        most: Largest |k| searched.
-
-    Returns:
-        None if either series is constant, or no shift has enough overlap.
+    Both are (N,), on one grid; ``usable`` (2, N) says which samples of each may be used, and
+    ``most`` is the largest |k|. At a shift that is searched, at least half of the usable samples of
+    the shorter series overlap usable samples of the other. None if there is no such shift, or
+    either series is constant.
     """
     most = min(most, len(reference) - 2)
     size = 1 << int(np.ceil(np.log2(len(reference) + most + 1)))

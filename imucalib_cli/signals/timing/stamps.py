@@ -142,10 +142,8 @@ def outside_gaps(at: Floats, t: Floats, breaks: Indices, slack: float = 0.0) -> 
 def usual_interval(t: Floats, *, robust: bool = False) -> float:
     """Sampling interval of a stream, s, despite gaps and bursts.
 
-    Args:
-        t: (N,), s, N at least 2, in the order of the messages.
-        robust: Use the median, which missing messages do not change; else the mean, which batches
-            with one stamp do not change.
+    Stamps (N,), s, N at least 2, are in the order of the messages. ``robust`` takes the median,
+    which missing messages do not change; else it is the mean, which batches with one stamp do not.
     """
     span = min(_SPAN, len(t) - 1)
     took = t[span:] - t[:-span]
@@ -185,14 +183,9 @@ def constant_rate_ticks(t: Floats) -> Ticks | None:
     """Find the ticks of a constant-rate device from its jittered stamps.
 
     The phase of the stamps within the period is averaged over neighbouring samples, as a complex
-    number of unit length. So it follows the ticks through dropouts and slow drift.
-
-    Args:
-        t: (N,), s, strictly increasing.
-
-    Returns:
-        None if the stamps are exact already, have no ticks, or the timer itself drifts: then the
-        stamps are the best estimate.
+    number of unit length. So it follows the ticks through dropouts and slow drift. None if the
+    stamps (N,), s, strictly increasing, are exact already, have no ticks, or the timer itself
+    drifts: then the stamps are the best estimate.
     """
     if len(t) < 2 * _PHASE_SAMPLES:
         return None
