@@ -23,7 +23,6 @@ from imucalib_cli.shown import near_matches, similar_names
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.arrays import Floats
     from imucalib_cli.robot.urdf import Joint, Robot
 
 
@@ -151,10 +150,8 @@ class BaseImu:
     frame: str
     link: str
     """The link that carries it; its own frame if no robot is known."""
-    R_link_imu: Floats
-    """(3, 3)."""
-    t_link_imu: Floats
-    """(3,), m."""
+    in_link: FixedStep
+    """Its pose there."""
 
 
 def base_imu_path(
@@ -174,8 +171,7 @@ def base_imu_path(
     Raises:
         ChoiceError, InputError: As :func:`joint_path` and :func:`.frames.frame_path`.
     """
-    to_imu = FixedStep(R=base.R_link_imu, p=base.t_link_imu)
-    steps = (PoseStep(track=0), to_imu.inverse)
+    steps = (PoseStep(track=0), base.in_link.inverse)
     path = KinematicPath(world=base.link, parent=base.link, steps=steps, tracks=(base.track,))
     if parent == base.link:
         return path

@@ -88,7 +88,7 @@ def checked(
         )
         for sensor in dropped
     ]
-    findings = (*beyond, *_noise(check, model), *beyond_ranges(samples, model.name, model.ranges))
+    findings = (*beyond, *_noise(check, model), *beyond_ranges(samples, model))
     return replace(estimate, imu_check=check, findings=(*estimate.findings, *findings))
 
 

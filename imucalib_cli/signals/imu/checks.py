@@ -16,8 +16,9 @@ from imucalib_cli.signals.imu.faults import axis_letters, constant_axes, dead_ax
 from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
+    from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.turning import Turning
 
@@ -104,17 +105,12 @@ def _dead(imu: ImuSamples, sensor: Sensor, axes: str) -> dict[str, Any]:
     return {"topic": imu.topic, "sensor": sensor, "axes": axes, "held": held}
 
 
-def beyond_ranges(
-    imu: ImuSamples, model: str, ranges: Callable[[Sensor], tuple[float, ...]]
-) -> Iterator[Finding]:
-    """A finding for each sensor with values, SI, beyond the range of the named IMU.
-
-    ``ranges`` are its full scales, m/s² or rad/s; empty if unknown.
-    """
-    for sensor in ("accel", "gyro"):
-        full_scale = max(ranges(sensor), default=np.inf)
+def beyond_ranges(imu: ImuSamples, model: ImuModel) -> Iterator[Finding]:
+    """A finding for each sensor with values, SI, beyond the range in its data sheet."""
+    for sensor in reversed(SENSORS):
+        limit = max(model.ranges(sensor), default=np.inf)
         largest = np.abs(imu.of(sensor)).max(axis=1)
-        beyond = np.count_nonzero(largest > _BEYOND * full_scale)
+        beyond = np.count_nonzero(largest > _BEYOND * limit)
         if beyond:
-            values = {"sensor": sensor, "samples": beyond, "full_scale": full_scale, "model": model}
-            yield warning("imu.beyond_range", **values)
+            values = {"sensor": sensor, "samples": beyond, "full_scale": limit}
+            yield warning("imu.beyond_range", **values, model=model.name)

@@ -161,12 +161,11 @@ def _without_held_robot(repaired: Repaired) -> Repaired:
     The joints of one track may be still while others move.
     """
     tracks, turning = repaired.path.tracks, repaired.turning
-    held = [
-        stretch
-        for stretch in ([] if turning is None else turning.held_robot())
-        if all(_repeats(track, *stretch) for track in tracks)
-    ]
-    if turning is None or not held:
+    if turning is None:
+        return repaired
+    stretches = turning.held_robot()
+    held = [each for each in stretches if all(_repeats(track, *each) for track in tracks)]
+    if not held:
         return repaired
     names = [track.name for track in tracks]
     findings = [*repaired.findings, warning("robot.held", streams=names, stretches=held)]

@@ -15,6 +15,7 @@ from imucalib_cli.jobs.input.log_robot.robot import no_such_imu
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.build import BaseImu, find_base
 from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, rigid_transform
+from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.shown import similar_names
 from imucalib_cli.signals.imu.base import base_track, is_same_sensor, is_turning
 from imucalib_cli.signals.imu.checks import refuse_dead
@@ -228,10 +229,5 @@ def _placed(
             f"the pose of the base IMU {imu.name} on {mount.parent} is not known: no frame "
             f"'{frame}' is rigidly joined to it; {_REMEDY}"
         )
-    return BaseImu(
-        track=track,
-        frame=frame,
-        link=mount.parent,
-        R_link_imu=mount.nominal.R_parent_imu,
-        t_link_imu=mount.nominal.t_parent_imu,
-    )
+    in_link = FixedStep(R=mount.nominal.R_parent_imu, p=mount.nominal.t_parent_imu)
+    return BaseImu(track=track, frame=frame, link=mount.parent, in_link=in_link)
