@@ -1,8 +1,15 @@
-"""Arrival of messages, by a model of drivers, buses and networks."""
+"""Arrival of messages, by a model of drivers, buses and networks; a stream of poses."""
 
 import numpy as np
 
 from imucalib_cli.arrays import Floats
+from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
+
+
+def pose_path(t: Floats, values: Floats) -> KinematicPath:
+    """Poses (N, 7) of the IMU's parent."""
+    track = Track(name="/mocap", kind="pose", t=t, values=values)
+    return KinematicPath(world="w", parent="f", steps=(PoseStep(track=0),), tracks=(track,))
 
 
 def arrivals(t: Floats, rng: np.random.Generator, *, batch: int, same: bool = True) -> Floats:

@@ -12,12 +12,11 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.findings import reasons
-from imucalib_cli.robot.path import KinematicPath, PoseStep, Track
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.signals.imu.repair import Repaired, check_alone, repair
 from imucalib_cli.signals.imu.units import Units
 from tests.estimate.estimate_arm import EXACT, Log, Moves, beside, make_log, parent_motion, readings
-from tests.signals.signals_samples import arrivals
+from tests.signals.signals_samples import arrivals, pose_path
 from tests.slow import slow_after
 from tools.errors import rotation_error
 
@@ -56,7 +55,7 @@ def _assert_close_to_truth(estimate: Estimate, log: Log) -> None:
 
 def _scaled(gyro: Any = 1.0, accel: Any = 1.0) -> Log:
     log = _log()
-    return log.with_imu(log.imu.t, log.imu.gyro * gyro, log.imu.accel * accel)
+    return log.with_imu(gyro=log.imu.gyro * gyro, accel=log.imu.accel * accel)
 
 
 def _is_as_read(mended: Repaired, log: Log) -> bool:
@@ -100,7 +99,7 @@ def test_slow_gyroscope_in_degrees_is_found_from_robot_motion() -> None:
     """Below 40, the largest rate in rad/s there is, only the kinematics determine the unit."""
     slow = make_log(Moves(seconds=20.0, move=8.0)).noisy(1)
     assert np.abs(slow.imu.gyro).max() * _DEG < 40.0
-    mended = _repaired(slow.with_imu(slow.imu.t, slow.imu.gyro * _DEG, slow.imu.accel))
+    mended = _repaired(slow.with_imu(gyro=slow.imu.gyro * _DEG))
     assert mended.gyro_unit == "deg/s"
     np.testing.assert_allclose(mended.samples.gyro, slow.imu.gyro, rtol=1e-12)
 
@@ -134,7 +133,7 @@ def test_wrong_link_is_not_a_unit_error() -> None:
     log = _log()
     rng = np.random.default_rng(0)
     still = rng.normal(0.0, 0.002, log.imu.gyro.shape) + 0.003 * log.imu.gyro[:, [0]]
-    mended = _repaired(log.with_imu(log.imu.t, still, log.imu.accel))
+    mended = _repaired(log.with_imu(gyro=still))
     assert mended.gyro_unit == "rad/s"
 
 
@@ -183,11 +182,9 @@ def test_missing_sensor_is_refused(
 def test_dead_axis_without_noise_is_found_from_motion() -> None:
     log = make_log(Moves(seconds=20.0))
     assert _repaired(log).findings == ()
-    deaf = replace(log.imu, accel=log.imu.accel * (1, 1, 0))
     with pytest.raises(InputError, match="accel z reads 0 from first message to last"):
-        _repaired(replace(log, imu=deaf))
-    blind = replace(log, imu=replace(log.imu, gyro=log.imu.gyro * (1, 0, 1)))
-    mended = _repaired(blind)
+        _repaired(log.with_imu(accel=log.imu.accel * (1, 1, 0)))
+    mended = _repaired(log.with_imu(gyro=log.imu.gyro * (1, 0, 1)))
     assert "gyro y reads 0 from first message to last, but" in mended.suspects[0].message
     assert not _estimate(mended).trusted
 
@@ -196,18 +193,18 @@ def test_frozen_stretch_is_excluded_and_dead_sensor_is_untrusted() -> None:
     log = _log()
     gyro, accel = log.imu.gyro.copy(), log.imu.accel.copy()
     gyro[2100:2500], accel[2100:2500] = gyro[2100], accel[2100]
-    estimate = _estimate(_repaired(log.with_imu(log.imu.t, gyro, accel)))
+    estimate = _estimate(_repaired(log.with_imu(gyro=gyro, accel=accel)))
     _assert_close_to_truth(estimate, log)
     assert [w.split(" is ")[1][:9] for w in estimate.warnings] == ["frozen at", "frozen at"]
     assert "in 400 samples between 10.55 and 12.55 s" in estimate.warnings[0]
     gyro[2100:], accel[2100:] = gyro[2100], accel[2100]
-    (reason,) = reasons(_repaired(log.with_imu(log.imu.t, gyro, accel)).findings)
+    (reason,) = reasons(_repaired(log.with_imu(gyro=gyro, accel=accel)).findings)
     assert "of the rotation is in samples that were left out as frozen or saturated" in reason
 
 
 def test_saturated_samples_are_excluded() -> None:
     log = _log()
-    clipped = log.with_imu(log.imu.t, np.clip(log.imu.gyro, -1.3, 1.3), log.imu.accel)
+    clipped = log.with_imu(gyro=np.clip(log.imu.gyro, -1.3, 1.3))
     estimate = _estimate(_repaired(clipped))
     _assert_close_to_truth(estimate, log)
     (warning,) = estimate.warnings
@@ -269,10 +266,7 @@ def test_sigma_of_the_time_offset_knows_of_polls(poll: float, stream: str) -> No
     (track,) = log.path.tracks
     true = log.imu.t if stream == "imu" else track.t
     stamps = np.ceil(true / poll) * poll
-    if stream == "imu":
-        late = log.with_imu(stamps, log.imu.gyro, log.imu.accel)
-    else:
-        late = log.with_joints(t=stamps)
+    late = log.with_imu(t=stamps) if stream == "imu" else log.with_joints(t=stamps)
     mended = _repaired(late)
     (told,) = mended.findings
     assert told.code == "stamps.bunched"
@@ -302,17 +296,11 @@ def test_unobservable_sign_is_left_to_the_user() -> None:
     mount = _log().mount
     gyro, accel = readings(about_a_point, mount, np.array([0.0, 0.0, -_G]))
     pose = np.hstack([np.zeros((len(t), 3)), [quaternion_from_matrix(R) for R in motion.R]])
-    path = KinematicPath(
-        world="room",
-        parent="stage",
-        steps=(PoseStep(track=0),),
-        tracks=(Track(name="/stage", kind="pose", t=t, values=pose),),
-    )
-    log = replace(_log(), path=path).with_imu(t, gyro, accel).noisy(5)
+    log = replace(_log(), path=pose_path(t, pose)).with_imu(t, gyro, accel).noisy(5)
     up = _estimate(_repaired(log))
     np.testing.assert_allclose(up.t_parent_imu, mount.t, atol=2e-3)
     assert up.trusted
-    reversed_ = log.with_imu(t, log.imu.gyro, -log.imu.accel)
+    reversed_ = log.with_imu(accel=-log.imu.accel)
     down = _estimate(_repaired(reversed_))
     np.testing.assert_allclose(down.t_parent_imu, -mount.t, atol=2e-3)  # wrong, and not trusted
     assert not down.trusted
@@ -329,13 +317,7 @@ def test_flips_of_a_tracker_are_left_out() -> None:
     for first, count in ((1000, 3), (1007, 5), (2000, 30), (4000, 120)):
         R[first : first + count] @= false
     pose = np.hstack([motion.p, [quaternion_from_matrix(each) for each in R]])
-    path = KinematicPath(
-        world="room",
-        parent="wrist",
-        steps=(PoseStep(track=0),),
-        tracks=(Track(name="/wrist", kind="pose", t=t, values=pose),),
-    )
-    mended = _repaired(replace(log, path=path))
+    mended = _repaired(replace(log, path=pose_path(t, pose)))
     (finding,) = mended.findings
     assert finding.code == "stream.flips"
     assert finding.values["count"] == 158

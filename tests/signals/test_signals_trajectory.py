@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
-from imucalib_cli.robot.path import JointStep, KinematicPath, PoseStep, Track
+from imucalib_cli.robot.path import JointStep, KinematicPath, Track
 from imucalib_cli.signals.trajectory import Trajectory, clean_track, continuous, with_earlier_stamps
+from tests.signals.signals_samples import pose_path
 
 
 def _pose_values(t: Floats) -> Floats:
@@ -19,18 +20,13 @@ def _pose_values(t: Floats) -> Floats:
     return np.hstack([position, rotation.as_quat()])
 
 
-def _pose_path(t: Floats, values: Floats) -> KinematicPath:
-    track = Track(name="/mocap", kind="pose", t=t, values=values)
-    return KinematicPath(world="w", parent="f", steps=(PoseStep(track=0),), tracks=(track,))
-
-
 def test_quaternion_sign_does_not_change_motion() -> None:
     rng = np.random.default_rng(0)
     t = np.arange(1000) / 100.0
     values = _pose_values(t)
     values[:, 3:] *= rng.choice([-1.0, 1.0], 1000)[:, None]
     at = rng.uniform(0, t[-1], 300)
-    R, p = Trajectory.of(_pose_path(t, values)).poses(at)
+    R, p = Trajectory.of(pose_path(t, values)).poses(at)
     expected = _pose_values(at)
     np.testing.assert_allclose(p, expected[:, :3], atol=1e-8)
     np.testing.assert_allclose(R, Rotation.from_quat(expected[:, 3:]).as_matrix(), atol=1e-8)
@@ -132,7 +128,7 @@ def test_replaced_stamps_equal_cleaning_with_them(kind: Literal["imu", "joints"]
     np.testing.assert_allclose(clean_track(moved).t, fresh.t, atol=1e-12)
     np.testing.assert_allclose(clean_track(moved).values, fresh.values, atol=1e-9)
     if kind == "imu":
-        base = Trajectory.of(replace(_pose_path(t, track.values), tracks=(moved,))).base_readings
+        base = Trajectory.of(replace(pose_path(t, track.values), tracks=(moved,))).base_readings
         assert base is not None
         assert base.t0 == pytest.approx(-0.25)
 

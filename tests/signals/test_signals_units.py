@@ -32,11 +32,18 @@ def turning(ratio: float, *, scatter: float = 0.01, correlation: float = 0.99) -
 
 
 @pytest.mark.parametrize(
-    ("ratio", "unit"),
-    [(1.0, "rad/s"), (1.2, "rad/s"), (DEG, "deg/s"), (1.0 / DEG, "rad/s converted twice")],
+    ("ratio", "differs", "unit"),
+    [
+        (1.0, {}, "rad/s"),
+        (1.2, {}, "rad/s"),
+        (DEG, {}, "deg/s"),
+        (1.0 / DEG, {}, "rad/s converted twice"),
+        # steady rates correlate by their errors alone
+        (DEG, {"scatter": 0.15, "correlation": 0.25}, "deg/s"),
+    ],
 )
-def test_known_ratios_give_their_unit(ratio: float, unit: str) -> None:
-    found = gyro_factor(resting(G), turning(ratio), "auto", most_angle=2.0)
+def test_known_ratios_give_their_unit(ratio: float, differs: dict[str, float], unit: str) -> None:
+    found = gyro_factor(resting(G), turning(ratio, **differs), "auto", most_angle=2.0)
     assert found.unit == unit
     assert found.value == pytest.approx(1.0 / KNOWN_RATIOS[unit].ratio)
     assert (found.finding is None) == (unit == "rad/s")
@@ -54,12 +61,6 @@ def test_gyro_unit_is_found_beside_noise_of_poses(ratio: float, seed: int) -> No
     seen = Turning(0.0, derived, measured, np.zeros(3), 0.0, correlation)
     found = gyro_factor(resting(G), seen, "auto")
     assert found.unit == ("rad/s" if ratio == 1.0 else "deg/s")
-
-
-def test_gyro_unit_is_found_where_rates_hardly_vary() -> None:
-    """Steady rates correlate by their errors alone."""
-    seen = turning(DEG, scatter=0.15, correlation=0.25)
-    assert gyro_factor(resting(G), seen, "auto").unit == "deg/s"
 
 
 @pytest.mark.parametrize("seed", range(8))

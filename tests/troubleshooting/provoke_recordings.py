@@ -393,12 +393,16 @@ def flipped(t: Floats) -> Floats:
     return turn
 
 
-def started_over() -> Recording:
-    """The floating body's log with poses in another world frame from the middle on."""
-    (robot,) = noisy(BODY).robot
-    position = robot.position.copy()
-    position[2000:, 0] += 0.3
-    return with_robot(noisy(BODY), position=position)
+def moved_poses(rows: slice, size: float) -> Provocation:
+    """The floating body's log with some poses further along x, m."""
+
+    def make() -> Recording:
+        (robot,) = noisy(BODY).robot
+        position = robot.position.copy()
+        position[rows, 0] += size
+        return with_robot(noisy(BODY), position=position)
+
+    return on_body(make)
 
 
 def silent(start: float, stop: float) -> Provocation:
@@ -435,7 +439,7 @@ ROBOT: dict[str, Provocation] = {
     "inverted-mount": wrong_urdf("imu_joint", 'xyz="-0.02 0.102 0.003"', 'xyz="-0.1 0.0225 0"'),
     "leaps": positions(leaping),
     "flips": turned_poses(flipped),
-    "flip-stays": on_body(started_over),
+    "flip-stays": moved_poses(slice(2000, None), 0.3),  # in another world frame
     "robot-stands-still": silent(15.0, 17.5),
     "robot-stands-still-most": silent(10.0, 24.1),
     "model-not-noise": loose(0.001),
@@ -473,11 +477,6 @@ def between_gaps() -> Recording:
     """A third of a second of the robot's messages is lost in every 0.8 s."""
     (robot,) = noisy().robot
     return replace(noisy(), robot=(rows_kept(robot, robot.t % 0.8 > 0.35),))
-
-
-def frozen_robot() -> Recording:
-    (robot,) = noisy().robot
-    return with_robot(noisy(), position=np.broadcast_to(robot.position[0], robot.position.shape))
 
 
 def moving_only(*joints: int) -> Callable[[], Recording]:
@@ -521,7 +520,7 @@ MOTION: dict[str, Provocation] = {
     "between-gaps": on_arm(between_gaps),
     "too-few-samples": on_arm(lambda: part(3.0, 3.2)),
     "standstill": on_arm(lambda: part(0.0, 2.0)),  # the plan begins with two seconds of rest
-    "frozen-robot": on_arm(frozen_robot),
+    "frozen-robot": positions(lambda _, q: np.broadcast_to(q[0], q.shape)),
     "one-axis": on_arm(moving_only(5)),
     "joints-still": on_arm(moving_only(3, 4)),
     "stated-contradicted": on_arm(noisy, "--gravity", "9.7"),
@@ -543,13 +542,6 @@ def swapped(t: Floats) -> Floats:
 def joints_not_finite(_: Floats, q: Floats) -> Floats:
     q[::300, 2] = np.nan
     return q
-
-
-def poses_unusable() -> Recording:
-    (robot,) = noisy(BODY).robot
-    position = robot.position.copy()
-    position[::300, 0] = np.inf
-    return with_robot(noisy(BODY), position=position)
 
 
 @provocation
@@ -585,7 +577,7 @@ UNLISTED: dict[str, Provocation] = {
     "stamps-some-zero": stamped(some_zero),
     "stamps-some-backwards": stamped(swapped),
     "joints-not-finite": positions(joints_not_finite),
-    "poses-unusable": on_body(poses_unusable),
+    "poses-unusable": moved_poses(slice(None, None, 300), np.inf),
     "paper-no-sigma": on_arm(noisy, "--method", "paper", "--require", "1mm"),
     "paper-unexplained": on_arm(noisy, "--method", "paper", "--parent", "forearm_link"),
     "paper-undetermined": on_arm(moving_only(5), "--method", "paper"),
