@@ -85,8 +85,7 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
 def in_order(imu: ImuSamples) -> tuple[ImuSamples, dict[str, int]]:
     """The usable samples in order, and numbers of the others, as of :class:`TidyRows`."""
     tidy = tidy_rows(imu.t, imu.gyro, imu.accel)
-    sound = {name: tidy.of(getattr(imu, name)) for name in ("t", "gyro", "accel")}
-    return replace(imu, **sound), tidy.left_out
+    return imu.at(tidy.rows) if any(tidy.left_out.values()) else imu, tidy.left_out
 
 
 def _bridged(t: Floats, values: Floats, floor: float) -> tuple[Floats, Bools]:
