@@ -6,7 +6,7 @@ import os
 import sys
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -15,6 +15,8 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+
+    from typing_extensions import Self
 
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
@@ -81,41 +83,61 @@ def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
                 say("read", file.account)
 
 
-@contextmanager
-def writing(
-    *outputs: Path | None, read: Iterable[Path], force: bool | None = None
-) -> Iterator[None]:
-    """Check before any computing that files may be written; None is stdout.
+class Outputs:
+    """Outputs of a command; as a context it warns of those that a failed command has not replaced.
 
-    ``force`` as results.overwrite_checks.check_places.
+    Files that the command reads, and outputs that it may not write, are not of an earlier run.
+    """
+
+    def __init__(
+        self, *outputs: Path | None, read: Iterable[Path], older: Iterable[Path] = ()
+    ) -> None:
+        """``outputs`` are files, None is stdout; ``older`` are files that may be replaced too."""
+        self.read = list(read)
+        self._outputs = [path for path in outputs if path is not None]
+        self._before = {path: _identity(path) for path in (*self._outputs, *older)}
+
+    def check(self, *more: Path, folder: Path | None = None, **how: Any) -> None:
+        """Check before any computing that these, and ``more``, may be written.
+
+        ``folder`` will be made if it is missing; ``how`` as results.overwrite_checks.check_places.
+
+        Raises:
+            ChoiceError, InputError: As results.overwrite_checks.check_places.
+        """
+        before, self._before = self._before, {}
+        if folder is not None:
+            from imucalib_cli.results.atomic import check_folder_writable
+
+            check_folder_writable(folder)
+        if written := [*self._outputs, *more]:
+            from imucalib_cli.results.overwrite_checks import check_places
+
+            check_places(read=self.read, written=written, folder=folder, **how)
+        self._before = before
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        is_told = isinstance(error, (ImucalibError, typer.Exit, KeyboardInterrupt))
+        if not is_told or not getattr(error, "exit_code", 1):
+            return
+        inputs = {None, *map(_identity, self.read)}
+        for path, identity in self._before.items():
+            if identity not in inputs and _identity(path) == identity:
+                say("warning", f"{path} was not updated; it still holds an earlier result")
+
+
+def writing(*outputs: Path | None, read: Iterable[Path]) -> Outputs:
+    """Outputs that are checked already.
 
     Raises:
-        ChoiceError, InputError: As results.overwrite_checks.check_places.
+        ChoiceError, InputError: As :meth:`Outputs.check`.
     """
-    if written := [path for path in outputs if path is not None]:
-        from imucalib_cli.results.overwrite_checks import check_places
-
-        check_places(read=read, written=written, force=force)
-    with warning_of_old_outputs(*written):
-        yield
-
-
-@contextmanager
-def warning_of_old_outputs(*outputs: Path | None, read: Iterable[Path] = ()) -> Iterator[None]:
-    """If the command fails, warn of outputs of an earlier run, which it has not replaced.
-
-    Files that it reads are none of them.
-    """
-    inputs = {None, *map(_identity, read)}
-    before = {path: _identity(path) for path in outputs if path is not None}
-    try:
-        yield
-    except (ImucalibError, typer.Exit, KeyboardInterrupt) as error:
-        if getattr(error, "exit_code", 1):
-            for path, identity in before.items():
-                if identity not in inputs and _identity(path) == identity:
-                    say("warning", f"{path} was not updated; it still holds an earlier result")
-        raise
+    found = Outputs(*outputs, read=read)
+    found.check()
+    return found
 
 
 def deliver_into(

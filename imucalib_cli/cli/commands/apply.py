@@ -6,7 +6,7 @@ import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import exit_code, worst
-from imucalib_cli.cli.files import files_of, warning_of_old_outputs
+from imucalib_cli.cli.files import Outputs, files_of
 from imucalib_cli.cli.options import OutputFile, Quiet, ResultFiles, output_option
 from imucalib_cli.cli.output import deliver, say, say_error
 from imucalib_cli.cli.parsers import local_file
@@ -50,7 +50,6 @@ def apply_command(
     from imucalib_cli.jobs.apply import apply
     from imucalib_cli.jobs.result_files import result_names
     from imucalib_cli.results.atomic import check_writable
-    from imucalib_cli.results.overwrite_checks import check_places
 
     if in_place and (output is not None or str(urdf) == "-"):
         raise ChoiceError(
@@ -62,16 +61,12 @@ def apply_command(
         output = urdf.with_name(f"{urdf.stem}.kinematics{urdf.suffix}")
     if in_place:
         check_writable(urdf)
-    with warning_of_old_outputs(output, read=files_of(*dict.fromkeys(results), urdf)):
+    with Outputs(output, read=files_of(*dict.fromkeys(results), urdf)) as outputs:
         names = result_names(results)
-    read = files_of(*names, urdf)
-    with warning_of_old_outputs(output, read=read):
+        outputs.read = files_of(*names, urdf)
         applied = apply(names, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
-    if applied.content is not None and output is not None:
-        # what is refused here is not of an earlier run
-        check_places(read=read, written=[output], force=force, made_here=applied.made)
-    with warning_of_old_outputs(output, read=read):
         if applied.content is not None:
+            outputs.check(force=force, made_here=applied.made)
             deliver(applied.content, urdf if in_place else output, quiet=quiet)
         if not quiet:
             for change in applied.changes:

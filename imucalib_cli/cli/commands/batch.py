@@ -11,7 +11,7 @@ import typer
 
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
-from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs
+from imucalib_cli.cli.files import Outputs, files_of, given_names
 from imucalib_cli.cli.output import deliver, is_terminal, say, say_text
 from imucalib_cli.errors import ChoiceError, InputError
 
@@ -110,8 +110,11 @@ def batch_command(
     from imucalib_cli.logs.remote.file import RemoteFile
     from imucalib_cli.robot.urdf import load_robot
 
-    before = files_of(recording.urdf, estimator.imu_model)
-    with warning_of_old_outputs(markdown, junit, read=before):
+    def tell(finding: "Finding") -> None:
+        if not quiet:
+            say("note", finding.message)
+
+    with Outputs(markdown, junit, read=files_of(recording.urdf, estimator.imu_model)) as outputs:
         _check_options(output, extras, dask, workers or memory)
         request = calibration_request(ctx, (), recording, estimator, require)
         if isinstance(request.urdf, RemoteFile) or str(request.urdf) == "-":
@@ -124,19 +127,13 @@ def batch_command(
         found = find_logs(given_names(logs, "logs"), left_out=output)
         if not found.logs:
             raise InputError("the list of logs on stdin is empty: write one path a line")
-    paths = (path for log in found.logs for path in log.paths)
-    _check_places([*before, *files_of(*paths)], output, (markdown, junit))
-
-    def tell(finding: "Finding") -> None:
-        if not quiet:
-            say("note", finding.message)
-
-    for finding in found.findings:
-        tell(finding)
-    chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
-    bytes_each = memory or MEMORY
-    jobs = workers or default_workers(bytes_each)
-    with warning_of_old_outputs(markdown, junit):
+        outputs.read += files_of(*(path for log in found.logs for path in log.paths))
+        outputs.check(*([] if output is None else [output / SUMMARY]), folder=output)
+        for finding in found.findings:
+            tell(finding)
+        chosen = fmt or ("" if output else "summary" if is_terminal(sys.stdout) else "jsonl")
+        bytes_each = memory or MEMORY
+        jobs = workers or default_workers(bytes_each)
         batch = Batch(
             logs=found.logs,
             task=Task(
@@ -201,21 +198,6 @@ def _give(
     for form, path in files.items():
         if path is not None:
             deliver(TABLES[form](records), path, quiet=quiet)
-
-
-def _check_places(
-    read: "Sequence[Path]", output: Path | None, files: "Sequence[Path | None]"
-) -> None:
-    """Check before any work that nothing is lost by writing."""
-    from imucalib_cli.batch.folder import SUMMARY
-    from imucalib_cli.results.atomic import check_folder_writable
-    from imucalib_cli.results.overwrite_checks import check_places
-
-    written = [path for path in files if path is not None]
-    if output is not None:
-        check_folder_writable(output)
-        written.append(output / SUMMARY)
-    check_places(read=read, written=written, folder=output)
 
 
 def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) -> "Engine":

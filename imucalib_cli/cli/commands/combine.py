@@ -4,7 +4,7 @@ import typer
 
 from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.files import files_of, given_names, warning_of_old_outputs, writing
+from imucalib_cli.cli.files import Outputs, files_of, given_names
 from imucalib_cli.cli.output import chosen_format, say, say_error
 from imucalib_cli.cli.parsers import local_file
 
@@ -33,11 +33,12 @@ def combine_command(
     from imucalib_cli.jobs.result_files import read_statistics_files
 
     paths = [local_file(each) for each in given_names(results, "results")]
-    with warning_of_old_outputs(output, read=files_of(*paths)):
+    with Outputs(output, read=files_of(*paths)) as outputs:
         logs, foreign, unread = read_statistics_files(paths)
-    for each in () if quiet else foreign:
-        say("note", f"{each}: holds no statistics of imucalib and is left out")
-    with writing(output, read=files_of(*paths, *(log.name for log in logs)), force=force):
+        for each in () if quiet else foreign:
+            say("note", f"{each}: holds no statistics of imucalib and is left out")
+        outputs.read += files_of(*(log.name for log in logs))
+        outputs.check(force=force)
         found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
         write_results(deliverable(found, chosen, force=force), chosen, output, quiet=quiet)

@@ -8,13 +8,7 @@ import typer
 
 from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
-from imucalib_cli.cli.files import (
-    deliver_into,
-    files_named_after,
-    files_of,
-    reading,
-    warning_of_old_outputs,
-)
+from imucalib_cli.cli.files import Outputs, deliver_into, files_named_after, files_of, reading
 from imucalib_cli.cli.output import chosen_format, say_error, say_text
 from imucalib_cli.cli.parsers import file_or_folder, is_folder
 from imucalib_cli.errors import ChoiceError
@@ -67,29 +61,17 @@ def run_command(
     from imucalib_cli.cli.request import calibration_request
     from imucalib_cli.jobs.calibrate import calibrate
     from imucalib_cli.logs.open import is_own_output
-    from imucalib_cli.results.atomic import check_folder_writable
-    from imucalib_cli.results.overwrite_checks import check_places
 
     read = files_of(*logs, recording.urdf, estimator.imu_model)
     target = None if output is None else Path(output)
     folder = target if output is not None and is_folder(output) else None
-    # checked here, not after minutes of computing
-    if folder is not None:
-        check_folder_writable(folder)
     single = [] if target is None or folder is not None else [target]
     beside = check_extras(extras)
-    check_places(
-        read=read,
-        written=[*single, *beside],
-        force=force,
-        made_here=is_own_output,
-        folder=folder,
-    )
-    older = [*single, *beside, *([] if folder is None else files_named_after(folder, logs[0]))]
-    with (
-        warning_of_old_outputs(*older, read=read),
-        reading(*logs, recording.urdf, verbose=verbose),
-    ):
+    older = [] if folder is None else files_named_after(folder, logs[0])
+    outputs = Outputs(*single, *beside, read=read, older=older)
+    # checked here, not after minutes of computing
+    outputs.check(folder=folder, force=force, made_here=is_own_output)
+    with outputs, reading(*logs, recording.urdf, verbose=verbose):
         request = calibration_request(ctx, logs, recording, estimator, require)
         request = replace(request, details=bool(beside))
         chosen = chosen_format(fmt, target)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
-from imucalib_cli.cli.files import files_of, warning_of_old_outputs, writing
+from imucalib_cli.cli.files import Outputs, files_of
 from imucalib_cli.cli.options import (
     OutputFile,
     Quiet,
@@ -54,11 +54,12 @@ def trend_command(
     from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional
 
-    with warning_of_old_outputs(output, plot, read=files_of(*dict.fromkeys(results))):
+    with Outputs(output, plot, read=files_of(*dict.fromkeys(results))) as outputs:
         names = result_names(results)
         if plot is not None:
             optional("matplotlib", "--plot needs", "plot")
-    with writing(output, plot, read=files_of(*names)):
+        outputs.read = files_of(*names)
+        outputs.check()
         answers, failures = trend_of(names, within, since)
         if answers:  # else an earlier output stays
             _deliver(answers, fmt, output, plot, quiet=quiet)
