@@ -19,7 +19,7 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrio
 from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.input.from_arrays import streams_of
 from imucalib_cli.jobs.input.recording import read_recording, recording_of
-from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked
+from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked, unheard
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.remote.file import discarding_copies, path_or_url
 from imucalib_cli.results.fields import sections, summarise, verdict
@@ -262,7 +262,7 @@ def calibrate(
         allow_remote_scan=allow_remote_scan,
     )
     with discarding_copies(request.logs):
-        recording = read_recording(request, progress)
+        recording = read_recording(request, progress or unheard)
         if len(recording.imus) > 1:
             topics = ", ".join(imu.name for imu in recording.imus)
             raise ChoiceError(f"the log has several IMUs: choose one by imu_topic: {topics}")
@@ -394,7 +394,7 @@ def _calibrated(
 ) -> Calibration:
     # small matrices: threads cost more than they give
     with threadpool_limits(limits=1, user_api="blas"):
-        outcome = calibrate_recording(recording, request, progress)
+        outcome = calibrate_recording(recording, request, progress or unheard)
     for failure in outcome.failures:
         raise failure
     (only,) = outcome.calibrated

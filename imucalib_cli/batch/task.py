@@ -92,7 +92,7 @@ class Task:
                     "the worker: run the same command again"
                 )
             results, errors = outcome.results, list(outcome.failures)
-            files = outcome.recording.files.result()
+            files = outcome.recording.files()
             hashes = {each.path: each.sha256 for each in files if each.sha256 is not None}
             stamps = stamps_of(sizes, hashes=hashes)
             contents = dict(self._files(log, outcome, errors)) if self.keeps_files else {}

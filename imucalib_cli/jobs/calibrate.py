@@ -19,7 +19,7 @@ from imucalib_cli.jobs.input.log_robot.mounts import named_parent, with_carriers
 from imucalib_cli.jobs.input.log_robot.upright import upright_component
 from imucalib_cli.jobs.input.motion import Motion, find_motion
 from imucalib_cli.jobs.input.recording import path_text, read_recording, recorded_at
-from imucalib_cli.jobs.input.request import recorded_options
+from imucalib_cli.jobs.input.request import recorded_options, unheard
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -81,7 +81,7 @@ class Outcome:
         return tuple(each.result for each in self.calibrated)
 
 
-def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> Outcome:
+def calibrate(request: CalibrationRequest, progress: Progress = unheard) -> Outcome:
     """Calibrate every IMU of a recording.
 
     Raises:
@@ -92,7 +92,7 @@ def calibrate(request: CalibrationRequest, progress: Progress | None = None) -> 
 
 
 def calibrate_recording(
-    recording: Recording, request: CalibrationRequest, progress: Progress | None = None
+    recording: Recording, request: CalibrationRequest, progress: Progress = unheard
 ) -> Outcome:
     """Calibrate every IMU of what was read.
 
@@ -108,8 +108,7 @@ def calibrate_recording(
     alone: list[_Alone] = []
     failures: list[ImucalibError] = []
     for imu in recording.imus:
-        if progress is not None:
-            progress(f"estimating {imu.name}", None)
+        progress(f"estimating {imu.name}", None)
         try:
             alone.append(_estimate_one(recording, imu, request, progress))
         except ImucalibError as error:
@@ -139,7 +138,7 @@ class _Alone:
 
 
 def _estimate_one(
-    recording: Recording, imu: ImuStream, request: CalibrationRequest, progress: Progress | None
+    recording: Recording, imu: ImuStream, request: CalibrationRequest, progress: Progress
 ) -> _Alone:
     samples, sources = samples_of(imu, recording.clock), recording.sources
     request = replace(request, parent=named_parent(imu, request) or request.parent)
@@ -169,7 +168,7 @@ def _estimate_one(
     if not _doubts_unit(estimate):  # the IMU only never rested
         known = tuple(e for e in repaired.suspects if e.code != "imu.accel_unit_unknown")
         repaired = replace(repaired, suspects=known)
-    if progress is not None and needs_diagnosis(estimate):
+    if needs_diagnosis(estimate):
         progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)
     blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
@@ -324,7 +323,7 @@ def _provenance(recording: Recording, alone: _Alone) -> Provenance:
     return Provenance(
         tool="imucalib",
         version=__version__,
-        files=list(recording.files.result()),
+        files=list(recording.files()),
         urdf=urdf,
         topics=Topics(imu=alone.imu.name, motion=list(motion.topics)),
         part=UNSET if recording.part is None else list(recording.part),

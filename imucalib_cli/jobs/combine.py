@@ -18,7 +18,7 @@ from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
-from imucalib_cli.jobs.input.request import recorded_estimator
+from imucalib_cli.jobs.input.request import recorded_estimator, unheard
 from imucalib_cli.messages import OF_ANSWER
 from imucalib_cli.results import result as tree
 from imucalib_cli.results.from_estimate import finding_of, result_of, scalars, tangent
@@ -78,7 +78,7 @@ def combine(
 
 
 def calibrate_together(
-    request: CalibrationRequest, progress: Progress | None = None
+    request: CalibrationRequest, progress: Progress = unheard
 ) -> tuple[list[tree.Result], list[ImucalibError]]:
     """Calibrate every log of a request by itself, and solve them together.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from shlex import quote
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,8 @@ from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.input.log_robot.mounts import with_base_imu, with_carriers
 from imucalib_cli.jobs.input.log_robot.robot import Named, named_log
 from imucalib_cli.jobs.input.motion import find_motion
-from imucalib_cli.jobs.input.recording import on_one_clock, open_requested, progress_of_step
+from imucalib_cli.jobs.input.recording import on_one_clock, open_requested
+from imucalib_cli.jobs.input.request import unheard
 from imucalib_cli.layout import Table
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
@@ -243,7 +245,7 @@ def _health_row(each: Health, kind: str) -> tuple[str, ...]:
     )
 
 
-def inspect(request: CalibrationRequest, progress: Progress | None = None) -> Inspection:
+def inspect(request: CalibrationRequest, progress: Progress = unheard) -> Inspection:
     """Describe the recording of a request and find the command that calibrates it.
 
     Raises:
@@ -253,7 +255,7 @@ def inspect(request: CalibrationRequest, progress: Progress | None = None) -> In
     log = open_requested(request, progress)
     topics = [each for kind in ("imu", "joints", "pose") for each in candidates(log.topics, kind)]
     topics += descriptions(log.topics) if request.urdf is None else ()
-    data = log.read({topic.name for topic in topics}, progress_of_step(progress, "reading"))
+    data = log.read({topic.name for topic in topics}, partial(progress, "reading"))
     robots = _robots(data, request)
     chosen, request, problem = _chosen(log, request)
     clock, imus, found = _imus(robots, chosen, request, problem)
@@ -336,13 +338,13 @@ def _imus(
         findings += timed.findings
         base, unknown = None, problem or named.problem
         try:
-            given = tuple(imu for imu in timed.data.imus.values() if len(imu))
+            given = tuple(imu for imu in timed.imus if len(imu))
             left, sources, of_base = with_base_imu(given, (), sources, request)
             base = next((imu.name for imu in given if imu not in left), None)
             findings += of_base
         except ImucalibError as error:
             unknown = unknown or error
-        for imu in timed.data.imus.values():
+        for imu in timed.imus:
             found, problems = _imu(imu, sources, request, unknown)
             imus.append(replace(found, base_imu=base))
             findings += problems

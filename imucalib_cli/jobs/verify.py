@@ -9,7 +9,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.jobs.input.log_robot.robot import robot_of
 from imucalib_cli.jobs.input.log_robot.upright import upright_component
-from imucalib_cli.jobs.input.motion import no_nominal
+from imucalib_cli.jobs.input.request import unheard
 from imucalib_cli.jobs.result_files import read_result_files
 from imucalib_cli.results.comparison.verdicts import verify
 from imucalib_cli.results.result import SourceFile
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def verify_recording(
     request: CalibrationRequest,
     within: Tolerance,
-    progress: Progress | None = None,
+    progress: Progress = unheard,
     *,
     ignored: frozenset[int] = frozenset(),
 ) -> tuple[list[VerifyAnswer], list[ImucalibError]]:
@@ -46,10 +46,9 @@ def verify_recording(
         result, unchecked = each.result, ignored
         if request.planar:
             unchecked |= {upright_component(each.motion.path)}
-        nominal = result.nominal
-        if nominal is None:  # needs_nominal excludes this
-            raise ChoiceError(no_nominal(result.parent, result.child))
-        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=unchecked))
+        urdf, nominal = result.provenance.urdf, result.nominal
+        if nominal is not None:  # as the request needs it
+            answers.append(verify(result, nominal, within, urdf, ignored=unchecked))
     return answers, list(outcome.failures)
 
 

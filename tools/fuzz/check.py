@@ -66,7 +66,7 @@ def _stop_at_known_data() -> None:
 
     seen = set[bytes]()
 
-    def read_new(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
+    def read_new(request: CalibrationRequest, progress: Progress) -> Recording:
         recording = read_recording(request, progress)
         digest = _digest(recording)
         if digest in seen:

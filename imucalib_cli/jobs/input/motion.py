@@ -142,7 +142,10 @@ def _checked(motion: Motion, request: CalibrationRequest, samples: ImuSamples | 
     """The motion, if it has a nominal pose where one is needed, and moves."""
     path, mount = motion.path, motion.mount
     if request.needs_nominal and mount.nominal is None:
-        raise ChoiceError(no_nominal(mount.parent, mount.child))
+        raise ChoiceError(
+            f"neither a URDF nor a static frame of the log says where '{mount.child}' is on "
+            f"'{mount.parent}', so there is no pose to verify: give --urdf"
+        )
     if _nothing_moves(path, motion.sources):
         raise UntrustedError(_static(motion.sources, request, samples))
     if is_still(path):
@@ -390,12 +393,4 @@ def _labelled(edges: tuple[Edge, ...], label: str | None) -> tuple[Edge, ...]:
         if edge.child
         else replace(edge, child=edge.track.name.split(" ", 1)[0] if label is None else label)
         for edge in edges
-    )
-
-
-def no_nominal(parent: str, child: str) -> str:
-    """The message for an IMU without a nominal pose, in a URDF or the log's static frames."""
-    return (
-        f"neither a URDF nor a static frame of the log says where '{child}' is on '{parent}', so "
-        "there is no pose to verify: give --urdf"
     )

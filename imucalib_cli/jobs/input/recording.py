@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
+from functools import partial
 from threading import Thread
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ from imucalib_cli.jobs.input.halves import half_topics, joined
 from imucalib_cli.jobs.input.log_robot.mounts import check_parents, with_base_imu
 from imucalib_cli.jobs.input.log_robot.robot import asked_imus, named_log
 from imucalib_cli.jobs.input.motion import Sources
+from imucalib_cli.jobs.input.request import unheard
 from imucalib_cli.logs.clock import choose_clock, first_plausible
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.part import part_of
@@ -39,6 +41,8 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream, Stream
     from imucalib_cli.robot.urdf import Robot
 
+    Files = Callable[[], tuple[SourceFile, ...]]
+
 _SHOWN = 3
 """Most losses in one error; a damaged disk has thousands."""
 _UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -57,10 +61,10 @@ class Recording:
     sources: Sources
     part: tuple[float, float] | None
     """From and to, seconds of the log, if only a part of it is used."""
-    files: Future[tuple[SourceFile, ...]]
-    """The files with their hashes."""
     findings: tuple[Finding, ...]
     """Findings about the whole log."""
+    files: Files = tuple
+    """Waits for the hashes of the files."""
     epoch_ns: int = 0
     """What to add to the stamps to get those of the source, ns; not zero for arrays alone."""
 
@@ -75,7 +79,7 @@ class Recording:
         return self.sources.robot
 
 
-def read_recording(request: CalibrationRequest, progress: Progress | None = None) -> Recording:
+def read_recording(request: CalibrationRequest, progress: Progress = unheard) -> Recording:
     """Open, choose topics, read them in one pass, load the URDF.
 
     Raises:
@@ -99,9 +103,9 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
         raise error.followed_by(each.message for each in damage) from error
     if request.urdf is not None:
         chosen = replace(chosen, descriptions=())
-    files = fingerprints(log.paths)
+    files = _fingerprints(log.paths)
     # An IMU that nobody asked for may be the one that measures how the base moves.
-    data = log.read((*chosen.all, *chosen.other_imus), progress_of_step(progress, "reading"))
+    data = log.read((*chosen.all, *chosen.other_imus), partial(progress, "reading"))
     data = chosen.of(data)
     used = {imu.topic for imu in data.imus.values() if len(imu)}
     unused = [topic for topic in chosen.imus if topic not in used]
@@ -110,7 +114,7 @@ def read_recording(request: CalibrationRequest, progress: Progress | None = None
     return recording_of(data, request, chosen, files=files)
 
 
-def open_requested(request: CalibrationRequest, progress: Progress | None = None) -> Log:
+def open_requested(request: CalibrationRequest, progress: Progress = unheard) -> Log:
     """Open the recording of a request.
 
     Raises:
@@ -121,13 +125,8 @@ def open_requested(request: CalibrationRequest, progress: Progress | None = None
         request.csv_columns,
         columns=request.joint_columns,
         scan_remote=request.allow_remote_scan,
-        progress=progress_of_step(progress, "downloading"),
+        progress=partial(progress, "downloading"),
     )
-
-
-def progress_of_step(progress: Progress | None, step: str) -> Callable[[float], None]:
-    """A function that reports the share done of a step, 0 to 1, if anyone listens."""
-    return lambda share: None if progress is None else progress(step, share)
 
 
 def recording_of(
@@ -135,7 +134,7 @@ def recording_of(
     request: CalibrationRequest,
     chosen: Selection | None = None,
     *,
-    files: Future[tuple[SourceFile, ...]] | None = None,
+    files: Files = tuple,
     epoch_ns: int = 0,
 ) -> Recording:
     """Put streams on one clock, and find the robot and the sources of its motion.
@@ -150,69 +149,60 @@ def recording_of(
     """
     named = named_log(data, request)
     timed = on_one_clock(named, request, chosen)
-    data, sources = timed.data, timed.sources
-    asked = asked_imus(data, request)
-    for name in sorted(asked) if request.imu_topics and request.part is not None else ():
-        if name in timed.filled and not len(data.imus[name]):
-            raise ChoiceError(
-                f"{name}: has no samples between --from and --to: choose another part, or "
-                "leave this IMU out",
-                topic=name,
-            )
-    filled = {name: imu for name, imu in data.imus.items() if len(imu)}
-    imus = tuple(imu for name, imu in filled.items() if name in asked)
-    others = tuple(imu for name, imu in filled.items() if name not in asked)
-    _require_advancing_stamps(imus, sources.clock)
+    asked = asked_imus({imu.name: imu for imu in timed.imus}, request)
+    filled = [imu for imu in timed.imus if len(imu)]
+    imus = tuple(imu for imu in filled if imu.name in asked)
+    others = tuple(imu for imu in filled if imu.name not in asked)
+    _require_advancing_stamps(imus, timed.clock)
     unusable = (each for each in named.findings if each.code == "robot.description_unusable")
-    sources = replace(sources, undescribed=warnings(unusable))
+    sources = replace(timed.sources, undescribed=warnings(unusable))
     check_parents((*imus, *others), request)
     imus, sources, of_base = with_base_imu(imus, others, sources, request)
     used = {imu.topic for imu in imus} | set(sources.topics.values())
     of_others = {imu.topic for imu in others} - used
     of_data = [each for each in data.findings if each.values.get("topic") not in of_others]
-    return Recording(
+    return replace(
+        timed,
         imus=imus,
-        joints=data.joints,
         sources=sources,
-        part=timed.part,
-        files=files or fingerprints(()),
+        files=files,
         findings=(*of_data, *named.findings, *timed.findings, *of_base),
         epoch_ns=epoch_ns,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Timed:
-    """The requested part of a log on one clock."""
-
-    data: LogData
-    filled: frozenset[str]
-    """Names of the IMUs that have samples in the whole log."""
-    part: tuple[float, float] | None
-    """From and to, seconds of the log, if only a part of it is used."""
-    sources: Sources
-    """What describes the motion."""
-    findings: tuple[Finding, ...]
-
-
-def on_one_clock(named: Named, request: CalibrationRequest, chosen: Selection | None) -> Timed:
+def on_one_clock(named: Named, request: CalibrationRequest, chosen: Selection | None) -> Recording:
     """Choose the clock, join the halves of IMUs, cut the part out, and collect tracks and frames.
 
+    It has all IMUs of the log, and findings about these steps.
+
     Raises:
-        ChoiceError: A half of an IMU is not there, or the part holds nothing.
+        ChoiceError: A half of an IMU is not there, or the part holds nothing, perhaps of one IMU.
     """
     data = named.data
     streams: list[Stream] = list(data.imus.values())
     streams += [stream for some in (*data.joints.values(), *data.poses.values()) for stream in some]
     clock = choose_clock(streams, request.clock)
     data, pairs = joined(data, clock, request)
-    filled = frozenset(name for name, imu in data.imus.items() if len(imu))
     part = None
     if request.part is not None:
+        whole = data.imus
         data, part = part_of(data, clock, request.part)
+        for name in sorted(asked_imus(whole, request)) if request.imu_topics else ():
+            if len(whole[name]) and not len(data.imus[name]):
+                raise ChoiceError(
+                    f"{name}: has no samples between --from and --to: choose another part, or "
+                    "leave this IMU out",
+                    topic=name,
+                )
     sources, duplicates = _sources(data, clock, named, chosen)
-    findings = (*clock.findings, *pairs, *duplicates)
-    return Timed(data=data, filled=filled, part=part, sources=sources, findings=findings)
+    return Recording(
+        imus=tuple(data.imus.values()),
+        joints=data.joints,
+        sources=sources,
+        part=part,
+        findings=(*clock.findings, *pairs, *duplicates),
+    )
 
 
 def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetime | None:
@@ -314,11 +304,12 @@ def _one_for_each_edge(poses: list[PoseStream]) -> tuple[list[PoseStream], tuple
     return list(best.values()), tuple(duplicates)
 
 
-def fingerprints(paths: Collection[LogPath]) -> Future[tuple[SourceFile, ...]]:
-    """SHA-256 of files, in their order, computed in a thread: hashing releases the interpreter.
+def _fingerprints(paths: Collection[LogPath]) -> Files:
+    """A function that waits for the SHA-256 of files, in their order.
 
-    The thread is a daemon, so that an error or Ctrl-C does not wait for gigabytes. The result
-    raises InputError if a file cannot be read any more.
+    A thread computes them: hashing releases the interpreter. It is a daemon, so that an error or
+    Ctrl-C does not wait for gigabytes. The function raises InputError if a file cannot be read any
+    more.
     """
     found: Future[tuple[SourceFile, ...]] = Future()
 
@@ -333,7 +324,7 @@ def fingerprints(paths: Collection[LogPath]) -> Future[tuple[SourceFile, ...]]:
             found.set_exception(error)
 
     Thread(target=work, name="fingerprints", daemon=True).start()
-    return found
+    return found.result
 
 
 def _source_file(path: LogPath) -> SourceFile:

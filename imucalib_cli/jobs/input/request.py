@@ -28,10 +28,15 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples, Sensor
 
     Progress = Callable[[str, float | None], None]
+    """Told what is being done and its share, 0 to 1 or None."""
 
 ClockChoice = Literal["auto", "header", "log"]
 _SEARCH = 1.0
 """s, for methods that do not estimate a time offset themselves."""
+
+
+def unheard(_words: str, _share: float | None) -> None:
+    """The progress where nobody listens."""
 
 
 @dataclass(frozen=True, kw_only=True)

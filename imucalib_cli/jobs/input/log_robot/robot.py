@@ -57,7 +57,7 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
         InputError: The URDF cannot be used.
         ChoiceError: The description must be chosen, or no joint has the requested prefix.
     """
-    imus = asked_imus(data, request)
+    imus = asked_imus(data.imus, request)
     robot, described = (
         _described_robot(data, imus, request)
         if request.urdf is None
@@ -103,20 +103,20 @@ def named_log(data: LogData, request: CalibrationRequest) -> Named:
     return Named(data=data, robot=robot, findings=(*described, *findings), prefixes=tuple(unsure))
 
 
-def asked_imus(data: LogData, request: CalibrationRequest) -> Imus:
-    """The IMUs to calibrate, by name.
+def asked_imus(imus: Imus, request: CalibrationRequest) -> Imus:
+    """The ones of a log's IMUs to calibrate, by name.
 
     Raises:
         ChoiceError: A topic has no IMU of the requested frame.
     """
     asked = request.imu_topics
     if not asked:
-        return data.imus
-    topics = {topic for imu in data.imus.values() for topic in imu.topics}
+        return imus
+    topics = {topic for imu in imus.values() for topic in imu.topics}
     for name in asked:
-        if name not in data.imus and name not in topics and name.partition(":")[0] in topics:
-            raise ChoiceError(no_such_imu("--imu-topic", name, list(data.imus)))
-    return {name: imu for name, imu in data.imus.items() if {name, *imu.topics} & set(asked)}
+        if name not in imus and name not in topics and name.partition(":")[0] in topics:
+            raise ChoiceError(no_such_imu("--imu-topic", name, list(imus)))
+    return {name: imu for name, imu in imus.items() if {name, *imu.topics} & set(asked)}
 
 
 def no_such_imu(option: str, name: str, names: Sequence[str]) -> str:
