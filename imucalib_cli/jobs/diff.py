@@ -1,19 +1,20 @@
-"""Compare the results of two runs, IMU by IMU."""
+"""Has a mount moved: between the results of two runs, or over many recordings."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
-from imucalib_cli.jobs.result_files import display_name, read_result_file
+from imucalib_cli.jobs.result_files import display_name, read_result_file, read_result_files
 from imucalib_cli.results.comparison.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from datetime import datetime
     from pathlib import Path
 
-    from imucalib_cli.results.comparison.answers import DiffAnswer
+    from imucalib_cli.results.comparison.answers import DiffAnswer, TrendAnswer
     from imucalib_cli.results.pose import UncertainPose
     from imucalib_cli.results.requirement import Tolerance
     from imucalib_cli.results.result import Result
@@ -108,3 +109,23 @@ def _in_the_same_frames(
             "--parent"
         )
     return a, b.of_child(a.child, robot).seen_from(a.parent, robot)
+
+
+def trend_of(
+    names: Sequence[str], within: Tolerance | None, since: datetime | None
+) -> tuple[list[TrendAnswer], list[ImucalibError]]:
+    """Decide for every IMU of some results whether its mount has moved.
+
+    Results are of one mount if parent, child and topic are the same. ``within`` and ``since`` are
+    those of :func:`.trend.trend`.
+
+    Raises:
+        InputError: As :func:`.result_files.result_names`.
+    """
+    from imucalib_cli.results.trend.trend import trend
+
+    found, failures = read_result_files(names)
+    mounts: dict[tuple[str, str, str], list[tuple[str, Result]]] = {}
+    for name, result in found:
+        mounts.setdefault(result.mount, []).append((name, result))
+    return [trend(results, within, since) for results in mounts.values()], failures

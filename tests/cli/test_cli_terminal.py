@@ -17,9 +17,8 @@ import pytest
 import yaml
 
 from imucalib_cli.cli.main import main
-from imucalib_cli.cli.output import say
+from imucalib_cli.cli.output import deliver_blocks, say
 from imucalib_cli.cli.progress import CountProgress, ProgressBar
-from imucalib_cli.cli.tables import deliver_blocks
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.layout import Table, plain
 from imucalib_cli.results.codec import to_yaml

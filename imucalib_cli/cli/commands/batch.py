@@ -12,7 +12,7 @@ import typer
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
 from imucalib_cli.cli.files import Outputs, files_of, given_names
-from imucalib_cli.cli.output import deliver, is_terminal, say, say_text
+from imucalib_cli.cli.output import deliver, deliver_blocks, is_terminal, say, say_text
 from imucalib_cli.errors import ChoiceError, InputError
 
 if TYPE_CHECKING:
@@ -189,7 +189,6 @@ def _give(
 ) -> None:
     """Write a table of all logs in the chosen form to stdout, and others to files."""
     from imucalib_cli.batch.tables import TABLES, words
-    from imucalib_cli.cli.tables import deliver_blocks
 
     if chosen == "summary":
         deliver_blocks(words(records))

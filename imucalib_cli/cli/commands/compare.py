@@ -9,7 +9,7 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import WORDS_OR_YAML, OutputFile, Quiet, output_option
-from imucalib_cli.cli.output import chosen_format, deliver, say
+from imucalib_cli.cli.output import chosen_format, deliver, deliver_blocks, say
 from imucalib_cli.cli.parsers import local_file, named
 
 
@@ -55,7 +55,6 @@ def compare_command(
 ) -> None:
     """Compare a result with Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     with writing(output, read=files_of(result, kalibr, truth, urdf)):
-        from imucalib_cli.cli.tables import deliver_blocks
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml
 

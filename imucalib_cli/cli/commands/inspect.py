@@ -6,7 +6,7 @@ import typer
 
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.files import files_of, reading, writing
-from imucalib_cli.cli.output import deliver
+from imucalib_cli.cli.output import deliver, deliver_blocks
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.reader import LogPath
@@ -37,7 +37,6 @@ def inspect_command(
 ) -> None:
     """Show topics, rates, gaps, stamps and units of a log, and the command to run on it."""
     from imucalib_cli.cli.progress import ProgressBar
-    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.jobs.input.request import CalibrationRequest, part_asked
     from imucalib_cli.jobs.inspect import inspect
 

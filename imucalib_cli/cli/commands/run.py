@@ -9,7 +9,7 @@ import typer
 from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, deliver_into, files_named_after, files_of, reading
-from imucalib_cli.cli.output import chosen_format, say_error, say_text
+from imucalib_cli.cli.output import chosen_format, deliver_blocks, say_error, say_text
 from imucalib_cli.cli.parsers import file_or_folder, is_folder
 from imucalib_cli.errors import ChoiceError
 
@@ -107,7 +107,6 @@ def run_command(
 
 
 def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:
-    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.jobs.kinematics import kinematics_report
     from imucalib_cli.layout import plain
 

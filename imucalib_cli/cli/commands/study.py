@@ -10,7 +10,7 @@ import typer
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
-from imucalib_cli.cli.output import deliver, is_terminal, say
+from imucalib_cli.cli.output import deliver, deliver_blocks, is_terminal, say
 from imucalib_cli.cli.parsers import local_file, output_folder
 from imucalib_cli.errors import ChoiceError
 
@@ -68,7 +68,6 @@ def study_command(
     run, with all digits, one line per run.
     """
     from imucalib_cli.cli.progress import CountProgress
-    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.layout import Table
     from imucalib_cli.study.study import STUDIES, can_draw, check_installed, load_study
 
@@ -121,7 +120,6 @@ def study_command(
 
 
 def _print(tables: "list[StudyTable]", fmt: "TableFormat | None") -> None:
-    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.layout import Table
     from imucalib_cli.study.tables import render_tables
 

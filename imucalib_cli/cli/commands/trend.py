@@ -16,7 +16,7 @@ from imucalib_cli.cli.options import (
     file_option,
     output_option,
 )
-from imucalib_cli.cli.output import deliver, say, say_error
+from imucalib_cli.cli.output import deliver, deliver_blocks, say, say_error
 from imucalib_cli.cli.parsers import moment
 
 if TYPE_CHECKING:
@@ -50,8 +50,8 @@ def trend_command(
     quiet: Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0: no, 4: yes, 3: unknown."""
+    from imucalib_cli.jobs.diff import trend_of
     from imucalib_cli.jobs.result_files import result_names
-    from imucalib_cli.jobs.trend import trend_of
     from imucalib_cli.optional import optional
 
     with Outputs(output, plot, read=files_of(*dict.fromkeys(results))) as outputs:
@@ -83,7 +83,6 @@ def _deliver(
     *,
     quiet: bool,
 ) -> None:
-    from imucalib_cli.cli.tables import deliver_blocks
     from imucalib_cli.results.trend.table import as_csv, blocks
 
     if fmt == "summary":
