@@ -6,16 +6,12 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import msgspec
-
-from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
 from imucalib_cli.batch.folder import ResultFolder
 from imucalib_cli.findings import note
 from imucalib_cli.results.formats import FORMATS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
-    from collections.abc import Set as AbstractSet
     from pathlib import Path
 
     from imucalib_cli.batch.logs import BatchLog
@@ -66,7 +62,9 @@ class Batch:
             left = []
             places = frozenset(log.place for log in self.logs)
             for log in self.logs:
-                record = self._finished(log, folder, places)
+                record = None
+                if not self.fresh:
+                    record = folder.finished(log, self.task.context, places, rehash=self.rehash)
                 if record is None:
                     left.append(log)
                 else:
@@ -92,32 +90,6 @@ class Batch:
                         self.tell(note("batch.log_replaced", log=record.log))
                 report(count, len(self.logs))
                 yield log, record
-
-    def _finished(
-        self, log: BatchLog, folder: ResultFolder, places: AbstractSet[str]
-    ) -> Record | None:
-        """The record of a finished log, updated to where its files are now.
-
-        A log whose files have sizes that no record has is new, and is not hashed. ``places`` are
-        those of all logs.
-        """
-        if self.fresh:
-            return None
-        sizes = sizes_of(log)
-        if tuple(sorted(size for size, _ in sizes.values())) not in folder.sizes:
-            return None
-        try:
-            stamps = stamps_of(sizes, known=None if self.rehash else folder.stamps)
-        except OSError:  # the task reports it
-            return None
-        name = folder.finished(log, key_of(self.task.context, stamps), places)
-        if name is None:
-            return None
-        record = folder.records[name]
-        now = msgspec.structs.replace(record, log=log.label, place=log.place, files=stamps)
-        if now != record:
-            folder.keep_record(name, now)
-        return now
 
 
 def _is_another(record: Record, before: Record) -> bool:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
+from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of
 from imucalib_cli.batch.logs import BatchLog
 from imucalib_cli.batch.record import FileStamp, Record
 from imucalib_cli.batch.tables import csv_table
@@ -45,16 +46,14 @@ class ResultFolder:
 
     Attributes:
         records: By the name of the log.
-        stamps: Of all files in earlier records, by absolute path.
-        sizes: Bytes of the files of each earlier record, ascending.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._records = folder / RECORDS
         self.records: dict[str, Record] = {}
-        self.stamps: dict[str, FileStamp] = {}
-        self.sizes: set[tuple[int, ...]] = set()
+        self._stamps: dict[str, FileStamp] = {}  # by absolute path
+        self._sizes: set[tuple[int, ...]] = set()  # bytes of a record's files, ascending
         self._by_key: dict[str | None, list[str]] = {}
         self._owners: dict[str, str] = {}
 
@@ -92,17 +91,30 @@ class ResultFolder:
                 records = sorted(self.records.values(), key=lambda record: record.log)
                 write_whole(summary, csv_table(records))
 
-    def finished(self, log: BatchLog, key: str | None, places: Collection[str]) -> str | None:
-        """The name of a finished log; None if it must be done.
+    def finished(
+        self, log: BatchLog, context: str, places: Collection[str], *, rehash: bool
+    ) -> Record | None:
+        """The record of a finished log, updated to where its files are; None if it must be done.
 
-        ``key`` is the hash of its contents and options. A record of another log counts if that log
-        was moved: if its place is none of the ``places`` of the batch's logs.
+        ``context`` is the hash of what all logs share. A record of another log counts if that log
+        was moved: if its place is none of the ``places`` of the batch's logs. A log whose files
+        have sizes that no record has is new, and is not hashed.
         """
-        for name in self._by_key.get(key, ()):
+        sizes = sizes_of(log)
+        if tuple(sorted(size for size, _ in sizes.values())) not in self._sizes:
+            return None
+        try:
+            stamps = stamps_of(sizes, known=None if rehash else self._stamps)
+        except OSError:  # the task reports it
+            return None
+        for name in self._by_key.get(key_of(context, stamps), ()):
             record = self.records[name]
             is_own = record.place == log.place or record.place not in places
             if is_own and self._is_whole(record):
-                return name
+                now = msgspec.structs.replace(record, log=log.label, place=log.place, files=stamps)
+                if now != record:
+                    self.keep_record(name, now)
+                return now
         return None
 
     def named(self, logs: Iterable[BatchLog], suffixes: tuple[str, ...]) -> list[BatchLog]:
@@ -164,8 +176,8 @@ class ResultFolder:
                 self.records[path.stem] = record
                 self._owners[path.stem] = record.place
                 self._by_key.setdefault(record.key, []).append(path.stem)
-                self.stamps |= {stamp.path: stamp for stamp in record.files}
-                self.sizes.add(tuple(sorted(stamp.size for stamp in record.files)))
+                self._stamps |= {stamp.path: stamp for stamp in record.files}
+                self._sizes.add(tuple(sorted(stamp.size for stamp in record.files)))
         self._by_key.pop(None, None)
 
     def _is_whole(self, record: Record) -> bool:
