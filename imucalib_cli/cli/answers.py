@@ -9,7 +9,9 @@ from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.output import (
     chosen_format,
     deliver,
+    is_quiet,
     is_terminal,
+    remark,
     say,
     say_error,
     say_text,
@@ -28,12 +30,12 @@ if TYPE_CHECKING:
     from imucalib_cli.results.result import Result
 
 
-def write_results(results: Sequence[Result], fmt: str, target: Path | None, *, quiet: bool) -> None:
+def write_results(results: Sequence[Result], fmt: str, target: Path | None) -> None:
     """Write results in a format to a file, or to stdout."""
     if results and fmt == "summary" and target is None:
         show(_in_words(results, sys.stdout))
     elif results:
-        deliver(FORMATS[fmt].render(results), target, quiet=quiet)
+        deliver(FORMATS[fmt].render(results), target)
 
 
 def deliverable(results: Sequence[Result], fmt: str, *, force: bool) -> list[Result]:
@@ -62,6 +64,8 @@ def report_findings(
 
     Where stdout has words, a ``hint`` says how to get the result as YAML.
     """
+    if is_quiet():
+        return
     from imucalib_cli.results.fields import findings_of, reasons
 
     in_words = fmt == "summary" and target is None
@@ -90,7 +94,6 @@ def give_answers(
     *,
     fmt: str | None,
     output: Path | None,
-    quiet: bool,
 ) -> int:
     """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU."""
     from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
@@ -112,14 +115,13 @@ def give_answers(
         "summary": to_words,
     }
     chosen = chosen_format(fmt, output)
-    if not quiet:
-        for finding in findings:
-            say(finding.label, finding.text)
+    for finding in findings:
+        remark(finding.label, finding.text)
     if answers:
-        deliver(renderers[chosen](answers), output, quiet=quiet)
-    if not quiet and (chosen != "summary" or output is not None):
+        deliver(renderers[chosen](answers), output)
+    if chosen != "summary" or output is not None:
         for answer in answers:
-            say(answer.verdict, named(answer, answer.reason, several=several))
+            remark(answer.verdict, named(answer, answer.reason, several=several))
     for failure in failures:
         say_error(failure)
     return exit_code_of_answers(answers, failures)

@@ -44,7 +44,6 @@ def write_extras(
     read: Iterable[Path],
     written: Iterable[Path],
     force: bool,
-    quiet: bool,
 ) -> list[ImucalibError]:
     """Write the files, each whole or not at all, and say so.
 
@@ -67,7 +66,7 @@ def write_extras(
                 read=read, written=[*before, *places], force=force, made_here=is_own_output
             )
             for place, content in contents:
-                deliver(content, place, quiet=quiet)
+                deliver(content, place)
             before += places
         except ImucalibError as error:
             failures.append(error)

@@ -147,7 +147,6 @@ def deliver_into(
     fmt: str,
     *,
     force: bool,
-    quiet: bool,
     read: Iterable[Path],
 ) -> list[Path]:
     """Write ``<log>.<imu>.<suffix>`` for each IMU into a folder, which is made if it is missing.
@@ -194,7 +193,7 @@ def deliver_into(
             )
     check_places(read=read, written=texts, force=force)
     for path, text in texts.items():
-        deliver(text, path, quiet=quiet)
+        deliver(text, path)
     for words in warnings:
         say("warning", words)
     return list(texts)

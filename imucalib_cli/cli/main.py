@@ -14,7 +14,7 @@ from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE, EXIT_CODES, EXIT_INPUT
 from imucalib_cli.cli.help import Command
 from imucalib_cli.cli.interruption import EXIT_INTERRUPTED, was_interrupted
 from imucalib_cli.cli.options import with_groups
-from imucalib_cli.cli.output import deliver, guard_streams, say, say_error
+from imucalib_cli.cli.output import be_quiet, deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
@@ -94,6 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(list(sys.argv[1:] if argv is None else argv))
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
+    finally:
+        be_quiet(False)  # whoever calls again from Python has not asked for it
 
 
 def _prepare_process() -> None:

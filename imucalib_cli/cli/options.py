@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 import typer
 
 from imucalib_cli.cli import complete, parsers
+from imucalib_cli.cli.output import be_quiet
 from imucalib_cli.results.formats import FORMATS
 
 if TYPE_CHECKING:
@@ -186,7 +187,11 @@ AllowRemoteScan = Annotated[
 Verbose = Annotated[
     bool, output_option("-v", "--verbose", help="Print what was read over the network.")
 ]
-Quiet = Annotated[bool, output_option("-q", "--quiet", help="Print only errors on stderr.")]
+Quiet = Annotated[
+    bool,
+    output_option("-q", "--quiet", callback=be_quiet, help="Print only errors on stderr."),
+]
+"""It acts by itself: see output.remark."""
 
 
 # Nobody compares or prints options: without __eq__ and __repr__ --help is 5 ms faster.

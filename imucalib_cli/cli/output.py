@@ -41,7 +41,7 @@ def chosen_format(asked: str | None, output: Path | None) -> str:
     return asked or ("summary" if output is None and is_terminal(sys.stdout) else "yaml")
 
 
-def deliver(content: str | bytes, output: Path | None = None, *, quiet: bool = False) -> None:
+def deliver(content: str | bytes, output: Path | None = None) -> None:
     """Write a result to a file and say so; without a file, to stdout.
 
     Raises:
@@ -55,20 +55,17 @@ def deliver(content: str | bytes, output: Path | None = None, *, quiet: bool = F
     from imucalib_cli.results.atomic import write_whole
 
     write_whole(output, content)
-    if not quiet:
-        say("wrote", output)
+    remark("wrote", output)
 
 
-def deliver_blocks(
-    blocks: Iterable[Block], output: Path | None = None, *, quiet: bool = False
-) -> None:
+def deliver_blocks(blocks: Iterable[Block], output: Path | None = None) -> None:
     """Write lines and tables to a file; without a file, to stdout.
 
     Raises:
         InputError: As results.atomic.write_whole.
     """
     if output is not None or not is_terminal(sys.stdout):
-        deliver(plain(blocks), output, quiet=quiet)
+        deliver(plain(blocks), output)
         return
     size = shutil.get_terminal_size()
     for block in blocks:
@@ -144,6 +141,29 @@ def say(word: str, sentence: object) -> None:
     if len(line) > _LONGEST:
         line = f"{line[:_LONGEST]}… ({len(line)} letters)"
     say_text(f"{word}: {line}\n")
+
+
+class _Asked:
+    """What the command line asks for."""
+
+    quiet = False
+
+
+def be_quiet(wanted: bool) -> bool:
+    """Let :func:`remark` print nothing from now on, or all again; the callback of --quiet."""
+    _Asked.quiet = wanted
+    return wanted
+
+
+def is_quiet() -> bool:
+    """Whether only errors are to be printed on stderr."""
+    return _Asked.quiet
+
+
+def remark(word: str, sentence: object) -> None:
+    """As :func:`say`, unless only errors are to be printed."""
+    if not is_quiet():
+        say(word, sentence)
 
 
 def say_error(error: ImucalibError) -> None:

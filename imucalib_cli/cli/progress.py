@@ -10,7 +10,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.interruption import last_words
-from imucalib_cli.cli.output import say, say_text, takes_codes
+from imucalib_cli.cli.output import is_quiet, say, say_text, takes_codes
 from imucalib_cli.shown import printable
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ class ProgressBar:
     The bar appears on stderr after two seconds, if stderr is a terminal.
     """
 
-    def __init__(self, *, quiet: bool = False) -> None:
-        self._enabled = takes_codes(sys.stderr) and not quiet
+    def __init__(self) -> None:
+        self._enabled = takes_codes(sys.stderr) and not is_quiet()
         self._lock = threading.Lock()
         self._state: dict[str, Any] = {"description": "starting", "total": None, "completed": 0.0}
         self._bar: Progress | None = None
@@ -114,12 +114,12 @@ class CountProgress:
     _: KW_ONLY
     fresh: bool
     jobs: int
-    quiet: bool
 
     def __post_init__(self) -> None:
-        self._bar = ProgressBar(quiet=self.quiet)
+        self._bar = ProgressBar()
         self._leaving = ExitStack()
-        self._lines = not takes_codes(sys.stderr) and not self.quiet
+        self._is_quiet = is_quiet()
+        self._lines = not takes_codes(sys.stderr) and not self._is_quiet
         self._lock = threading.Lock()
         self._begun = time.monotonic()
         self._before: int | None = None
@@ -169,9 +169,9 @@ class CountProgress:
                 say(self.name, words)
 
     def _say_interrupted(self) -> None:
-        if self.quiet or not self._all or self.place is None:
+        if self._is_quiet or not self._all or self.place is None:
             return
-        self.quiet = True  # once is enough
+        self._is_quiet = True  # once is enough
         again = f"the same command {'without --fresh ' if self.fresh else ''}goes on"
         kept = f"{self._done} of {self._all} {self._counted} are kept in {self.place}; {again}"
         say("interrupted", kept if self._done else f"none of {self._all} {self._counted} was done")

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import display_name, read_result_file, read_result_files
-from imucalib_cli.results.comparison.verdicts import diff
 from imucalib_cli.robot.urdf import load_robot
 
 if TYPE_CHECKING:
@@ -38,6 +37,8 @@ def diff_results(
     Raises:
         InputError: The first file or the URDF cannot be used.
     """
+    from imucalib_cli.results.comparison.verdicts import diff
+
     before = read_result_file(first)
     robot = None if urdf is None else load_robot(urdf)
     answers: list[DiffAnswer] = []

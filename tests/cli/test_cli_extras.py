@@ -71,7 +71,7 @@ def windows_of(outcome: Outcome) -> WindowSeries:
 def write_all(outcome: Outcome, written: Sequence[Path] = (), /, **files: Path) -> list[Any]:
     """Write the files; returns the errors."""
     extras = ExtraFiles(**{**dict.fromkeys(EXTRAS), **files})
-    return write_extras(extras, outcome, read=[], written=written, force=False, quiet=False)
+    return write_extras(extras, outcome, read=[], written=written, force=False)
 
 
 def write(outcome: Outcome, **files: Path) -> None:

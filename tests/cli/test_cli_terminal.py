@@ -313,7 +313,7 @@ def test_long_name_in_message_is_handled_quickly() -> None:
 
 
 def test_one_task_is_counted_in_the_singular(capsys: pytest.CaptureFixture[str]) -> None:
-    progress = CountProgress("batch", "logs", Path("out"), fresh=False, jobs=1, quiet=False)
+    progress = CountProgress("batch", "logs", Path("out"), fresh=False, jobs=1)
     progress.report(0, 1)
     progress.__exit__(KeyboardInterrupt)
     assert capsys.readouterr().err == "interrupted: none of 1 log was done\n"

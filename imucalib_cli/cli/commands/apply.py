@@ -5,10 +5,10 @@ from pathlib import Path
 import typer
 
 from imucalib_cli.cli import complete
-from imucalib_cli.cli.exit_codes import exit_code, worst
+from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, files_of
 from imucalib_cli.cli.options import OutputFile, Quiet, ResultFiles, output_option
-from imucalib_cli.cli.output import deliver, say, say_error
+from imucalib_cli.cli.output import deliver, remark, say_error
 from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.errors import ChoiceError
 
@@ -44,7 +44,7 @@ def apply_command(
         "--force",
         help="Use a result that should not be trusted, and overwrite another URDF or a log.",
     ),
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
 ) -> None:
     """Write a URDF with each IMU's joint at the calibrated pose; all other bytes stay the same."""
     from imucalib_cli.jobs.apply import apply
@@ -67,10 +67,9 @@ def apply_command(
         applied = apply(names, urdf, imus=imu or (), add=add, kinematics=kinematics, force=force)
         if applied.content is not None:
             outputs.check(force=force, made_here=applied.made)
-            deliver(applied.content, urdf if in_place else output, quiet=quiet)
-        if not quiet:
-            for change in applied.changes:
-                say("applied", change)
+            deliver(applied.content, urdf if in_place else output)
+        for change in applied.changes:
+            remark("applied", change)
         for failure in applied.failures:
             say_error(failure)
-        raise typer.Exit(worst(exit_code(failure) for failure in applied.failures))
+        raise typer.Exit(exit_code_of(applied.failures))

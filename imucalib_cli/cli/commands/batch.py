@@ -12,7 +12,15 @@ import typer
 from imucalib_cli.cli import options, parsers
 from imucalib_cli.cli.exit_codes import exit_code_of, worst
 from imucalib_cli.cli.files import Outputs, files_of, given_names
-from imucalib_cli.cli.output import deliver, deliver_blocks, is_terminal, say, say_text
+from imucalib_cli.cli.output import (
+    deliver,
+    deliver_blocks,
+    is_quiet,
+    is_terminal,
+    remark,
+    say,
+    say_text,
+)
 from imucalib_cli.errors import ChoiceError, InputError
 
 if TYPE_CHECKING:
@@ -94,7 +102,7 @@ def batch_command(
         "--rehash",
         help="Read all logs to check for changes, even if size and time are the same.",
     ),
-    quiet: options.Quiet = False,
+    _quiet: options.Quiet = False,
 ) -> None:
     """Calibrate many logs, each alone, with the same options; continues after an interruption."""
     from imucalib_cli.batch.batch import Batch
@@ -111,8 +119,7 @@ def batch_command(
     from imucalib_cli.robot.urdf import load_robot
 
     def tell(finding: "Finding") -> None:
-        if not quiet:
-            say("note", finding.message)
+        remark("note", finding.message)
 
     with Outputs(markdown, junit, read=files_of(recording.urdf, estimator.imu_model)) as outputs:
         _check_options(output, extras, dask, workers or memory)
@@ -152,19 +159,19 @@ def batch_command(
         )
         records: dict[BatchLog, Record] = {}
         with (
-            CountProgress("batch", "logs", output, fresh=fresh, jobs=jobs, quiet=quiet) as progress,
+            CountProgress("batch", "logs", output, fresh=fresh, jobs=jobs) as progress,
             closing(batch.run(progress.report)) as done,
         ):
             for log, record in done:
                 records[log] = record
-                _tell(record, quiet=quiet)
+                _tell(record)
                 if chosen == "jsonl":
                     deliver(json_line(record))
         ordered = [records[log] for log in found.logs]
-        _give(ordered, chosen, {"markdown": markdown, "junit": junit}, quiet=quiet)
-    if not quiet and chosen != "summary":
+        _give(ordered, chosen, {"markdown": markdown, "junit": junit})
+    if chosen != "summary":
         kept = "" if output is None else f"; {output / SUMMARY}"
-        say("batch", f"{counted(ordered)}{kept}")
+        remark("batch", f"{counted(ordered)}{kept}")
     raise typer.Exit(worst(record.exit_code for record in ordered))
 
 
@@ -184,9 +191,7 @@ def _check_options(
         )
 
 
-def _give(
-    records: "Sequence[Record]", chosen: str, files: "dict[str, Path | None]", *, quiet: bool
-) -> None:
+def _give(records: "Sequence[Record]", chosen: str, files: "dict[str, Path | None]") -> None:
     """Write a table of all logs in the chosen form to stdout, and others to files."""
     from imucalib_cli.batch.tables import TABLES, words
 
@@ -196,7 +201,7 @@ def _give(
         deliver(TABLES[chosen](records))
     for form, path in files.items():
         if path is not None:
-            deliver(TABLES[form](records), path, quiet=quiet)
+            deliver(TABLES[form](records), path)
 
 
 def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) -> "Engine":
@@ -209,15 +214,14 @@ def _engine(dask: str | None, workers: int, memory: int, timeout: float | None) 
     return DaskWorkers(dask, workers, memory, timeout)
 
 
-def _tell(record: "Record", *, quiet: bool) -> None:
+def _tell(record: "Record") -> None:
     """Print what is wrong with a log; on GitHub in the form that GitHub shows."""
     from imucalib_cli.batch.tables import complaints, github_lines
 
     if os.environ.get("GITHUB_ACTIONS") == "true":
         for line in github_lines(record):
-            if line.startswith("::error") or not quiet:
+            if line.startswith("::error") or not is_quiet():
                 say_text(f"{line}\n")
         return
     for word, sentence in complaints(record):
-        if word == "error" or not quiet:
-            say(word, sentence)
+        (say if word == "error" else remark)(word, sentence)

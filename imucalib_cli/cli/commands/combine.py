@@ -5,7 +5,7 @@ import typer
 from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, files_of, given_names
-from imucalib_cli.cli.output import chosen_format, say, say_error
+from imucalib_cli.cli.output import chosen_format, remark, say_error
 from imucalib_cli.cli.parsers import local_file
 
 
@@ -21,7 +21,7 @@ def combine_command(
     output: options.OutputFile = None,
     require: options.Require = None,
     force: options.Force = False,
-    quiet: options.Quiet = False,
+    _quiet: options.Quiet = False,
 ) -> None:
     """Solve several logs of one mount together, or one again with other priors, without the logs.
 
@@ -35,15 +35,14 @@ def combine_command(
     paths = [local_file(each) for each in given_names(results, "results")]
     with Outputs(output, read=files_of(*paths)) as outputs:
         logs, foreign, unread = read_statistics_files(paths)
-        for each in () if quiet else foreign:
-            say("note", f"{each}: holds no statistics of imucalib and is left out")
+        for each in foreign:
+            remark("note", f"{each}: holds no statistics of imucalib and is left out")
         outputs.read += files_of(*(log.name for log in logs))
         outputs.check(force=force)
         found, failures = combine(logs, changed_options(known), require)
         chosen = chosen_format(fmt, output)
-        write_results(deliverable(found, chosen, force=force), chosen, output, quiet=quiet)
-        if not quiet:
-            report_findings(found, chosen, output, hint=fmt is None)
+        write_results(deliverable(found, chosen, force=force), chosen, output)
+        report_findings(found, chosen, output, hint=fmt is None)
         for failure in (unused := [*unread, *failures]):
             say_error(failure)
         raise typer.Exit(exit_code_of(unused, found))

@@ -9,7 +9,7 @@ from imucalib_cli.cli import complete
 from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
 from imucalib_cli.cli.options import WORDS_OR_YAML, OutputFile, Quiet, output_option
-from imucalib_cli.cli.output import chosen_format, deliver, deliver_blocks, say
+from imucalib_cli.cli.output import chosen_format, deliver, deliver_blocks, remark
 from imucalib_cli.cli.parsers import local_file, named
 
 
@@ -51,7 +51,7 @@ def compare_command(
         show_default=WORDS_OR_YAML,
     ),
     output: OutputFile = None,
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
 ) -> None:
     """Compare a result with Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     with writing(output, read=files_of(result, kalibr, truth, urdf)):
@@ -63,19 +63,18 @@ def compare_command(
         )
         chosen = chosen_format(fmt, output)
         if chosen == "summary":
-            deliver_blocks(words, output, quiet=quiet)
+            deliver_blocks(words, output)
         else:
-            deliver((to_json if chosen == "json" else to_yaml)([answer]), output, quiet=quiet)
+            deliver((to_json if chosen == "json" else to_yaml)([answer]), output)
         trusted = answer.status == "ok"
-        if not quiet:
-            if chosen != "summary":
-                say("compared", answer.reason)
-            for warning in answer.warnings:
-                say("warning", warning)
-            if not trusted:
-                say(
-                    "warning",
-                    f"{result}: the result should not be trusted, so this comparison is not valid "
-                    "either",
-                )
+        if chosen != "summary":
+            remark("compared", answer.reason)
+        for warning in answer.warnings:
+            remark("warning", warning)
+        if not trusted:
+            remark(
+                "warning",
+                f"{result}: the result should not be trusted, so this comparison is not valid "
+                "either",
+            )
         raise typer.Exit(EXIT_OK if trusted else EXIT_UNTRUSTED)

@@ -28,7 +28,7 @@ def diff_command(
     within: Within = None,
     fmt: AnswersFormat = None,
     output: OutputFile = None,
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
 ) -> None:
     """Has the mount moved since the first result? Exit 0: no, 4: yes, 3: unknown."""
     with writing(output, read=files_of(first, *others, urdf)):
@@ -42,6 +42,4 @@ def diff_command(
             for answer in answers
             for warning in answer.warnings
         ]
-        raise typer.Exit(
-            give_answers(answers, failures, warnings, fmt=fmt, output=output, quiet=quiet)
-        )
+        raise typer.Exit(give_answers(answers, failures, warnings, fmt=fmt, output=output))

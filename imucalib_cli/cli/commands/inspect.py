@@ -32,7 +32,7 @@ def inspect_command(
         "summary", "--format", help="Format of the report; summary: plain text."
     ),
     output: options.OutputFile = None,
-    quiet: options.Quiet = False,
+    _quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
     """Show topics, rates, gaps, stamps and units of a log, and the command to run on it."""
@@ -44,7 +44,7 @@ def inspect_command(
         writing(output, read=files_of(*logs, urdf)),
         reading(*logs, urdf, verbose=verbose),
     ):
-        with ProgressBar(quiet=quiet) as bar:
+        with ProgressBar() as bar:
             request = CalibrationRequest(
                 logs=tuple(logs),
                 urdf=urdf,
@@ -55,6 +55,6 @@ def inspect_command(
             )
             report = inspect(request, bar.report)
         if fmt == "json":
-            deliver(report.as_json(), output, quiet=quiet)
+            deliver(report.as_json(), output)
         else:
-            deliver_blocks(report.blocks(), output, quiet=quiet)
+            deliver_blocks(report.blocks(), output)

@@ -19,7 +19,7 @@ def report_command(
     ),
     *,
     output: OutputFile = None,
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
 ) -> None:
     """Write a result as one HTML page that needs no network.
 
@@ -33,4 +33,4 @@ def report_command(
     with writing(output, read=files_of(result)):
         from imucalib_cli.jobs.report import report_of_file
 
-        deliver(report_of_file(result), output, quiet=quiet)
+        deliver(report_of_file(result), output)

@@ -51,7 +51,7 @@ def run_command(
         "priors, and the errors that no log can determine.",
     ),
     extras: options.ExtraFiles,
-    quiet: options.Quiet = False,
+    _quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
     """Find the pose of every IMU of a recording on the robot."""
@@ -77,7 +77,7 @@ def run_command(
         chosen = chosen_format(fmt, target)
         if together:
             _check_together(logs, estimator, beside, kinematics_report=kinematics_report)
-        with ProgressBar(quiet=quiet) as bar:
+        with ProgressBar() as bar:
             if together:
                 from imucalib_cli.jobs.combine import calibrate_together
 
@@ -87,20 +87,15 @@ def run_command(
                 found, failures = list(outcome.results), list(outcome.failures)
         results = deliverable(found, chosen, force=force)
         if folder is not None and (results or (found and beside)):
-            single = deliver_into(
-                folder, results, logs[0], chosen, force=force, quiet=quiet, read=read
-            )
+            single = deliver_into(folder, results, logs[0], chosen, force=force, read=read)
         else:
-            write_results(results, chosen, target, quiet=quiet)
+            write_results(results, chosen, target)
         if not together:
-            failures += write_extras(
-                extras, outcome, read=read, written=single, force=force, quiet=quiet
-            )
+            failures += write_extras(extras, outcome, read=read, written=single, force=force)
             if kinematics_report:
                 # to stderr where stdout has a result for programs
                 _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
-        if not quiet:
-            report_findings(found, chosen, target, hint=fmt is None)
+        report_findings(found, chosen, target, hint=fmt is None)
         for failure in failures:
             say_error(failure)
         raise typer.Exit(exit_code_of(failures, found))

@@ -18,7 +18,7 @@ from typer.models import OptionInfo
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet, flag_of
-from imucalib_cli.cli.output import say
+from imucalib_cli.cli.output import remark
 from imucalib_cli.cli.parsers import (
     imu_name,
     local_file,
@@ -156,7 +156,7 @@ def simulate_command(
         "another log.",
     ),
     seed: int = typer.Option(0, min=0, help="Seed of all noise."),
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
     options: AllOptions,
 ) -> None:
     """Simulate a robot with IMUs and write a log, with the ground truth next to it.
@@ -174,7 +174,7 @@ def simulate_command(
         from imucalib_cli.simulate.camera_config import load_camera
 
         chosen, camera = load_camera(options.camera_config or chosen.name, chosen)
-    with ProgressBar(quiet=quiet) as bar:
+    with ProgressBar() as bar:
         truth = simulate(
             chosen,
             output,
@@ -189,8 +189,7 @@ def simulate_command(
             progress=lambda share: bar.report(f"simulating {chosen.name}", share),
             writing=lambda share: bar.report(f"writing {output}", share),
         )
-    if not quiet:
-        _say_what_was_written(truth, output, urdf)
+    _say_what_was_written(truth, output, urdf)
 
 
 def _with_options(defaults: Options, options: SimulateOptions) -> Options:
@@ -242,7 +241,7 @@ def _say_what_was_written(truth: dict[str, Any], output: Path, urdf: Path | None
     log, camera = truth["log"], truth.get("camera")
     imus = [imu["log"] for imu in truth.get("imus", [truth])]
     messages, saturated = (sum(imu[of] for imu in imus) for of in ("imu_messages", "imu_saturated"))
-    say(
+    remark(
         "wrote",
         f"{output}: {log['duration']:g} s, {messages} Imu messages"
         + (f" of {len(imus)} IMUs" if len(imus) > 1 else "")
@@ -252,17 +251,17 @@ def _say_what_was_written(truth: dict[str, Any], output: Path, urdf: Path | None
     if camera is not None:
         from imucalib_cli.simulate.camera.kalibr import kalibr_command
 
-        say(
+        remark(
             "images",
             f"{camera['images']}, in which {camera['tags_seen']:.1%} of the tags are "
             f"seen, never fewer than {camera['fewest_tags']}",
         )
         if output.suffix == ".bag":
-            say("kalibr", kalibr_command(output))
+            remark("kalibr", kalibr_command(output))
         else:
-            say("kalibr", f"reads ROS 1 bags only: for it give -o {output.with_suffix('.bag')}")
+            remark("kalibr", f"reads ROS 1 bags only: for it give -o {output.with_suffix('.bag')}")
     if saturated:
-        say(
+        remark(
             "warning",
             f"{saturated} of {messages} Imu messages are cut off at the "
             "sensor's range: set a larger one with --accel-range or --gyro-range, or take slower "

@@ -10,7 +10,7 @@ import typer
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
 from imucalib_cli.cli.options import Quiet
-from imucalib_cli.cli.output import deliver, deliver_blocks, is_terminal, say
+from imucalib_cli.cli.output import deliver, deliver_blocks, is_terminal, remark
 from imucalib_cli.cli.parsers import local_file, output_folder
 from imucalib_cli.errors import ChoiceError
 
@@ -60,7 +60,7 @@ def study_command(
     figures: bool = typer.Option(
         True, "--figures/--no-figures", help="Draw the figures, if the study has any."
     ),
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
 ) -> None:
     """Repeat an experiment of the paper, or do one it leaves open; continues after interruptions.
 
@@ -89,17 +89,14 @@ def study_command(
     file = folder / f"{name}{suffix}.jsonl"
     if figures and study.figures([]) and not can_draw():
         figures = False
-        if not quiet:
-            say("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
+        remark("warning", "no figures without matplotlib: pip install 'imucalib[study]'")
     if folder.is_dir():  # else nothing in it can be lost
         from imucalib_cli.results.overwrite_checks import check_places
 
         drawn = [folder / f"{figure}{suffix}.svg" for figure in study.figures([])]
         check_places(read=files_of(config), written=[file, *drawn])
     at_a_time = workers or os.cpu_count() or 1
-    with CountProgress(
-        name, "runs", file, "rows", fresh=fresh, jobs=at_a_time, quiet=quiet
-    ) as progress:
+    with CountProgress(name, "runs", file, "rows", fresh=fresh, jobs=at_a_time) as progress:
         rows = run_study(
             study,
             file,
@@ -110,13 +107,11 @@ def study_command(
         )
     tables = _tables(study, rows, file, old=progress.before > 0)
     _print(tables, fmt)
-    if not quiet:
-        say("rows", file)
+    remark("rows", file)
     for figure, draw in study.figures(rows).items() if figures else ():
         path = folder / f"{figure}{suffix}.svg"
         draw(path)
-        if not quiet:
-            say("figure", path)
+        remark("figure", path)
 
 
 def _print(tables: "list[StudyTable]", fmt: "TableFormat | None") -> None:

@@ -16,7 +16,7 @@ from imucalib_cli.cli.options import (
     file_option,
     output_option,
 )
-from imucalib_cli.cli.output import deliver, deliver_blocks, say, say_error
+from imucalib_cli.cli.output import deliver, deliver_blocks, remark, say_error
 from imucalib_cli.cli.parsers import moment
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def trend_command(
     plot: Path | None = file_option(
         "FILE.svg|.pdf|.png", help="Also draw the mount over time with 1 sigma."
     ),
-    quiet: Quiet = False,
+    _quiet: Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0: no, 4: yes, 3: unknown."""
     from imucalib_cli.jobs.diff import trend_of
@@ -62,36 +62,31 @@ def trend_command(
         outputs.check()
         answers, failures = trend_of(names, within, since)
         if answers:  # else an earlier output stays
-            _deliver(answers, fmt, output, plot, quiet=quiet)
-        for answer in () if quiet else answers:
+            _deliver(answers, fmt, output, plot)
+        for answer in answers:
             for warning in answer.warnings:
-                say("warning", warning)
+                remark("warning", warning)
             if fmt != "summary" or output is not None:
                 for each in answer.left_out:
-                    say("left out", f"{each.file}: {each.reason}")
-                say(answer.verdict, answer.reason)
+                    remark("left out", f"{each.file}: {each.reason}")
+                remark(answer.verdict, answer.reason)
         for failure in failures:
             say_error(failure)
         raise typer.Exit(exit_code_of_answers(answers, failures))
 
 
 def _deliver(
-    answers: "Sequence[TrendAnswer]",
-    fmt: str,
-    output: Path | None,
-    plot: Path | None,
-    *,
-    quiet: bool,
+    answers: "Sequence[TrendAnswer]", fmt: str, output: Path | None, plot: Path | None
 ) -> None:
     from imucalib_cli.results.trend.table import as_csv, blocks
 
     if fmt == "summary":
-        deliver_blocks(blocks(answers), output, quiet=quiet)
+        deliver_blocks(blocks(answers), output)
     else:
         from imucalib_cli.results.codec import to_jsonl
 
-        deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output, quiet=quiet)
+        deliver((as_csv if fmt == "csv" else to_jsonl)(answers), output)
     if plot is not None:
         from imucalib_cli.report.paper_plot import draw_trends
 
-        deliver(draw_trends(answers, plot.suffix.lower()), plot, quiet=quiet)
+        deliver(draw_trends(answers, plot.suffix.lower()), plot)

@@ -41,7 +41,7 @@ def verify_command(
     ),
     fmt: options.AnswersFormat = None,
     output: options.OutputFile = None,
-    quiet: options.Quiet = False,
+    _quiet: options.Quiet = False,
     verbose: options.Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
@@ -76,7 +76,7 @@ def verify_command(
             )
         else:
             request = calibration_request(ctx, paths, recording, estimator)
-            with ProgressBar(quiet=quiet) as bar:
+            with ProgressBar() as bar:
                 found = verify_recording(request, within, bar.report, ignored=ignored)
         by_file: dict[str, list[VerifyAnswer]] = {}
         for answer in found[0]:
@@ -86,7 +86,7 @@ def verify_command(
             for given in by_file.values()
             for each in findings_of([answer.found for answer in given])
         ]
-        raise typer.Exit(give_answers(*found, findings, fmt=fmt, output=output, quiet=quiet))
+        raise typer.Exit(give_answers(*found, findings, fmt=fmt, output=output))
 
 
 def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
