@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from imucalib_cli.errors import InputError
 from imucalib_cli.report.chart import plain
 from imucalib_cli.report.figures import figures
 from imucalib_cli.results.fields import judgement, sections, solved_with
@@ -135,10 +136,13 @@ def _copies(result: Result) -> str:
         for name, each in FORMATS.items():
             if each.is_bare_pose:
                 opened = " open" if name == _FIRST else ""
-                text = each.command + each.render([result])
+                try:
+                    shown = _copied(each.command + each.render([result]))
+                except InputError as refused:  # a name that this format cannot hold
+                    shown = f"<p>{as_html(str(refused))}</p>"
                 entries.append(
                     f"<details{opened}><summary><code>{name}</code>: "
-                    f"{as_html(each.words)}</summary>{_copied(text)}</details>"
+                    f"{as_html(each.words)}</summary>{shown}</details>"
                 )
     else:
         note = (

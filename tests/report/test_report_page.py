@@ -172,6 +172,13 @@ def test_names_from_the_log_are_escaped(result: Result, details: Details) -> Non
     assert data_of(text)["mounts"]["imu0-mount"]["child"].startswith("</script>")
 
 
+def test_a_name_that_a_format_cannot_hold_is_told_there(result: Result) -> None:
+    text = page([Material(result=edited(result, "transform.child", "${1+1}_imu"))])
+    shown = outline(text).texts
+    assert any("xacro would evaluate it" in each for each in shown)
+    assert any("--child-frame-id '${1+1}_imu'" in each for each in shown)
+
+
 def test_untrusted_result_is_marked_first_and_hides_copy_blocks(result: Result) -> None:
     result = edited(result, "diagnostics.distrust", ["the mount moved"])
     text = page([Material(result=edited(result, "status", "untrusted"))])
