@@ -12,7 +12,7 @@ from imucalib_cli.logs.messages.protobuf import EXTRA, is_damaged, is_installed
 from imucalib_cli.logs.messages.shapes import numbers_of
 from imucalib_cli.logs.messages.table import MESSAGE_TYPES
 from imucalib_cli.logs.open import check_csv_columns, open_files, readers_with
-from imucalib_cli.logs.reader import Topic, with_columns
+from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.shown import listed
 
@@ -124,11 +124,9 @@ class Log:
         wanted = set(topics)
         self._check(wanted)
         _check_one_recording(self._files, wanted)
-        collector = Collector(self._columns)
+        collector = Collector()
         for number, file in enumerate(self._files):
-            channels = [
-                each.number for each in self._channels(file) if each.name in wanted and each.kinds
-            ]
+            channels = [each for each in self._channels(file) if each.name in wanted and each.kinds]
 
             def tell(share: float, number: int = number) -> None:
                 if progress is not None:
@@ -186,7 +184,7 @@ class Log:
 
     def _channels(self, file: LogFile) -> tuple[Channel, ...]:
         """The channels of a file, with the joints that the user names."""
-        return tuple(with_columns(each, self._columns) for each in file.channels)
+        return tuple(replace(each, columns=self._columns.get(each.name)) for each in file.channels)
 
     def _check_columns(self, columns: JointColumns) -> None:
         """Check that a topic has the numbers that the user names as joints; ChoiceError if not."""

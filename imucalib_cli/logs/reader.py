@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -68,15 +68,6 @@ class Channel(Topic):
     """One publisher's messages on a topic, by the file's channel number."""
 
     number: int
-
-
-OneTopic = TypeVar("OneTopic", bound=Topic)
-
-
-def with_columns(topic: OneTopic, columns: Mapping[str, JointColumns]) -> OneTopic:
-    """A topic with the joints that the user names among its numbers."""
-    asked = columns.get(topic.name)
-    return topic if asked is None else replace(topic, columns=asked)
 
 
 @dataclass
@@ -215,8 +206,8 @@ class LogFile(ABC):
         return ""
 
     @abstractmethod
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        """Pass all messages of the wanted channels to the sink, in one pass."""
+    def read(self, wanted: Collection[Channel], sink: Sink, progress: Progress) -> None:
+        """Pass all messages of some of the channels to the sink, in one pass."""
 
 
 def cut(data: Bytes, starts: Integers, size: int) -> Bytes:

@@ -47,9 +47,9 @@ class OnePiece(LogFile):
         rows = {key: np.ones((COUNT, widths[key] or 2)) / 2 for key in numbers}
         self.piece = Piece(NS, NS, NS, values, rows)
 
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
-        for number in wanted:
-            sink.add_decoded(self.channels[number], self.piece)
+    def read(self, wanted: Collection[Channel], sink: Sink, progress: Progress) -> None:
+        for channel in wanted:
+            sink.add_decoded(channel, self.piece)
         progress(1.0)
 
 

@@ -92,13 +92,13 @@ class ChunkedFile(Grammar, LogFile):
             limits: (n,), end of the undamaged data after each offset.
         """
 
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+    def read(self, wanted: Collection[Channel], sink: Sink, progress: Progress) -> None:
         """Pass all messages of the wanted channels to the sink, in one pass.
 
         Chunks without wanted messages are not read; the others are unpacked up to the last wanted
         message.
         """
-        channels = {each.number: each for each in self.channels if each.number in wanted}
+        channels = {each.number: each for each in wanted}
         needed = [each for each in self._chunks if each.may_hold(channels)]
         base = 0
         with self._file.open("rb", buffering=0) as file:

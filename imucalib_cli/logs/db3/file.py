@@ -126,12 +126,12 @@ class Db3File(LogFile):
             catalogue.schemas[number] = (type_name, definitions.get(type_name, ""))
         return catalogue.channels(tallies)
 
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+    def read(self, wanted: Collection[Channel], sink: Sink, progress: Progress) -> None:
         """Pass all messages of the wanted channels to the sink, in one scan.
 
         SQLite accepts any type in any column: rows with other types are left out.
         """
-        channels = {each.number: each for each in self.channels if each.number in wanted}
+        channels = {each.number: each for each in wanted}
         total = max(1, sum(each.count for each in channels.values()))
         done = 0
         progress(0.0)

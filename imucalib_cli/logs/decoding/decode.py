@@ -10,7 +10,6 @@ import sys
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal, cast
 
 import numpy as np
@@ -19,14 +18,13 @@ from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.decoding.slow import decode_one
 from imucalib_cli.logs.decoding.wire import decode
 from imucalib_cli.logs.messages.columns import NO_JOINT
-from imucalib_cli.logs.reader import Piece, with_columns
+from imucalib_cli.logs.reader import Piece
 from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator
 
     from imucalib_cli.arrays import Bools, Bytes, Floats, Indices, Integers
-    from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.messages.table import Labels, MessageType
     from imucalib_cli.logs.reader import Channel
     from imucalib_cli.logs.streams import Nanoseconds
@@ -86,14 +84,9 @@ class _Block:
 
 
 class Collector:
-    """A :class:`~imucalib_cli.logs.reader.Sink` that decodes.
+    """A :class:`~imucalib_cli.logs.reader.Sink` that decodes."""
 
-    Args:
-        columns: The joints that the user names among the numbers of a topic, by its name.
-    """
-
-    def __init__(self, columns: Mapping[str, JointColumns] = MappingProxyType({})) -> None:
-        self._columns = columns
+    def __init__(self) -> None:
         self._messages_left = self._bytes_left = 0
         self.topics: dict[tuple[str, str], TopicData] = {}
         self._blocks: dict[tuple[str, str, str, str, int], _Block] = {}
@@ -114,7 +107,6 @@ class Collector:
         key = (channel.name, channel.type, channel.encoding, channel.definition, length)
         block = self._blocks.get(key)
         if block is None:
-            channel = with_columns(channel, self._columns)
             block = self._blocks[key] = _Block(channel, self._topic(channel))
         block.arrival.append(arrival + self._file_base)
         block.log_ns.append(log_ns)
@@ -127,7 +119,7 @@ class Collector:
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
         """Add decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
         piece.check(channel)
-        into = self._topic(with_columns(channel, self._columns))
+        into = self._topic(channel)
         into.messages += len(piece.log_ns) + bad
         into.undecoded += bad
         if len(piece.log_ns):

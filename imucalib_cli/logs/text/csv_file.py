@@ -255,11 +255,11 @@ class CsvFile(LogFile):
             tallies[number].add(np.array(group.times, dtype=np.int64))
         return catalogue.channels(tallies)
 
-    def read(self, wanted: Collection[int], sink: Sink, progress: Progress) -> None:
+    def read(self, wanted: Collection[Channel], sink: Sink, progress: Progress) -> None:
         """Pass the rows of the wanted channels to the sink."""
-        for channel, group in zip(self.channels, self._groups, strict=True):
-            if channel.number in wanted:
-                sink.add_decoded(channel, group.piece(), group.bad)
+        for channel in wanted:
+            group = self._groups[channel.number]
+            sink.add_decoded(channel, group.piece(), group.bad)
         progress(1.0)
 
     def _take(self, lines: Iterable[str], separator: str, time: int, unit: str) -> None:
