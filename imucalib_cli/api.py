@@ -21,7 +21,8 @@ from imucalib_cli.jobs.input.from_arrays import streams_of
 from imucalib_cli.jobs.input.recording import read_recording, recording_of
 from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked, unheard
 from imucalib_cli.logs.messages.columns import joint_columns
-from imucalib_cli.logs.remote.file import discarding_copies, path_or_url
+from imucalib_cli.logs.remote.file import path_or_url
+from imucalib_cli.logs.unpacked import removing_copies
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.requirement import Tolerance
@@ -261,7 +262,7 @@ def calibrate(
         require=require,
         allow_remote_scan=allow_remote_scan,
     )
-    with discarding_copies(request.logs):
+    with removing_copies():
         recording = read_recording(request, progress or unheard)
         if len(recording.imus) > 1:
             topics = ", ".join(imu.name for imu in recording.imus)

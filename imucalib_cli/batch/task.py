@@ -17,7 +17,7 @@ from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_has
 from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.logs.remote.file import discarding_copies
+from imucalib_cli.logs.unpacked import removing_copies
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.results.names import PART, names_of, shortened
 
@@ -149,7 +149,7 @@ class Task:
     def _outcome(self, log: BatchLog) -> Outcome:
         request = replace(self.request, logs=log.paths, details=bool(self.extras))
         # small matrices: threads cost more than they give, and another order of sums other digits
-        with threadpool_limits(limits=1, user_api="blas"), discarding_copies(log.paths):
+        with threadpool_limits(limits=1, user_api="blas"), removing_copies():
             return calibrate(request)
 
     def _has_its_urdf(self) -> bool:

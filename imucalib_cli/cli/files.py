@@ -73,14 +73,16 @@ def names_in(data: bytes) -> list[str]:
 @contextmanager
 def reading(*files: LogPath | None, verbose: bool) -> Iterator[None]:
     """Remove temporary copies at the end, and say what was read of each remote file."""
-    from imucalib_cli.logs.remote.file import discarding_copies
+    from imucalib_cli.logs.remote.file import RemoteFile
+    from imucalib_cli.logs.unpacked import removing_copies
 
-    with discarding_copies(files) as remote:
+    with removing_copies():
         try:
             yield
         finally:
-            for file in remote if verbose else ():
-                say("read", file.account)
+            for file in files if verbose else ():
+                if isinstance(file, RemoteFile):
+                    say("read", file.account)
 
 
 class Outputs:

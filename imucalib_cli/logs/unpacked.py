@@ -1,4 +1,4 @@
-"""Temporary copies of files that rosbag2 compressed as a whole, and of truncated databases."""
+"""Temporary copies: of compressed files, of damaged databases, of what is behind a URL."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def unpack(path: Path) -> tuple[Path, Finding | None]:
     import zstandard
 
     loss = None
-    target = _folder() / f"log{path.with_suffix('').suffix}"
+    target = temporary_folder() / f"log{path.with_suffix('').suffix}"
     with target.open("wb") as out, path.open("rb") as packed:
         reader = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         try:
@@ -90,7 +90,7 @@ def copy(path: Path, *, companions: bool) -> Path:
     Raises:
         InputError: The disk is full.
     """
-    folder = _folder()
+    folder = temporary_folder()
     try:
         for end in ("", "-wal", "-journal") if companions else ("",):
             source = path.with_name(path.name + end)
@@ -105,7 +105,7 @@ def copy(path: Path, *, companions: bool) -> Path:
     return folder / "log.db3"
 
 
-def _folder() -> Path:
+def temporary_folder() -> Path:
     """A folder that is removed at the end of :func:`removing_copies`, or of the process."""
     folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
     removals = _removals.get()

@@ -21,7 +21,6 @@ from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.logs import unpacked
 from imucalib_cli.logs.decoding import decode
 from imucalib_cli.logs.log import LogData, open_log
-from imucalib_cli.logs.remote.file import discarding_copies
 from tests.logs.logs_samples import (
     CHUNKED,
     Said,
@@ -474,7 +473,7 @@ def test_temporary_copies_are_removed_when_reading_is_done(
     packed.write_bytes(zstandard.compress(whole))
     cut.write_bytes(whole[:-4096])
     for path in (packed, cut):
-        with discarding_copies([path]):
+        with unpacked.removing_copies():
             assert open_log([path]).read(["/imu"]).imus
             assert len(list(temporary.iterdir())) == 1
         assert list(temporary.iterdir()) == []

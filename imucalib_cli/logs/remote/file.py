@@ -17,7 +17,7 @@ from urllib.parse import unquote
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.remote.store import AnyStore, NoRangesError, RemoteError, Traffic
 from imucalib_cli.logs.remote.url import file_name, is_url, protocol_of
-from imucalib_cli.logs.unpacked import removing_copies
+from imucalib_cli.logs.unpacked import temporary_folder
 from imucalib_cli.optional import optional
 from imucalib_cli.shown import without_secrets
 
@@ -61,7 +61,6 @@ class RemoteFile:
         self.name = file_name(address)
         self.traffic = Traffic()
         self.copy: Path | None = None
-        self._discard: Callable[[], object] = lambda: None
         self._kept: dict[int, bytes] = {}
         self._plan: list[Span] = []
         self._received: Received = lambda _: None
@@ -129,7 +128,9 @@ class RemoteFile:
             return file.read(most)
 
     def download(self, progress: Progress) -> Path:
-        """The whole file as a temporary one, which is removed with this object.
+        """The whole file as a temporary one, which is removed with this object or before.
+
+        See :func:`~imucalib_cli.logs.unpacked.removing_copies`.
 
         Args:
             progress: Called with the share done, 0 to 1, where the size is known.
@@ -138,16 +139,17 @@ class RemoteFile:
             InputError: The file cannot be read, or the disk is full.
         """
         with self._on_disk():
-            folder = Path(tempfile.mkdtemp(prefix="imucalib-"))
-        self._discard = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
-        self.copy = folder / self.name
+            folder = temporary_folder()
+        remove = weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        copy = folder / self.name
         try:
-            with self._on_disk(), self.copy.open("wb") as file:
+            with self._on_disk(), copy.open("wb") as file:
                 self._copy_to(file, _counting(lambda: self.size, progress))
         except BaseException:
-            self.discard()
+            remove()
             raise
-        return self.copy
+        self.copy = copy
+        return copy
 
     @contextmanager
     def _on_disk(self) -> Iterator[None]:
@@ -160,11 +162,6 @@ class RemoteFile:
                 f"{self} cannot be copied into the folder of temporary files: {error.strerror}; "
                 "free some space there or set TMPDIR"
             ) from error
-
-    def discard(self) -> None:
-        """Remove the temporary copy."""
-        self._discard()
-        self.copy = None
 
     def check_unchanged(self) -> None:
         """Check that the file did not change while it was read; InputError if it did."""
@@ -307,18 +304,6 @@ class RangedReader(io.RawIOBase):
         """Free the parts kept in memory."""
         self.file.forget()
         super().close()
-
-
-@contextmanager
-def discarding_copies(files: Iterable[Path | RemoteFile | None]) -> Iterator[list[RemoteFile]]:
-    """The remote ones among some files; temporary copies of all are removed at the end."""
-    remote = [each for each in files if isinstance(each, RemoteFile)]
-    try:
-        with removing_copies():
-            yield remote
-    finally:
-        for each in remote:
-            each.discard()
 
 
 def path_or_url(text: str) -> Path | RemoteFile:
