@@ -99,9 +99,9 @@ def _element(
                 texts[name] = _sound(text) if is_name else text
             case messages.Texts(path, name) if name:
                 texts[name] = tuple(map(_sound, _get(message, path)))
-            case messages.Numbers(path, _, name) | messages.NumberList(path, name) if name:
+            case messages.Numbers(path, count, name) if name:
                 values = _flatten(_get(message, path))
-                if isinstance(each, messages.Numbers) and len(values) != each.count:
+                if count not in {None, len(values)}:
                     raise WireError(f"{path} has {len(values)} numbers")
                 numbers.setdefault(name, []).extend(values)
             case _:

@@ -117,9 +117,8 @@ class _Shape:
         for each in fields:
             match each:
                 case messages.Numbers(_, count, name, kind):
-                    self._numbers(place, name, count, kind)
-                case messages.NumberList(_, name, kind):
-                    self._numbers(place, name, self._count(int(kind[1])), kind)
+                    known = self._count(int(kind[1])) if count is None else count
+                    self._numbers(place, name, known, kind)
                 case messages.Structs() | messages.Interfaces() | messages.Repeat():
                     self._structs(each, place)
                 case _:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.logs.messages.table import (
     NUMBER_TYPES,
-    NumberList,
     Numbers,
     Stamp,
     Structs,
@@ -109,12 +108,9 @@ def _msg_struct(type_name: str, prefix: str, spelling: _Spelling, depth: int) ->
         path = f"{prefix}{name}"
         full = kind if "/" in kind or kind in _PRIMITIVES else f"{package}/{kind}"
         count = int(array[1:-1]) if array[1:-1].isdigit() else None
-        is_number = kind in _PRIMITIVES
-        if not array or (is_number and count is not None):
-            leaves = _msg_leaves(kind, path, count or 1)
+        if not array or kind in _PRIMITIVES:
+            leaves = _msg_leaves(kind, path, count if array else 1)
             fields += leaves or _msg_struct(full, f"{path}.", spelling, depth + 1)
-        elif is_number:
-            fields.append(NumberList(path, type=_PRIMITIVES[kind]))
         elif kind == "string" and count is None:
             fields.append(Texts(path))
         else:
@@ -127,7 +123,7 @@ def _msg_struct(type_name: str, prefix: str, spelling: _Spelling, depth: int) ->
     return tuple(fields)
 
 
-def _msg_leaves(kind: str, path: str, count: int) -> tuple[Field, ...]:
+def _msg_leaves(kind: str, path: str, count: int | None) -> tuple[Field, ...]:
     """The fields of a type that needs no definition; none for another struct."""
     if kind in _PRIMITIVES:
         return (Numbers(path, count, type=_PRIMITIVES[kind]),)
@@ -178,7 +174,7 @@ def _json_struct(
             elif items.get("type") == "string":
                 fields.append(Texts(path))
             else:
-                fields.append(NumberList(path))
+                fields.append(Numbers(path, None))
         elif kind == "string":
             fields.append(Text(path))
         elif kind in {"number", "integer"}:
@@ -218,7 +214,7 @@ def _protobuf_struct(
                 fields.append(Structs(path, structs))
             else:
                 is_text = each.cpp_type == each.CPPTYPE_STRING
-                fields.append(Texts(path) if is_text else NumberList(path))
+                fields.append(Texts(path) if is_text else Numbers(path, None))
         elif inner is not None and inner.full_name.startswith("google.protobuf."):
             fields.append(Stamp(path, is_stamp=False))
         elif inner is not None:

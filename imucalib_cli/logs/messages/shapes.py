@@ -17,7 +17,6 @@ from imucalib_cli.logs.messages.table import (
     MESSAGE_TYPES,
     Interfaces,
     MessageType,
-    NumberList,
     Numbers,
     Repeat,
     Stamp,
@@ -169,7 +168,7 @@ def reading_of(
 def numbers_of(type_name: str, encoding: str, definition: str) -> tuple[str, ...]:
     """Paths of all numbers in messages of a type, at most some."""
     leaves = _leaves(_all_fields(type_name, encoding, definition))
-    return tuple(path for path, each in leaves if isinstance(each, (Numbers, NumberList)))
+    return tuple(path for path, each in leaves if isinstance(each, Numbers))
 
 
 def _all_fields(type_name: str, encoding: str, definition: str) -> Fields:
@@ -278,7 +277,7 @@ def _places(
     """Paths of the fields that hold something; None if they are not there."""
     axes = [f"{path}.{axis}" for axis in _AXES.get(name, "")] if vectors else []
     match at.get(path):
-        case None if axes and all(isinstance(at.get(each), Numbers) for each in axes):
+        case None if axes and all(_is_one_number(at.get(each)) for each in axes):
             return axes
         case Text() if name in {"frame_id", "child_frame_id"}:
             return (path,)
@@ -286,21 +285,23 @@ def _places(
             return (path,)
         case Numbers(_, count) if not vectors or count == len(axes):
             return (path,)
-        case NumberList() if not vectors:
-            return (path,)
     return None
+
+
+def _is_one_number(each: Field | None) -> bool:
+    return isinstance(each, Numbers) and each.count == 1
 
 
 def _with_joints_of_structs(at: dict[str, Field], found: _Found) -> dict[str, Field]:
     """Find joints of control_msgs/DynamicJointState, or of motors that have numbers alone."""
     match at.get("joint_names"), at.get("interface_values"):
-        case Texts(), Structs(path, (Texts(names), NumberList(values, _, "f8")), None):
+        case Texts(), Structs(path, (Texts(names), Numbers(values, None, _, "f8")), None):
             found.names["joint_names"] = "name"
             found.kinds["joints"] = 1
             return {**at, path: Interfaces(path, names, values)}
     match at.get(_MOTORS):
         case Structs(path, inner, int(count)) if any(
-            isinstance(each, Numbers) and (each.path, each.count) == ("q", 1) for each in inner
+            each.path == "q" and _is_one_number(each) for each in inner
         ):
             found.names[f"{path}.q"] = "position"
             found.texts |= motors(count)
@@ -314,7 +315,7 @@ def _named(each: Field, names: Mapping[str, str], stamp: str, prefix: str) -> Fi
     match each:
         case Stamp():
             return replace(each, is_stamp=path == stamp)
-        case Text() | Texts() | Numbers() | NumberList():
+        case Text() | Texts() | Numbers():
             return replace(each, name=names.get(path, ""))
         case Structs(_, inner):
             return replace(
@@ -363,13 +364,13 @@ def _with_columns(
     Of ``known``, how it is read without the user's choice, the IMU stays.
     """
     leaves = dict(_leaves(fields))
-    if not isinstance(leaves.get(columns.path), (Numbers, NumberList)):
+    if not isinstance(leaves.get(columns.path), Numbers):
         return None
     if known is None or "imu" not in known.kinds:
         known = MessageType({}, _taken(fields, leaves, {}, is_binary=is_binary), {})
     kept = tuple(_without_joints(each, columns.path, "") for each in known.fields)
     if not is_binary:
-        kept = (*kept, NumberList(columns.path, "position"))
+        kept = (*kept, Numbers(columns.path, None, "position"))
     kinds: dict[Kind, int] = {"joints": 0}
     kinds |= {"imu": known.kinds["imu"]} if "imu" in known.kinds else {}
     texts = {"frame_id": "", **known.texts, "name": columns.names}
@@ -383,8 +384,8 @@ def _without_joints(each: Field, taken: str, prefix: str) -> Field:
         case Structs(_, inner):
             fields = tuple(_without_joints(part, taken, f"{path}.") for part in inner)
             return replace(each, fields=fields)
-        case Numbers() | NumberList() if path == taken:
+        case Numbers() if path == taken:
             return replace(each, name="position")
-        case Numbers() | NumberList() | Texts() if each.name in {"name", "position"}:
+        case Numbers() | Texts() if each.name in {"name", "position"}:
             return replace(each, name="")
     return each

@@ -74,21 +74,12 @@ class Texts:
 
 @dataclass(frozen=True)
 class Numbers:
-    """A fixed number of values of one type, of any structs."""
+    """So many values of one type, of any structs; without a ``count`` a sequence of numbers."""
 
     path: str
-    count: int
+    count: int | None
     name: str = ""
     """Name of the values; empty if they are skipped."""
-    type: NumberType = "f8"
-
-
-@dataclass(frozen=True)
-class NumberList:
-    """A sequence of numbers."""
-
-    path: str
-    name: str = ""
     type: NumberType = "f8"
 
 
@@ -122,9 +113,7 @@ class Repeat:
     fields: tuple[Field, ...]
 
 
-Field = (
-    Sequence | Stamp | Tick | Text | Texts | Numbers | NumberList | Structs | Interfaces | Repeat
-)
+Field = Sequence | Stamp | Tick | Text | Texts | Numbers | Structs | Interfaces | Repeat
 
 
 def header(path: str, name: str = "", *, is_stamp: bool = False) -> tuple[Field, ...]:
@@ -222,9 +211,9 @@ MESSAGE_TYPES: dict[str, MessageType] = {
         (
             *header("header", is_stamp=True),
             Texts("name", "name"),
-            NumberList("position", "position"),
-            NumberList("velocity"),
-            NumberList("effort"),
+            Numbers("position", None, "position"),
+            Numbers("velocity", None),
+            Numbers("effort", None),
         ),
     ),
     "tf2_msgs/TFMessage": _TF,
