@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Buffer
 
-    from imucalib_cli.logs.remote.store import Received, Span, Store
+    from imucalib_cli.logs.remote.http import HttpStore
+    from imucalib_cli.logs.remote.store import Received, Span
     from imucalib_cli.logs.streams import Progress
 
     _T = TypeVar("_T")
@@ -193,16 +194,15 @@ class RemoteFile:
         self._received = lambda _: None
 
     @cached_property
-    def _store(self) -> Store:
+    def _store(self) -> AnyStore | HttpStore:
         need = f"{self} needs"
         optional("fsspec", need, "remote")
-        kind: Callable[[str, Traffic], Store] = AnyStore
-        if protocol_of(self.address) in {"http", "https"}:
-            optional("aiohttp", need, "remote")
-            from imucalib_cli.logs.remote.http import HttpStore
+        if protocol_of(self.address) not in {"http", "https"}:
+            return self._named(lambda: AnyStore(self.address, self.traffic))
+        optional("aiohttp", need, "remote")
+        from imucalib_cli.logs.remote.http import HttpStore
 
-            kind = HttpStore
-        return self._named(lambda: kind(self.address, self.traffic))
+        return self._named(lambda: HttpStore(self.address, self.traffic))
 
     def _part_with(self, at: int, stop: int) -> tuple[int, bytes]:
         """The part with a position, read if it is not kept, and its start."""

@@ -65,7 +65,7 @@ _PASSING: dict[type[Exception], str] = {
 
 
 class HttpStore:
-    """See :class:`~imucalib_cli.logs.remote.store.Store`.
+    """As :class:`~imucalib_cli.logs.remote.store.AnyStore`; the size is known after a request.
 
     fsspec brings the session and its configuration by the user; proxies come from the environment.
     """
@@ -85,12 +85,12 @@ class HttpStore:
         self.version = ""
 
     def fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
-        """See :class:`~imucalib_cli.logs.remote.store.Store`."""
+        """See :class:`~imucalib_cli.logs.remote.store.AnyStore`."""
         found: list[bytes] = sync(self._fs.loop, self._ranges, spans, received)
         return found
 
     def copy_to(self, target: BinaryIO, received: Received) -> None:
-        """See :class:`~imucalib_cli.logs.remote.store.Store`."""
+        """See :class:`~imucalib_cli.logs.remote.store.AnyStore`."""
         sync(self._fs.loop, self._repeat, lambda: self._whole(target, received))
 
     def check_unchanged(self) -> None:

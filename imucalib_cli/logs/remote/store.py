@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from imucalib_cli.logs.remote.url import protocol_of
 from imucalib_cli.shown import without_secrets
@@ -47,34 +47,16 @@ class Traffic:
         received(size)
 
 
-class Store(Protocol):
-    """One file of a remote file system.
+class AnyStore:
+    """A file of any file system but HTTP's, with its own time-outs and repetitions.
 
     Every method raises RemoteError where the file cannot be read or has changed since it was
     opened.
+
+    Attributes:
+        size: Bytes; None where it is not known.
+        version: Entity tag or time of the last change; empty where there is none.
     """
-
-    size: int | None
-    """Bytes; None where it is not known, for HTTP before the first request."""
-    version: str
-    """Entity tag or time of the last change; empty where there is none."""
-
-    def fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
-        """Read parts of the file, at once where the file system can do that.
-
-        Raises:
-            NoRangesError: The server sends only the whole file.
-        """
-
-    def copy_to(self, target: BinaryIO, received: Received) -> None:
-        """Read the whole file from front to back."""
-
-    def check_unchanged(self) -> None:
-        """Check that the file is still the one that was opened."""
-
-
-class AnyStore:
-    """A file of any file system but HTTP's, with its own time-outs and repetitions."""
 
     def __init__(self, address: str, traffic: Traffic) -> None:
         from fsspec.core import url_to_fs
@@ -92,7 +74,11 @@ class AnyStore:
         self.size, self.version = self._identity()
 
     def fetch(self, spans: Sequence[Span], received: Received) -> list[bytes]:
-        """See :class:`Store`."""
+        """Read parts of the file, at once where the file system can do that.
+
+        Raises:
+            NoRangesError: The server sends only the whole file.
+        """
         if self.size is None:
             raise NoRangesError
         starts, ends = [start for start, _ in spans], [min(stop, self.size) for _, stop in spans]
@@ -107,14 +93,14 @@ class AnyStore:
         return found
 
     def copy_to(self, target: BinaryIO, received: Received) -> None:
-        """See :class:`Store`."""
+        """Read the whole file from front to back."""
         self._traffic.requests += 1
         for data in self._blocks():
             target.write(data)
             self._traffic.count(len(data), received)
 
     def check_unchanged(self) -> None:
-        """See :class:`Store`."""
+        """Check that the file is still the one that was opened."""
         self._fs.invalidate_cache()
         if self._identity() != (self.size, self.version):
             raise RemoteError(CHANGED)
