@@ -182,8 +182,13 @@ class LogFile(ABC):
     losses: list[Finding]
     """Damage found so far; the caller adds the file's name."""
 
-    @abstractmethod
-    def __init__(self, path: Path) -> None: ...
+    def __init__(self, path: LogPath) -> None:
+        self.path = path
+        self.losses = []
+
+    def _report(self, loss: Finding) -> None:
+        if loss not in self.losses:
+            self.losses.append(loss)
 
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides

@@ -37,7 +37,7 @@ class OnePiece(LogFile):
     FORMAT = "a piece"
 
     def __init__(self, path: Path) -> None:
-        self.path, self.losses = path, []
+        super().__init__(path)
         of = path.name.replace("-", "/")
         of_all = {"name": "/topic", "type": of, "encoding": "text", "count": COUNT}
         self.channels = (Channel(number=0, end_ns=COUNT, **of_all),)  # type: ignore[arg-type]

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from imucalib_cli.findings import Finding, warning
+from imucalib_cli.findings import warning
 from imucalib_cli.logs.chunked.grammar import Chunk, Contents, Grammar, Index
 from imucalib_cli.logs.chunked.inflate import Inflated, runs_of
 from imucalib_cli.logs.chunked.scan import Scan
 from imucalib_cli.logs.damage import DamageError, Tally
-from imucalib_cli.logs.reader import Catalogue, Channel, Located, LogFile, cut
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, cut
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class NoIndexError(Exception):
     """A remote file has no usable index: it would have to be scanned."""
 
 
-class ChunkedFile(Grammar, LogFile):
+class ChunkedFile(Grammar):
     """One file of chunks.
 
     Raises:
@@ -56,8 +56,7 @@ class ChunkedFile(Grammar, LogFile):
     """
 
     def __init__(self, path: LogPath) -> None:
-        super().__init__()
-        self.path = path
+        super().__init__(path)
         self._file = path
         contents = None
         with path.open("rb") as file:
@@ -239,10 +238,6 @@ class ChunkedFile(Grammar, LogFile):
                     times.add(found[number][:, 0])
             if times.count:
                 tally.start_ns, tally.end_ns = times.start_ns, times.end_ns
-
-    def _report(self, loss: Finding) -> None:
-        if loss not in self.losses:
-            self.losses.append(loss)
 
 
 def _runs(start: int, index: Index) -> list[tuple[int, int]]:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, BinaryIO, ClassVar, Literal
 
 from imucalib_cli.arrays import Bytes, Integers
 from imucalib_cli.logs.chunked.inflate import Inflated, Scratch, inflate, inflate_file
 from imucalib_cli.logs.damage import DamageError, Tally, seek
-from imucalib_cli.logs.reader import Catalogue
+from imucalib_cli.logs.reader import Catalogue, LogFile
 
 if TYPE_CHECKING:
     from collections.abc import Collection
 
     from imucalib_cli.findings import Finding
+    from imucalib_cli.logs.reader import LogPath
 
 Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
@@ -100,16 +101,16 @@ class Contents:
     losses: list[Finding] = field(default_factory=list)
 
 
-class Grammar(ABC):
+class Grammar(LogFile):
     """The records of a format: how they are found and read in one file."""
 
-    MAGIC: ClassVar[bytes]
     PART: ClassVar[str]
     """The file's name in messages about a truncated file."""
     size: int
     """Of the file, bytes."""
 
-    def __init__(self) -> None:
+    def __init__(self, path: LogPath) -> None:
+        super().__init__(path)
         self._scratch = Scratch()
         self._packed = Scratch()
 

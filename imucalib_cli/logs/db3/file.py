@@ -11,7 +11,7 @@ from urllib.parse import quote
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import Finding, warning
+from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.db3.pages import count_pages, pages_left_out, salvage
 from imucalib_cli.logs.reader import Catalogue, Channel, LogFile, Sink
@@ -43,9 +43,8 @@ class Db3File(LogFile):
     MAGIC: ClassVar[bytes] = b"SQLite format 3\x00"
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path)
         self._file = path
-        self.losses = []
         # mode=ro rather than immutable: a -wal left by a crash still counts.
         self._mode = "mode=ro"
         try:
@@ -188,10 +187,6 @@ class Db3File(LogFile):
         if isinstance(last, int) and (last > -(1 << 63) or not done):
             keep = wanted if payload == "data" else ()
             yield from salvage(self._file, last, keep)
-
-    def _report(self, loss: Finding) -> None:
-        if loss not in self.losses:
-            self.losses.append(loss)
 
 
 def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, Tally] | None:

@@ -152,8 +152,7 @@ class CsvFile(LogFile):
     """Columns of unknown names, which are taken for joints."""
 
     def __init__(self, path: Path, topic: str = "", unit: str = "") -> None:
-        self.path = path
-        self.losses = []
+        super().__init__(path)
         self._topic = topic
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             filled = (line for line in file if line.strip())
