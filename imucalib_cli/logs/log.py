@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, warning, warnings
-from imucalib_cli.logs.messages.protobuf import EXTRA, is_damaged, is_installed
+from imucalib_cli.logs.messages.protobuf import is_damaged
 from imucalib_cli.logs.messages.shapes import numbers_of
-from imucalib_cli.logs.messages.table import MESSAGE_TYPES
 from imucalib_cli.logs.open import check_csv_columns, open_files, readers_with
 from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.remote.file import RemoteFile
@@ -111,18 +110,16 @@ class Log:
         """Read the wanted topics in one pass; nothing else is decoded.
 
         Args:
-            topics: Names from :attr:`topics`.
+            topics: Names from :attr:`topics`; those that cannot be read are left out.
             progress: Called now and then with the share done, 0 to 1.
 
         Raises:
-            ChoiceError: A topic is not in the recording, or two files hold the same IMU at the
-                same time: they are two recordings.
-            InputError: A topic's type or encoding cannot be read, or the file has disappeared.
+            ChoiceError: Two files hold the same IMU at the same time: they are two recordings.
+            InputError: A file has disappeared.
         """
         from imucalib_cli.logs.decoding.decode import MOST_RATIO, Collector, TooMuchError
 
         wanted = set(topics)
-        self._check(wanted)
         _check_one_recording(self._files, wanted)
         collector = Collector()
         for number, file in enumerate(self._files):
@@ -168,20 +165,6 @@ class Log:
             values = {"undecoded": found.undecoded, "messages": found.messages}
             losses.append(warning("log.messages_undecoded", topic=topic, **values, type=found.type))
 
-    def _check(self, wanted: set[str]) -> None:
-        known = {each.name for each in self.topics}
-        for name in sorted(wanted - known):
-            listed = ", ".join(sorted(known)) or "none"
-            raise ChoiceError(f"there is no topic {name} in {self._label()}; it has: {listed}")
-        readable = {each.name for each in self.topics if each.kinds}
-        for topic in self.topics:
-            if topic.name in wanted and topic.name not in readable:
-                raise InputError(
-                    f"topic {topic.name} in {self._label()} holds {topic.type or 'untyped data'} "
-                    f"({topic.encoding or 'no encoding'}), which cannot be read: "
-                    + why_unread(topic)
-                )
-
     def _channels(self, file: LogFile) -> tuple[Channel, ...]:
         """The channels of a file, with the joints that the user names."""
         return tuple(replace(each, columns=self._columns.get(each.name)) for each in file.channels)
@@ -205,9 +188,6 @@ class Log:
                 f"{columns.path}; fields with numbers are {fields}",
                 option="--joints",
             )
-
-    def _label(self) -> str:
-        return str(self.paths[0]) if self.paths else "the log"
 
 
 def open_log(
@@ -321,13 +301,6 @@ def _overlaps(files: Sequence[LogFile]) -> tuple[Finding, ...]:
         if not last or end_ns > last_ns:
             last, last_ns = str(file.path), end_ns
     return tuple(found)
-
-
-def why_unread(topic: Topic) -> str:
-    """Advice for a topic that cannot be read."""
-    if topic.encoding == "protobuf" and not is_installed():
-        return f"protobuf is not installed: {EXTRA}"
-    return f"choose a topic of {', '.join(sorted(MESSAGE_TYPES))}, or of the same fields"
 
 
 def _topics(found: Sequence[Channel]) -> tuple[Topic, ...]:

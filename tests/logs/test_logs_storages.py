@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.decoding import decode, wire
 from imucalib_cli.logs.log import LogData, open_log
 from tests.logs.logs_samples import (
@@ -255,16 +254,6 @@ def test_storage_is_detected_without_suffix(
     for name in ("none", "a.bag.active", "b.mcap", "c.bag", "d.db3", "e.yaml"):
         shutil.copy(path, tmp_path / name)
         assert_same(read_all(tmp_path / name), rows)
-
-
-def test_unknown_topic_lists_available_topics(messages: list[Said], written: Write) -> None:
-    log = open_log([written(messages, "mcap-none")])
-    with pytest.raises(ChoiceError, match=r"no topic /nope .*/amcl, /chatter, /imu"):
-        log.read(["/nope"])
-    other = say("/empty", T["Empty"](), messages[0].log_ns)
-    log = open_log([written([*messages, other], "mcap-none", name="other.mcap")])
-    with pytest.raises(InputError, match=r"/empty .* holds std_msgs/Empty"):
-        log.read(["/empty"])
 
 
 # Files given as one recording that may be two
