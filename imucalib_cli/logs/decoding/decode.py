@@ -114,7 +114,7 @@ class Collector:
         block.size += rows.size
         self._arrived = max(self._arrived, int(arrival.max(initial=0)) + self._file_base + 1)
         if block.size > BLOCK_BYTES or len(block.rows) > _BLOCK_PIECES:
-            self._decode(block)
+            self._decode(self._blocks.pop(key))
 
     def add_decoded(self, channel: Channel, piece: Piece, bad: int = 0) -> None:
         """Add decoded rows; see :class:`~imucalib_cli.logs.reader.Sink`."""
@@ -175,11 +175,8 @@ class Collector:
                 by_length, held = {}, 0
 
     def _decode(self, block: _Block) -> None:
-        if not block.rows:
-            return
         arrival, log_ns = np.concatenate(block.arrival), np.concatenate(block.log_ns)
         rows = block.rows[0] if len(block.rows) == 1 else np.concatenate(block.rows)
-        block.arrival, block.log_ns, block.rows, block.size = [], [], [], 0
         if block.channel.encoding == "cdr" and rows.shape[1] > len(_ZSTD_MAGIC):
             packed = (rows[:, :4] == np.frombuffer(_ZSTD_MAGIC, dtype=np.uint8)).all(axis=1)
             if packed.any():
