@@ -41,7 +41,6 @@ _NEEDED = (
     "imucalib_cli.estimate.details",
     "imucalib_cli.estimate.matched",
     "imucalib_cli.logs.decoding.decode",
-    "imucalib_cli.logs.chunked.scan",
     "imucalib_cli.logs.decoding.slow",
     "imucalib_cli.logs.decoding.wire",
     "imucalib_cli.results.codec",

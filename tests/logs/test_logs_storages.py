@@ -204,7 +204,7 @@ def test_chunks_without_wanted_topics_are_not_decompressed(
         unpacked.append(1)
         return inflate(*arguments)
 
-    monkeypatch.setattr("imucalib_cli.logs.chunked.grammar.inflate", counting)
+    monkeypatch.setattr("imucalib_cli.logs.chunked.chunks.inflate", counting)
     log.read(["/tf_static"])
     assert len(unpacked) == 1
     unpacked.clear()

@@ -9,7 +9,7 @@ import numpy as np
 
 from imucalib_cli.findings import note
 from imucalib_cli.logs.chunked.chunks import ChunkedFile
-from imucalib_cli.logs.chunked.grammar import Chunk, ChunkHead, Contents, Index, Record
+from imucalib_cli.logs.chunked.model import Chunk, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce

@@ -1,4 +1,4 @@
-"""Files made of chunks (bags and MCAP): one model, and one pass over the wanted chunks.
+"""Files made of chunks (bags and MCAP): one pass over the wanted chunks; a scan without an index.
 
 The two differ only in the layout of their records and the place of their index.
 """
@@ -10,16 +10,15 @@ import zlib
 from abc import abstractmethod
 from contextlib import suppress
 from dataclasses import replace
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, BinaryIO, ClassVar
 
 import numpy as np
 
 from imucalib_cli.findings import warning
-from imucalib_cli.logs.chunked.grammar import Chunk, Contents, Grammar, Index
-from imucalib_cli.logs.chunked.inflate import Inflated, runs_of
-from imucalib_cli.logs.chunked.scan import Scan
-from imucalib_cli.logs.damage import DamageError, Tally
-from imucalib_cli.logs.reader import Catalogue, Channel, Located, cut
+from imucalib_cli.logs.chunked.inflate import Inflated, Scratch, inflate, inflate_file, runs_of
+from imucalib_cli.logs.chunked.model import Chunk, ChunkHead, Contents, Index, Record
+from imucalib_cli.logs.damage import DamageError, Tally, seek
+from imucalib_cli.logs.reader import Catalogue, Channel, Located, LogFile, cut
 from imucalib_cli.logs.remote.file import RemoteFile, announce
 
 if TYPE_CHECKING:
@@ -41,13 +40,15 @@ _HEAD_ROOM = 256
 _CHECKED_SHARE = 0.5
 """A chunk's checksum is checked if wanted messages make up this share of it. Otherwise the check
 would cost more than reading, mostly over images nobody asked for."""
+_BARE_RUN = 1 << 22
+"""Bytes of messages outside of chunks read at a time."""
 
 
 class NoIndexError(Exception):
     """A remote file has no usable index: it would have to be scanned."""
 
 
-class ChunkedFile(Grammar):
+class ChunkedFile(LogFile):
     """One file of chunks.
 
     Raises:
@@ -55,9 +56,16 @@ class ChunkedFile(Grammar):
         NoIndexError: It is remote and has no usable index.
     """
 
+    PART: ClassVar[str]
+    """The file's name in messages about a truncated file."""
+    size: int
+    """Of the file, bytes."""
+
     def __init__(self, path: LogPath) -> None:
         super().__init__(path)
         self._file = path
+        self._scratch = Scratch()
+        self._packed = Scratch()
         contents = None
         with path.open("rb") as file:
             self.size = file.seek(0, io.SEEK_END)
@@ -70,11 +78,35 @@ class ChunkedFile(Grammar):
                 contents = Scan(self, file).run()
         self._chunks = contents.chunks
         self.channels = contents.catalogue.channels(contents.tallies)
-        self.losses = contents.losses
 
     @abstractmethod
     def _summary(self, file: BinaryIO) -> Contents | None:
         """Read the index of a properly closed file; None if incomplete, DamageError if damaged."""
+
+    @abstractmethod
+    def _chunk_head(self, file: BinaryIO, at: int) -> ChunkHead:
+        """Read the beginning of a chunk's record; DamageError if there is none."""
+
+    @staticmethod
+    @abstractmethod
+    def walk(data: Bytes, catalogue: Catalogue) -> tuple[Index, int]:
+        """Go through the records of a chunk one by one, up to the first incomplete one.
+
+        Returns:
+            Positions of its messages, and the end of its complete records.
+        """
+
+    @abstractmethod
+    def record(self, file: BinaryIO, at: int, contents: Contents) -> Record:
+        """Read the record at a position of the file; add a schema or channel to the contents.
+
+        Raises:
+            DamageError: There is none.
+        """
+
+    @abstractmethod
+    def find_record(self, file: BinaryIO, start: int) -> int | None:
+        """Position of the next sound record, at ``start`` or after it; None if there is none."""
 
     @abstractmethod
     def _message_index(self, file: BinaryIO, chunk: Chunk, channels: Collection[int]) -> Index:
@@ -238,6 +270,131 @@ class ChunkedFile(Grammar):
                     times.add(found[number][:, 0])
             if times.count:
                 tally.start_ns, tally.end_ns = times.start_ns, times.end_ns
+
+    def _data(self, file: BinaryIO, start: int, size: int) -> bytes:
+        """Read bytes of a record; DamageError if the file does not have them all."""
+        file.seek(min(start, self.size))
+        data = file.read(min(size, self.size))
+        if len(data) < size:
+            raise DamageError("a record is cut short")
+        return data
+
+    def unpack(self, file: BinaryIO, chunk: Chunk) -> tuple[Inflated, int]:
+        """The bytes of a chunk, unpacked lazily, and their checksum or 0; valid until the next one.
+
+        Raises:
+            DamageError: There is no chunk.
+            ValueError: Its compression is not known.
+        """
+        if chunk.length:
+            return inflate_file(file, chunk.start, chunk.length, self._scratch, chunk.length), 0
+        head = chunk.head = chunk.head or self._chunk_head(file, chunk.start)
+        size = max(0, min(head.end, self.size) - head.start)
+        if head.is_plain:
+            return inflate_file(file, head.start, size, self._scratch, head.claimed), head.checksum
+        packed = self._packed.reserve(size).data[:size]
+        seek(file, head.start)
+        got = file.readinto(packed)  # type: ignore[attr-defined]
+        return inflate(head.compression, packed[:got], head.claimed, self._scratch), head.checksum
+
+
+class Scan:
+    """One scan of a file; bytes that cannot be a record are skipped."""
+
+    def __init__(self, log: ChunkedFile, file: BinaryIO) -> None:
+        self._log = log
+        self._file = file
+        self._contents = Contents()
+        self._losses = log.losses
+        self._run: dict[int, list[tuple[int, int]]] = {}
+        self._run_start = 0
+        self._search_from = len(log.MAGIC)
+
+    def run(self) -> Contents:
+        """Scan the file once.
+
+        Messages outside of any chunk are used too: an uncompressed chunk with a damaged head leaves
+        such.
+        """
+        following: int | None = len(self._log.MAGIC)
+        while following is not None:
+            at = following
+            try:
+                following = self._record(at)
+                if self._run and at - self._run_start > _BARE_RUN:
+                    self._end_run(following or at)
+            except DamageError:
+                self._end_run(at)
+                following = self._beyond(at)
+        return self._contents
+
+    def _beyond(self, at: int) -> int | None:
+        """Position of the next record after damage; None if there is none."""
+        found = self._log.find_record(self._file, self._search_from)
+        if found is None:
+            what, size = self._log.PART, self._log.size
+            self._losses.append(warning("log.cut_short", what=what, byte=at, size=size))
+            return None
+        if found > at:
+            self._losses.append(warning("log.bytes_damaged", start=at, end=found))
+        self._search_from = found + 1
+        return found
+
+    def _record(self, at: int) -> int | None:
+        """Read the record at a position; return the position of the next, None at the end."""
+        record = self._log.record(self._file, at, self._contents)
+        if record.kind == "end" and record.is_whole:
+            self._end_run(at)
+            return None
+        # a wrong length leads to a wrong position; a chunk has two lengths, which must agree
+        is_sound = record.chunk is not None and record.is_whole
+        self._search_from = record.end if is_sound else at + 1
+        if record.chunk is not None:
+            if not record.is_whole and record.chunk.is_plain:
+                self._losses.append(warning("log.chunk_unchecked", byte=at))
+                return record.chunk.start  # its messages are stored uncompressed
+            self._end_run(at)
+            self._chunk(at)
+        if not record.is_whole:
+            raise DamageError("a record is cut short")
+        if record.kind == "message":
+            if not self._run:
+                self._run_start = at
+            entry = (record.log_ns, at - self._run_start)
+            self._run.setdefault(record.channel, []).append(entry)
+        return record.end
+
+    def _end_run(self, stop: int) -> None:
+        """Make a chunk of the messages found outside of any."""
+        if not self._run:
+            return
+        index = {number: np.array(rows, dtype=np.int64) for number, rows in self._run.items()}
+        self._run = {}
+        self._add(Chunk(start=self._run_start, length=stop - self._run_start, index=index))
+
+    def _chunk(self, at: int) -> None:
+        chunk = Chunk(start=at)
+        try:
+            inflated, checksum = self._log.unpack(self._file, chunk)
+        except (DamageError, ValueError) as error:
+            self._losses.append(warning("log.chunk_unreadable", byte=at, reason=str(error)))
+            return
+        data = inflated.upto()
+        if inflated.complete and checksum and zlib.crc32(data.data) != checksum:
+            self._losses.append(warning("log.chunk_checksum", byte=at))
+            return
+        chunk.index, sound = self._log.walk(data, self._contents.catalogue)
+        if not inflated.complete:
+            self._losses.append(warning("log.chunk_partly_unpacked", byte=at))
+        elif sound < len(data):
+            lost = len(data) - sound
+            self._losses.append(warning("log.chunk_damaged", byte=at, lost=lost, size=len(data)))
+        self._add(chunk)
+
+    def _add(self, chunk: Chunk) -> None:
+        for number, entries in (chunk.index or {}).items():
+            self._contents.tallies.setdefault(number, Tally()).add(entries[:, 0])
+        self._contents.chunks.append(chunk)
 
 
 def _runs(start: int, index: Index) -> list[tuple[int, int]]:

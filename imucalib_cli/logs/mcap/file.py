@@ -10,7 +10,7 @@ import numpy as np
 
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.chunked.chunks import ChunkedFile
-from imucalib_cli.logs.chunked.grammar import Chunk, ChunkHead, Contents, Index, Record
+from imucalib_cli.logs.chunked.model import Chunk, ChunkHead, Contents, Index, Record
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
@@ -202,7 +202,7 @@ class McapFile(ChunkedFile):
             except DamageError:
                 return Record("other", end, is_whole=False)
         elif opcode not in LENGTHS and opcode < PRIVATE:
-            contents.losses.append(warning("log.record_unknown", kind=opcode, byte=at))
+            self.losses.append(warning("log.record_unknown", kind=opcode, byte=at))
         return Record("other", end)
 
     @staticmethod
