@@ -1,5 +1,6 @@
 """The choice between header stamps and receive times."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,17 @@ def stream(
     log_ns = np.sort(START + true + rng.integers(0, 5_000_000, size=len(true)))
     header_ns = START + true if header is None else np.asarray(header(true), dtype=np.int64)
     return Stream(topic=topic, header_ns=header_ns, log_ns=log_ns)
+
+
+def unreceived(header: Any = None) -> Stream:
+    """A stream whose receive times are all zero."""
+    imu = stream(header=header)
+    return replace(imu, log_ns=np.zeros_like(imu.log_ns))
+
+
+def table(header_ns: Any) -> Stream:
+    """Both stamps are the same."""
+    return Stream(topic="/table", header_ns=header_ns, log_ns=header_ns)
 
 
 def test_valid_headers_are_used() -> None:
@@ -105,17 +117,14 @@ def test_static_transforms_do_not_affect_the_clock() -> None:
 
 def test_times_of_a_table_may_be_negative() -> None:
     """They count from the start of a motion; only zero says that nobody set a stamp."""
-    table = stream(header=lambda t: t - 10 * SECOND)
-    table = Stream(topic="/table", header_ns=table.header_ns, log_ns=table.header_ns)
-    clock = choose_clock([table])
+    motion = table(stream(header=lambda t: t - 10 * SECOND).header_ns)
+    clock = choose_clock([motion])
     assert clock.warnings == ()
-    assert clock.seconds(table)[0] == 0.0
+    assert clock.seconds(motion)[0] == 0.0
 
 
 def test_two_bad_clocks_keep_headers_with_a_warning() -> None:
-    imu = stream(header=np.zeros_like)
-    broken = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
-    clock = choose_clock([broken])
+    clock = choose_clock([unreceived(np.zeros_like)])
     assert clock.kind == "header"
     assert "no better" in clock.warnings[0]
     assert clock.alternative is None
@@ -126,20 +135,15 @@ def test_only_valid_stamps_are_an_alternative() -> None:
     assert choose_clock([stream()]).alternative == "log"
     assert choose_clock([stream()], "log").alternative == "header"
     assert choose_clock([stream(header=np.zeros_like)]).alternative is None
-    imu = stream()
-    unreceived = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
-    assert choose_clock([unreceived]).alternative is None
-    once = Stream(topic="/table", header_ns=unreceived.header_ns, log_ns=unreceived.header_ns)
-    assert choose_clock([once], "log").alternative is None
+    assert choose_clock([unreceived()]).alternative is None
+    assert choose_clock([table(stream().header_ns)], "log").alternative is None
 
 
 def test_requested_clock_warns_only_if_another_is_better() -> None:
-    imu = stream(header=np.zeros_like)
-    (warning,) = choose_clock([imu], "header").warnings
+    (warning,) = choose_clock([stream(header=np.zeros_like)], "header").warnings
     assert warning.endswith("yet --clock header was asked for: try --clock log")
-    neither = Stream(topic="/imu", header_ns=imu.header_ns, log_ns=np.zeros_like(imu.log_ns))
     wishes: tuple[tuple[Kind, str], ...] = (("header", "receive times"), ("log", "header stamps"))
     for kind, other in wishes:
-        (warning,) = choose_clock([neither], kind).warnings
+        (warning,) = choose_clock([unreceived(np.zeros_like)], kind).warnings
         assert "try" not in warning
         assert f"and {other} of /imu are all zero" in warning

@@ -68,16 +68,8 @@ def test_wrong_name_lists_the_candidates(name: str, says: str) -> None:
 
 
 def joints(name: str, *names: str) -> tuple[JointStream, ...]:
-    none = np.empty(0, dtype=np.int64)
-    return (
-        JointStream(
-            topic=name,
-            header_ns=none,
-            log_ns=none,
-            names=names,
-            position=np.empty((0, len(names))),
-        ),
-    )
+    none, position = np.empty(0, dtype=np.int64), np.empty((0, len(names)))
+    return (JointStream(topic=name, header_ns=none, log_ns=none, names=names, position=position),)
 
 
 def test_joint_on_two_topics_needs_a_choice() -> None:
