@@ -17,6 +17,7 @@ from imucalib_cli.results.pose import PoseError, pose_error
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.options import ZERO, NoiseOptions, PhysicsOptions
+from imucalib_cli.study.experiment import Study, grid
 from imucalib_cli.study.recordings import streams_of
 
 if TYPE_CHECKING:
@@ -27,13 +28,13 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell
+    from imucalib_cli.study.experiment import Cell
     from imucalib_cli.study.tables import Row
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded:
-    """Parameters of the recordings of a study."""
+class Recorded(Study):
+    """A study on simulated recordings."""
 
     imu_rate: float
     """Hz."""
@@ -86,7 +87,7 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class Conditioned(Recorded):
-    """Recordings under several conditions, each with several seeds."""
+    """A study under several conditions, each with several seeds."""
 
     conditions: tuple[Condition, ...]
     seeds: int
@@ -100,9 +101,9 @@ class Conditioned(Recorded):
         """The condition of a run."""
         return self.conditions[self.names.index(cell["condition"])]
 
-    def seeds_of(self, cell: Cell) -> range:
-        """Seeds of a condition."""
-        return range(self.condition_of(cell).seeds or self.seeds)
+    def repeats(self, run: Cell) -> list[Cell]:
+        """The seeds of a run's condition."""
+        return grid(seed=range(self.condition_of(run).seeds or self.seeds))
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
-    from imucalib_cli.study.study import Cell, Study
+    from imucalib_cli.study.experiment import Cell, Study
     from imucalib_cli.study.tables import Row
 
 REMEDY = "name another folder with -o, or give --fresh"

@@ -1,14 +1,11 @@
-"""The interface of studies, the list of studies, and how their parameters are read."""
+"""The list of studies, and how their parameters are read."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.configuration import build, read_builtin, read_yaml
 from imucalib_cli.errors import InputError
@@ -16,61 +13,9 @@ from imucalib_cli.optional import PACKAGES
 from imucalib_cli.simulate.options import NoiseOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
-    from imucalib_cli.study.tables import Row, Table
-
-Cell: TypeAlias = dict[str, Any]
-"""One run, identified by the varied values and the seed; the same cell gives the same rows.
-
-Here as in a row, a value is a text, a number, a truth value or None, so that JSON can hold it.
-"""
-Axis: TypeAlias = "Iterable[Any] | Callable[[Cell], Iterable[Any]]"
-"""Varied values, or a function of the earlier axes' values."""
-Draw: TypeAlias = Callable[[Path], None]
-"""Draws a figure into a file."""
-
-
-@dataclass(frozen=True)
-class Study(ABC):
-    """An experiment: independent runs, and tables and figures from their rows.
-
-    Its fields are its parameters, from configs/studies/<name>.yaml, with units and sources there.
-    Other parameters make another experiment. It is sent to worker processes.
-    """
-
-    name: ClassVar[str]
-    """Name on the command line."""
-
-    @abstractmethod
-    def cells(self) -> list[Cell]:
-        """All runs, in the order of the tables."""
-
-    @abstractmethod
-    def measure(self, cell: Cell) -> list[Row]:
-        """Do one run."""
-
-    @abstractmethod
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Tables to print."""
-
-    def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
-        """Figures, by the name of the file without suffix."""
-        del rows
-        return {}
-
-
-def grid(**axes: Axis) -> list[Cell]:
-    """Every combination of values; the last axis varies fastest."""
-    cells: list[Cell] = [{}]
-    for name, axis in axes.items():
-        cells = [
-            cell | {name: value}
-            for cell in cells
-            for value in (axis(cell) if callable(axis) else axis)
-        ]
-    return cells
-
+    from imucalib_cli.study.experiment import Study
 
 STUDIES: dict[str, tuple[str, str]] = {
     "derivation": (

@@ -83,7 +83,7 @@ def _over(reduce: Callable[[list[float]], Any]) -> Callable[[Iterable[Row], str]
 mean = _over(np.mean)
 median = _over(np.median)
 root_mean_square = _over(lambda values: np.sqrt(np.mean(np.square(values))))
-worst = _over(max)
+worst = _over(np.max)
 
 
 def over_bound(rows: Sequence[Row], key: str) -> float:

@@ -17,9 +17,10 @@ import yaml
 from imucalib_cli.configuration import builtin_names
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import Recording
+from imucalib_cli.study.experiment import Cell
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import DerivationStudy
-from imucalib_cli.study.study import STUDIES, Cell, load_study
+from imucalib_cli.study.study import STUDIES, load_study
 from imucalib_cli.study.tables import Row
 from tests.conftest import Imucalib
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.study.experiment import Cell, Section, Study, grid
 from imucalib_cli.study.fresh_process import run_alone
 from imucalib_cli.study.runner import run_study
-from imucalib_cli.study.study import Cell, Study
-from imucalib_cli.study.tables import Row, Table
+from imucalib_cli.study.tables import Row
 from tests.processes import runs, start_script, wait_for
 from tests.slow import slow_after
 
@@ -33,8 +33,8 @@ class Squaring(Study):
     told: str = ""
     """Folder in which each process leaves its number."""
 
-    def cells(self) -> list[Cell]:
-        return [{"number": n} for n in range(self.count)]
+    def sections(self) -> list[Section]:
+        return [Section("squares", grid(number=range(self.count)), ())]
 
     def measure(self, cell: Cell) -> list[Row]:
         number = int(cell["number"] or 0)
@@ -44,9 +44,6 @@ class Squaring(Study):
             Path(self.told, str(os.getpid())).touch()
         time.sleep(self.slow)
         return [cell | {"square": number**2}, cell | {"process": os.getpid()}]
-
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        raise NotImplementedError
 
 
 def squares(rows: Sequence[Row]) -> list[object]:

@@ -12,7 +12,7 @@ import pytest
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.methods import ENTRANTS
-from imucalib_cli.study.studies.sweeps import Sweep, best_points, summary_table, sweep_table
+from imucalib_cli.study.studies.sweeps import Sweep, summary_table
 from imucalib_cli.study.tables import Row, digits, worst
 from tests.study.study_samples import study
 
@@ -137,8 +137,19 @@ def test_each_part_changes_its_own_parameter() -> None:
             assert (physics.imu_rate, physics.robot_rate) == (imu, value)
 
 
+PLACE = {"system": "rihibot", "part": "noise", "condition": "MEMS"}
+
+
+def shown(rows: list[Row]) -> tuple[list[Row], tuple[str, ...]]:
+    """The rows of the best setting, and the line of the table that they make."""
+    small = tiny("encoder", noise=(1.0,))
+    (line,) = small.tables(rows)[0].rows
+    return small.shown(rows), line
+
+
 def row(seed: int, window: int | None, translation: float | None, **more: Any) -> Row:
     made: Row = {
+        **PLACE,
         "value": 1.0,
         "method": "paper",
         "seed": seed,
@@ -159,9 +170,9 @@ def test_published_method_is_shown_with_best_setting() -> None:
     better = [row(0, 11, 1.0), row(1, 11, 2.0)]
     best_where_it_answers = [row(0, 21, 0.1), row(1, 21, None)]
     rows = [*worse, *better, *best_where_it_answers]
-    assert best_points(rows) == [better]
+    best, line = shown(rows)
+    assert best == better
     assert worst(better, "translation") == 2.0
-    (line,) = sweep_table("sweep", "value", rows).rows
     root_mean_square = math.sqrt((1.0 + 4.0) / 2.0)
     assert line[:7] == (
         "1",
@@ -176,7 +187,7 @@ def test_published_method_is_shown_with_best_setting() -> None:
 
 
 def test_missing_answers_are_listed_and_not_plotted() -> None:
-    (line,) = sweep_table("sweep", "value", [row(0, 5, None, rotation=None)]).rows
+    _, line = shown([row(0, 5, None, rotation=None)])
     assert line[4:10] == ("-",) * 6
     assert line[-2] == "0 of 1"
 

@@ -14,11 +14,11 @@ from imucalib_cli.robot.rotations import rotvec_from_matrix
 from imucalib_cli.signals.kernels import MARGIN, convolve_at, matched_filter
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.load import load_system
+from imucalib_cli.study.experiment import Section, grid
 from imucalib_cli.study.figures import COLOURS, new_figure, save_svg
 from imucalib_cli.study.method_runs import Pose, Recorded, wrong_guess
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.study import Study, grid
-from imucalib_cli.study.tables import Claim, chosen, claims_table, lay_out, number, text
+from imucalib_cli.study.tables import Claim, chosen, number, text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Draw
-    from imucalib_cli.study.tables import Row, Table
+    from imucalib_cli.study.experiment import Cell, Draw
+    from imucalib_cli.study.tables import Row
 
 
 FILTERS = ("paper", "matched")
@@ -39,11 +39,26 @@ PLATES = {
     7: ("rihibot", "no initial error"),
 }
 """The paper's figures by number: system, and whether the guess is off."""
+_COLUMNS = (
+    ("figure", lambda line: _plate(line[0]["figure"])),
+    text("window"),
+    text("filter"),
+    number("exclusion", "excluded over"),
+    *(number(key, key) for key in ("signal", "all")),
+    number("starts_stops", "near starts and stops"),
+    *(number(key, key) for key in ("elsewhere", "largest")),
+    number("kept", "of what is kept"),
+    ("excluded", lambda line: f"{line[0]['excluded']:.1%}"),
+)
 _DEGREE = PaperOptions().degree
 _MOST_POINTS = 1500
 """Points per curve in a figure."""
 _MARKS = 300
 """Of excluded samples."""
+
+
+def _plate(figure: int) -> str:
+    return f"{figure}: {', '.join(PLATES[figure])}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,10 +103,11 @@ class Comparison:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DerivationStudy(Study, Recorded):
+class DerivationStudy(Recorded):
     """Section 4.2 and figures 5 to 7."""
 
     name = "derivation"
+    line = ("figure", "window", "filter", "exclusion")
     windows: tuple[int, ...]
     drawn_window: int
     exclusions: tuple[float, ...]
@@ -104,15 +120,19 @@ class DerivationStudy(Study, Recorded):
     zoom: Zoom
     claims: DerivationCriteria
 
-    def cells(self) -> list[Cell]:
-        """Every figure with either filter at every window."""
-        exclusions = {"paper": self.exclusions, "matched": (None,)}
-        return grid(
-            figure=PLATES,
-            window=self.windows,
-            filter=FILTERS,
-            exclusion=lambda cell: exclusions[cell["filter"]],
+    def sections(self) -> list[Section]:
+        """The mismatches of every figure, by either filter at every window."""
+        note = (
+            f"Near: within {self.margin:g} s of a jerk over {self.jerk:g} m/s³. "
+            "Excluded: dropped by the method as starts and stops."
         )
+        title = "Derived less measured acceleration along x, root mean square, m/s²"
+        runs = grid(figure=PLATES, window=self.windows, filter=FILTERS)
+        return [Section(title, runs, _COLUMNS, note)]
+
+    def repeats(self, run: Cell) -> list[Cell]:
+        """The published filter with every exclusion; the other excludes nothing."""
+        return grid(exclusion=self.exclusions if run["filter"] == "paper" else [None])
 
     def measure(self, cell: Cell) -> list[Row]:
         """Difference of derived and measured acceleration, near starts and stops and elsewhere."""
@@ -137,31 +157,6 @@ class DerivationStudy(Study, Recorded):
                 "system": system,
             }
         ]
-
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """The mismatches, and what the paper says about its figures."""
-        plates = {figure: f"{figure}: {', '.join(words)}" for figure, words in PLATES.items()}
-        columns = (
-            ("figure", lambda line: plates[line[0]["figure"]]),
-            text("window"),
-            text("filter"),
-            number("exclusion", "excluded over"),
-            number("signal", "signal"),
-            number("all", "all"),
-            number("starts_stops", "near starts and stops"),
-            number("elsewhere", "elsewhere"),
-            number("largest", "largest"),
-            number("kept", "of what is kept"),
-            ("excluded", lambda line: f"{line[0]['excluded']:.1%}"),
-        )
-        table = lay_out(
-            "Derived less measured acceleration along x, root mean square, m/s²",
-            columns,
-            [[row] for row in rows],
-            f"Near: within {self.margin:g} s of a jerk over {self.jerk:g} m/s³. "
-            "Excluded: dropped by the method as starts and stops.",
-        )
-        return [table, claims_table("Claims of section 4.2", self._claims(rows))]
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """One for each figure of the paper."""
@@ -198,6 +193,10 @@ class DerivationStudy(Study, Recorded):
 
     def _brusque(self, found: Comparison) -> Bools:
         return near_changes(found.t, found.measured, self.jerk, self.margin)
+
+    def verdicts(self, rows: Sequence[Row]) -> dict[str, Iterator[Claim]]:
+        """What the paper says about its figures."""
+        return {"Claims of section 4.2": self._claims(rows)}
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
         criteria = self.claims

@@ -20,6 +20,7 @@ from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt, white_std
 from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.experiment import Section, grid
 from imucalib_cli.study.fresh_process import run_alone
 from imucalib_cli.study.method_runs import (
     Answer,
@@ -45,7 +46,6 @@ from imucalib_cli.study.methods.liang import (
     calibrate_liang,
 )
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
     DEGREES,
     ERROR_COLUMNS,
@@ -54,12 +54,10 @@ from imucalib_cli.study.tables import (
     Column,
     answered,
     chosen,
-    claims_table,
     count,
     digits,
     exceeds,
     in_best_setting,
-    lay_out,
     mean,
     mean_error,
     over_bound,
@@ -74,8 +72,8 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.simulate.recording import CameraRecord, Recording
+    from imucalib_cli.study.experiment import Cell
     from imucalib_cli.study.fresh_process import Cost
-    from imucalib_cli.study.study import Cell
     from imucalib_cli.study.tables import Row, Table
 
 _LIBRARIES = ("scipy.optimize", "scipy.linalg", "scipy.signal", "cv2")
@@ -89,6 +87,19 @@ _RIVALS = {
     _LIANG: "Liang et al. as published",
     "hand-eye + RANSAC, tuned": "Liang et al. tuned for start-stop motion",
 }
+
+
+_NOTE = (
+    "Errors of T_camera_imu, mean ± standard deviation over seeds, as norm and geodesic angle; "
+    "|mean Δxyz| and mean |rpy| are the averages that the paper's tool reports, smaller by "
+    "construction. Over bound: root mean square over the Cramér-Rao bound of the method's own "
+    "unknowns on exact kinematics; with corners there is no such bound. Wall and CPU: the method "
+    "alone in a fresh process, libraries loaded, one thread; runs side by side slow each other. "
+    "Memory: peak resident set (VmHWM, reset before) less what interpreter, libraries and data "
+    "held, {held} MB. The published method stands in the best of its settings by the truth: for "
+    "translation in the table, for each error in the claims. The B-spline batch on corners is of "
+    "Kalibr's kind, not Kalibr."
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -202,10 +213,11 @@ class MethodsCriteria:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MethodsStudy(Study, Conditioned):
+class MethodsStudy(Conditioned):
     """Section 4.3 and Table 1."""
 
     name = "methods"
+    line = ("method",)
     system: str
     camera: str
     paper_windows: tuple[int, ...]
@@ -235,9 +247,16 @@ class MethodsStudy(Study, Conditioned):
         """All settings of the published method."""
         return paper_settings(self.paper_windows, self.paper_exclusions, self.paper_residuals)
 
-    def cells(self) -> list[Cell]:
-        """Every method under every condition with every seed."""
-        return grid(condition=self.names, seed=self.seeds_of, method=ENTRANTS)
+    def sections(self) -> list[Section]:
+        """Every method, a table for each condition."""
+        return [
+            Section(f"camera-IMU transform, {name}", [{"condition": name}], _COLUMNS)
+            for name in self.names
+        ]
+
+    def repeats(self, run: Cell) -> list[Cell]:
+        """Every method with every seed."""
+        return [seed | method for seed in super().repeats(run) for method in grid(method=ENTRANTS)]
 
     def measure(self, cell: Cell) -> list[Row]:
         """One method on one recording; the published one in all its settings."""
@@ -257,45 +276,33 @@ class MethodsStudy(Study, Conditioned):
             for cost, setting in zip(costs, settings, strict=True)
         ]
 
+    def shown(self, rows: Sequence[Row]) -> list[Row]:
+        """Of the published method, those of its best setting."""
+        return in_best_setting(rows, mean_error(), "condition", "method")
+
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One for each condition, and the claims."""
-        note = (
-            "Errors of T_camera_imu, mean ± standard deviation over seeds, as norm and geodesic "
-            "angle; |mean Δxyz| and mean |rpy| are the averages that the paper's tool reports, "
-            "smaller by construction. Over bound: root mean square over the Cramér-Rao bound of "
-            "the method's own unknowns on exact kinematics; with corners there is no such bound. "
-            "Wall and CPU: the method alone in a fresh process, libraries loaded, one thread; runs "
-            "side by side slow each other. Memory: peak resident set (VmHWM, reset before) less "
-            "what interpreter, libraries and data held, "
-            f"{digits(mean(rows, 'held') * _MEGABYTES)} MB. The published method stands in the "
-            "best of its settings by the truth: for translation in the table, for each error in "
-            "the claims. The B-spline batch on corners is of Kalibr's kind, not Kalibr."
-        )
-        first, *others = (self._table(rows, name) for name in self.names)
+        """With the figures that are quoted, and why methods failed."""
+        *tables, claims = super().tables(rows)
+        notes = [_NOTE.format(held=digits(mean(rows, "held") * _MEGABYTES)), *[""] * len(tables)]
+        images = "images", ENTRANTS[_CORNERS].unknowns
+        made = []
+        for condition, table, said in zip(self.names, tables, notes, strict=False):
+            failed = [row for row in chosen(rows, condition=condition) if row["failure"]]
+            whys = dict.fromkeys(f"{row['method']}: {row['failure']}." for row in failed)
+            quoted = [
+                (q.method, *images, q.translation, "-", q.rotation, *"---", q.seconds, *"---")
+                for q in self.quoted
+                if q.condition == condition
+            ]
+            note = " ".join([said, *whys]).strip()
+            made.append(replace(table, rows=(*table.rows, *quoted), note=note))
+        return [*made, claims]
+
+    def verdicts(self, rows: Sequence[Row]) -> dict[str, list[Claim]]:
+        """Each contender against each rival, where the paper speaks of it."""
         judged = [name for name in self.names if name in self.claims.conditions]
         claims = [claim for name in judged for claim in self._claims(rows, name)]
-        return [
-            replace(first, note=f"{note} {first.note}".strip()),
-            *others,
-            claims_table("Claims of section 4.3, by mean norms and angles", claims),
-        ]
-
-    def _table(self, rows: Sequence[Row], condition: str) -> Table:
-        mine = chosen(rows, condition=condition)
-        whys = dict.fromkeys((row["method"], row["failure"]) for row in mine if row["failure"])
-        table = lay_out(
-            f"camera-IMU transform, {condition}",
-            _COLUMNS,
-            [in_best_setting(chosen(mine, method=method), mean_error()) for method in ENTRANTS],
-            " ".join(f"{method}: {why}." for method, why in whys),
-        )
-        images = "images", ENTRANTS[_CORNERS].unknowns
-        quoted = [
-            (q.method, *images, q.translation, "-", q.rotation, *"---", q.seconds, *"---")
-            for q in self.quoted
-            if q.condition == condition
-        ]
-        return replace(table, rows=(*table.rows, *quoted))
+        return {"Claims of section 4.3, by mean norms and angles": claims}
 
     def _claims(self, rows: Sequence[Row], condition: str) -> Iterator[Claim]:
         def error(method: str, key: str, scale: float) -> float:

@@ -9,7 +9,6 @@ and by bars of other inertia. Table 3 (section 4.5) varies the error of the init
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
 from dataclasses import dataclass, replace
 from itertools import chain, cycle, pairwise
 from typing import TYPE_CHECKING
@@ -21,6 +20,7 @@ from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, Vector
 from imucalib_cli.simulate.recording import Record, rows_kept
+from imucalib_cli.study.experiment import Section, grid
 from imucalib_cli.study.method_runs import (
     METHODS,
     OURS,
@@ -32,23 +32,19 @@ from imucalib_cli.study.method_runs import (
     wrong_guess,
 )
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
     DEGREES,
     ERROR_COLUMNS,
     MILLIMETRES,
     Claim,
     Column,
-    Table,
     answered,
     chosen,
-    claims_table,
     column,
     count,
     digits,
     exceeds,
     in_best_setting,
-    lay_out,
     mean,
     mean_error,
     number,
@@ -61,7 +57,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.simulate.config import SystemConfig
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell
+    from imucalib_cli.study.experiment import Cell
     from imucalib_cli.study.tables import Row
 
 ARM, BAR = "rihibot", "barbot"
@@ -69,6 +65,15 @@ JUDGED = "paper, components"
 """The method whose figures answer the open question: its minimum is the same from every guess."""
 GUESSED = (*PUBLISHED, "matched")
 """The methods of table 3."""
+_NOISE_COLUMNS = (
+    number("offset", "late ms", 1e3),
+    number("accel", "σ_a m/s²"),
+    number("gyro", "σ_ω rad/s"),
+    text("method"),
+    text("setting", "its setting"),
+    *ERROR_COLUMNS,
+    count("answers", answered),
+)
 _ROUNDING = 1e-6
 """s, tolerance of the duration of a plan."""
 _WRIST_JOINTS = 3
@@ -76,7 +81,7 @@ _WRIST_JOINTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoldedStudy(Study, Recorded):
+class FoldedStudy(Recorded):
     """A study on folds of moves."""
 
     systems: tuple[str, ...]
@@ -85,34 +90,10 @@ class FoldedStudy(Study, Recorded):
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
 
-    @abstractmethod
-    def sections(self) -> dict[str, list[Cell]]:
-        """Tables by their titles, each with its conditions; a condition may be in several."""
-
-    def cells(self) -> list[Cell]:
-        """Every condition on every fold with every seed."""
-        conditions = chain.from_iterable(self.sections().values())
-        once = {tuple(sorted(condition.items())): condition for condition in conditions}
-        folds = grid(fold=range(self.folds), seed=range(self.seeds))
-        return [condition | run for condition in once.values() for run in folds]
-
-    def section_tables(
-        self,
-        rows: Sequence[Row],
-        methods: Sequence[str],
-        columns: Sequence[Column],
-        note: str = "",
-    ) -> list[Table]:
-        """A table for each section, with a line for each condition and method."""
-        tables = []
-        for title, conditions in self.sections().items():
-            lines = (
-                chosen(rows, **condition, method=method)
-                for condition in conditions
-                for method in methods
-            )
-            tables.append(lay_out(title, columns, filter(None, lines), note))
-        return tables
+    def repeats(self, run: Cell) -> list[Cell]:
+        """Every fold with every seed."""
+        del run
+        return grid(fold=range(self.folds), seed=range(self.seeds))
 
     def seed_of(self, cell: Cell) -> int:
         """A seed for each run of a condition: folds see other draws too (section 4.4)."""
@@ -242,6 +223,7 @@ class NoiseStudy(FoldedStudy):
     """Section 4.4 and Table 2."""
 
     name = "noise"
+    line = ("case", "accel", "gyro", "offset", "method")
     accel: tuple[float, ...]
     gyro: tuple[float, ...]
     adis: tuple[float, ...]
@@ -267,14 +249,14 @@ class NoiseStudy(FoldedStudy):
         systems = (Case(name=system, system=system) for system in self.systems)
         return next(c for c in (*systems, *self.timing, *self.bodies) if c.name == name)
 
-    def sections(self) -> dict[str, list[Cell]]:
-        """A table for each system and part, then those of the open question."""
+    def sections(self) -> list[Section]:
+        """Levels of noise for each system, then what the open question asks."""
         levels = {
             "accelerometer noise, gyroscope without": [(level, 0.0) for level in self.accel],
             "gyroscope noise, accelerometer without": [(0.0, level) for level in self.gyro],
             "both": list(zip(self.accel, self.gyro, strict=True)),
         }
-        found = {
+        runs = {
             f"{system}: {words}": [
                 {"case": system, "offset": 0.0, "accel": accel, "gyro": gyro}
                 for accel, gyro in pairs
@@ -285,10 +267,10 @@ class NoiseStudy(FoldedStudy):
         asides = {"stamps of the IMU that are late": self.timing, "inertia": self.bodies}
         for words, cases in asides.items():
             for case in cases:
-                found[f"{case.name}: {words}"] = grid(
+                runs[f"{case.name}: {words}"] = grid(
                     case=[case.name], offset=case.offsets, accel=self.aside_accel, gyro=[0.0]
                 )
-        return found
+        return [Section(title, each, _NOISE_COLUMNS) for title, each in runs.items()]
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold with one seed."""
@@ -307,23 +289,16 @@ class NoiseStudy(FoldedStudy):
             initial_error=(self.initial_translation, self.initial_rotation_deg),
         )
 
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Those of the sections, each condition in its best setting, and the claims."""
-        columns = (
-            number("offset", "late ms", 1e3),
-            number("accel", "σ_a m/s²"),
-            number("gyro", "σ_ω rad/s"),
-            text("method"),
-            text("setting", "its setting"),
-            *ERROR_COLUMNS,
-            count("answers", answered),
-        )
-        best = in_best_setting(rows, mean_error(), "case", "accel", "gyro", "offset", "method")
-        return [
-            *self.section_tables(best, METHODS, columns),
-            claims_table("Claims of section 4.4", self._claims(rows)),
-            claims_table("The open question of section 4.4", self._answers(rows)),
-        ]
+    def shown(self, rows: Sequence[Row]) -> list[Row]:
+        """Each condition in its best setting."""
+        return in_best_setting(rows, mean_error(), *self.line)
+
+    def verdicts(self, rows: Sequence[Row]) -> dict[str, Iterator[Claim]]:
+        """What the paper says of noise, and what it supposes."""
+        return {
+            "Claims of section 4.4": self._claims(rows),
+            "The open question of section 4.4": self._answers(rows),
+        }
 
     def _claims(self, rows: Sequence[Row]) -> Iterator[Claim]:
         """Each claim for each method, without late stamps; one setting a system and method."""
@@ -492,6 +467,7 @@ class InitialErrorStudy(FoldedStudy):
     """Section 4.5 and Table 3."""
 
     name = "initial-error"
+    line = ("initial_translation", "initial_rotation_deg", "method")
     translation: tuple[float, ...]
     rotation_deg: tuple[float, ...]
     accel: float
@@ -506,18 +482,42 @@ class InitialErrorStudy(FoldedStudy):
         if len(self.translation) != len(self.rotation_deg):
             raise ValueError("translation and rotation_deg need as many sizes: they are paired")
 
-    def sections(self) -> dict[str, list[Cell]]:
-        """A table for each system: translation alone, rotation alone, then both together."""
+    def sections(self) -> list[Section]:
+        """For each system translation alone, rotation alone, then both together."""
         sizes = [(size, 0.0) for size in self.translation]
         sizes += [(0.0, size) for size in self.rotation_deg]
         sizes += zip(self.translation, self.rotation_deg, strict=True)
-        return {
-            f"{system}: error of the initial guess": [
-                {"system": system, "initial_translation": size, "initial_rotation_deg": angle}
-                for size, angle in dict.fromkeys(sizes)
-            ]
+
+        def of_good(cell: Column) -> Column:
+            return cell[0], lambda rows: cell[1](self._good(rows))
+
+        columns = (
+            number("initial_translation", "initial m"),
+            number("initial_rotation_deg", "initial deg"),
+            text("method"),
+            text("setting", "its setting"),
+            *map(of_good, ERROR_COLUMNS),
+            count("failed", lambda row: not self._good([row])),
+        )
+        note = (
+            f"Failed: no answer, or one farther than {self.failed_translation * 1e3:g} mm "
+            f"or {self.failed_rotation_deg:g} deg from the truth, another minimum; means "
+            "and spreads are of the others. The published method stands in the setting in which "
+            "its result depends least on the guess, which need not be its most exact. The matched "
+            "method is given no guess."
+        )
+        return [
+            Section(
+                f"{system}: error of the initial guess",
+                [
+                    {"system": system, "initial_translation": size, "initial_rotation_deg": angle}
+                    for size, angle in dict.fromkeys(sizes)
+                ],
+                columns,
+                note,
+            )
             for system in self.systems
-        }
+        ]
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one fold, from one guess; ours gets none."""
@@ -531,36 +531,16 @@ class InitialErrorStudy(FoldedStudy):
             initial_error=(cell["initial_translation"], cell["initial_rotation_deg"]),
         )
 
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One table for each system, and the claims; each method in its steadiest setting.
+    def shown(self, rows: Sequence[Row]) -> list[Row]:
+        """Each method in its steadiest setting, in which its result depends least on the guess.
 
-        In that setting the result depends least on the guess. It may depend on it much, because
-        the exclusion uses the pose of the guess.
+        It may depend on it much, because the exclusion uses the pose of the guess.
         """
-        rows = in_best_setting(rows, self._unsteadiness, "system", "method")
-        note = (
-            f"Failed: no answer, or one farther than {self.failed_translation * 1e3:g} mm "
-            f"or {self.failed_rotation_deg:g} deg from the truth, another minimum; means "
-            "and spreads are of the others. The published method stands in the setting in which "
-            "its result depends least on the guess, which need not be its most exact. The matched "
-            "method is given no guess."
-        )
+        return in_best_setting(rows, self._unsteadiness, "system", "method")
 
-        def of_good(cell: Column) -> Column:
-            return cell[0], lambda rows: cell[1](self._good(rows))
-
-        columns = (
-            number("initial_translation", "initial m"),
-            number("initial_rotation_deg", "initial deg"),
-            text("method"),
-            text("setting", "its setting"),
-            *map(of_good, ERROR_COLUMNS),
-            count("failed", lambda row: not self._good([row])),
-        )
-        return [
-            *self.section_tables(rows, GUESSED, columns, note),
-            claims_table("Claims of section 4.5", self._claims(rows)),
-        ]
+    def verdicts(self, rows: Sequence[Row]) -> dict[str, Iterator[Claim]]:
+        """That the guess does not matter."""
+        return {"Claims of section 4.5": self._claims(self.shown(rows))}
 
     def _good(self, rows: Sequence[Row]) -> list[Row]:
         """Rows with an answer that is in no other minimum."""

@@ -11,6 +11,7 @@ import math
 import time
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +28,7 @@ from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.experiment import Section, grid
 from imucalib_cli.study.figures import COLOURS, label_logarithmic, new_figure, save_svg
 from imucalib_cli.study.method_runs import Conditioned, Pose, errors_of, pose_only, wrong_guess
 from imucalib_cli.study.optimisers import (
@@ -37,21 +39,19 @@ from imucalib_cli.study.optimisers import (
     solve_by,
 )
 from imucalib_cli.study.recordings import clean_recording, streams_of
-from imucalib_cli.study.study import Study, grid
 from imucalib_cli.study.tables import (
     DEGREES,
     MILLIMETRES,
-    Column,
     chosen,
     column,
     digits,
     groups,
-    lay_out,
     median,
     over_bound,
     root_mean_square,
     statistic,
     text,
+    worst,
 )
 
 if TYPE_CHECKING:
@@ -59,8 +59,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from imucalib_cli.simulate.recording import Recording
-    from imucalib_cli.study.study import Cell, Draw
-    from imucalib_cli.study.tables import Row, Table
+    from imucalib_cli.study.experiment import Cell, Draw
+    from imucalib_cli.study.tables import Column, Row
 
 
 _FIRST_SCALES = (0.05, 0.005)
@@ -81,6 +81,32 @@ _GUESS_NOTE = (
 )
 
 
+_NAMES = ("residuals", "least", "optimiser")
+"""Columns that identify an optimiser."""
+_ERRORS = (
+    *map(text, _NAMES),
+    statistic("translation mm", root_mean_square, "translation", MILLIMETRES),
+    statistic("over bound", over_bound, "translation"),
+    statistic("rotation deg", root_mean_square, "rotation", DEGREES),
+    statistic("over bound", over_bound, "rotation"),
+    statistic("excess", worst, "excess"),
+    statistic("evaluations", median, "evaluations"),
+    statistic("time ms", median, "seconds", 1e3),
+    statistic("prepare ms", median, "preparation", 1e3),
+)
+
+
+def _found_from(guess: str) -> Column:
+    """How often an optimiser finds the pose from a guess, and its evaluations."""
+
+    def cell(rows: Sequence[Row]) -> str:
+        these = chosen(rows, guess=guess)
+        found = sum(row["found"] is True for row in these)
+        return f"{found} of {len(these)} ({digits(median(these, 'evaluations'))})"
+
+    return guess, cell
+
+
 @dataclass(frozen=True, kw_only=True)
 class GuessSize:
     """How far off the truth the optimisers start."""
@@ -96,10 +122,11 @@ class GuessSize:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OptimiserStudy(Study, Conditioned):
+class OptimiserStudy(Conditioned):
     """Every optimiser from every guess."""
 
     name = "optimiser"
+    line = _NAMES
     systems: tuple[str, ...]
     guesses: tuple[GuessSize, ...]
     paper_window: int
@@ -107,14 +134,20 @@ class OptimiserStudy(Study, Conditioned):
     found_translation: float
     found_rotation_deg: float
 
-    def cells(self) -> list[Cell]:
-        """Every size of guess under every condition with every seed."""
-        return grid(
-            system=self.systems,
-            condition=self.names,
-            guess=[size.words for size in self.guesses],
-            seed=self.seeds_of,
-        )
+    def sections(self) -> list[Section]:
+        """Errors and effort from the nearest guess; then how often each guess is good enough."""
+        guesses = [size.words for size in self.guesses]
+        by_guess = *map(text, _NAMES), *map(_found_from, guesses)
+        made = []
+        for system, condition in product(self.systems, self.names):
+            title = f"{system}: {condition}"
+            runs = grid(system=[system], condition=[condition], guess=guesses)
+            sizes = f"{title}, by the size of the guess's error"
+            made += [
+                Section(f"{title}, from {guesses[0]}", runs[:1], _ERRORS, _NOTE),
+                Section(sizes, runs, by_guess, _GUESS_NOTE),
+            ]
+        return made
 
     def measure(self, cell: Cell) -> list[Row]:
         """All optimisers on one recording from one guess."""
@@ -183,18 +216,17 @@ class OptimiserStudy(Study, Conditioned):
         seconds = between - begun, time.perf_counter() - between
         return {"published": (published, seconds[0]), "matched": (matched, seconds[1])}
 
-    def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """Errors and effort from the nearest guess; then how often each guess is good enough."""
-        nearest = self.guesses[0].words
-        made = []
-        for cell in grid(system=self.systems, condition=self.names):
-            mine = chosen(rows, **cell)
-            title = f"{cell['system']}: {cell['condition']}"
-            made += [
-                errors_table(chosen(mine, guess=nearest), f"{title}, from {nearest}"),
-                guesses_table(mine, f"{title}, by the size of the guess's error"),
-            ]
-        return made
+    def shown(self, rows: Sequence[Row]) -> list[Row]:
+        """With how far each cost stays above the least that any optimiser found of the same."""
+        keys = "system", "condition", "guess", "seed", "residuals", "least"
+        found = []
+        for same in groups(rows, *keys):
+            values = column(same, "value")
+            least = max(min(values), 1e-300) if len(values) > 1 else math.nan
+            for row in same:
+                value = math.nan if row["value"] is None else row["value"]
+                found.append(row | {"excess": max(value / least - 1.0, 0.0)})
+        return found
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """Error and time of each, from the nearest guess."""
@@ -203,54 +235,6 @@ class OptimiserStudy(Study, Conditioned):
             f"{self.name}-{system}": partial(draw_optimisers, chosen(near, system=system))
             for system in self.systems
         }
-
-
-_NAMES = ("residuals", "least", "optimiser")
-"""Columns that identify an optimiser."""
-
-
-def errors_table(rows: Sequence[Row], title: str) -> Table:
-    """Error, excess and effort of each optimiser, under one condition from one guess."""
-
-    def excess(mine: Sequence[Row]) -> str:
-        """Largest ratio of the cost found to the least that any optimiser found, minus one."""
-        worst = 0.0
-        for row in mine:
-            same = chosen(rows, residuals=row["residuals"], least=row["least"], seed=row["seed"])
-            values = column(same, "value")
-            if len(values) < 2 or row["value"] is None:
-                return "-"
-            worst = max(worst, row["value"] / max(min(values), 1e-300) - 1.0)
-        return digits(worst)
-
-    shown = (
-        *map(text, _NAMES),
-        statistic("translation mm", root_mean_square, "translation", MILLIMETRES),
-        statistic("over bound", over_bound, "translation"),
-        statistic("rotation deg", root_mean_square, "rotation", DEGREES),
-        statistic("over bound", over_bound, "rotation"),
-        ("excess", excess),
-        statistic("evaluations", median, "evaluations"),
-        statistic("time ms", median, "seconds", 1e3),
-        statistic("prepare ms", median, "preparation", 1e3),
-    )
-    return lay_out(title, shown, groups(rows, *_NAMES), _NOTE)
-
-
-def guesses_table(rows: Sequence[Row], title: str) -> Table:
-    """How often each optimiser finds the pose, over the sizes of the guess's error."""
-
-    def found_from(guess: str) -> Column:
-        def cell(mine: Sequence[Row]) -> str:
-            these = chosen(mine, guess=guess)
-            found = sum(row["found"] is True for row in these)
-            return f"{found} of {len(these)} ({digits(median(these, 'evaluations'))})"
-
-        return guess, cell
-
-    guesses = dict.fromkeys(row["guess"] for row in rows)
-    shown = (*map(text, _NAMES), *map(found_from, guesses))
-    return lay_out(title, shown, groups(rows, *_NAMES), _GUESS_NOTE)
 
 
 def draw_optimisers(rows: Sequence[Row], path: Path) -> None:

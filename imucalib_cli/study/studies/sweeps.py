@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.study.bound import bound_columns
+from imucalib_cli.study.experiment import Draw, Section, grid
 from imucalib_cli.study.figures import COLOURS, draw_curve, logarithmic, new_figure, save_svg
 from imucalib_cli.study.method_runs import (
     METHODS,
@@ -25,7 +27,6 @@ from imucalib_cli.study.method_runs import (
     wrong_guess,
 )
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.study import Draw, Study, grid
 from imucalib_cli.study.tables import (
     ERRORS,
     MILLIMETRES,
@@ -37,7 +38,6 @@ from imucalib_cli.study.tables import (
     digits,
     groups,
     in_best_setting,
-    lay_out,
     mean,
     number,
     over_bound,
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.estimate.options import PaperOptions
     from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
-    from imucalib_cli.study.study import Cell
+    from imucalib_cli.study.experiment import Cell
     from imucalib_cli.study.tables import Column
 
 NOTE = (
@@ -80,22 +80,22 @@ class Setup:
 class Part:
     """One of the sweeps of a study."""
 
-    name: str
     parameter: str
     """The parameter of the study that has the values."""
     words: str
     """What is swept, with its unit, for headers and axes; may name other parameters."""
-    options: tuple[str, ...]
+    options: tuple[str, ...] = ()
     """Options of sensors or simulation that take each value; a vector takes it as its norm."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sweep(Study, Conditioned):
+class Sweep(Conditioned):
     """A study with one parameter on the abscissa."""
 
+    line = ("value", "method")
     note: ClassVar[str]
     """Note of its tables, after the note of all sweeps."""
-    parts: ClassVar[tuple[Part, ...]]
+    parts: ClassVar[dict[str, Part]]
     systems: tuple[str, ...]
     paper_windows: tuple[int, ...]
     paper_exclusions: tuple[float, ...]
@@ -105,27 +105,30 @@ class Sweep(Study, Conditioned):
     @property
     def words(self) -> dict[str, str]:
         """What is swept, by the name of the part."""
-        return {part.name: part.words.format_map(vars(self)) for part in self.parts}
+        return {name: part.words.format_map(vars(self)) for name, part in self.parts.items()}
 
-    def values(self, part: Part) -> Sequence[float]:
+    def values(self, part: str) -> Sequence[float]:
         """Values of a part."""
-        values: Sequence[float] = getattr(self, part.parameter)
+        values: Sequence[float] = getattr(self, self.parts[part].parameter)
         return values
 
-    def cells(self) -> list[Cell]:
-        """Every value under every condition with every seed."""
-        values = {part.name: self.values(part) for part in self.parts}
-        return grid(
-            system=self.systems,
-            part=values,
-            condition=self.names,
-            value=lambda cell: values[cell["part"]],
-            seed=self.seeds_of,
-        )
+    def sections(self) -> list[Section]:
+        """Every value under every condition, a table for each system, part and condition."""
+        sections = []
+        for system, (part, words), condition in product(
+            self.systems, self.words.items(), self.names
+        ):
+            title, columns = f"{system}: {words}, {condition}", (number("value", words), *_COLUMNS)
+            runs = grid(
+                system=[system], part=[part], condition=[condition], value=self.values(part)
+            )
+            note = "" if sections else NOTE + self.note
+            sections.append(Section(title, runs, columns, note))
+        return sections
 
     def setup(self, cell: Cell) -> Setup:
         """Inputs of a cell."""
-        (part,) = (part for part in self.parts if part.name == cell["part"])
+        part = self.parts[cell["part"]]
         direction = np.random.default_rng(cell["seed"]).normal(size=3)  # the same for every norm
         vector = tuple((cell["value"] * direction / np.linalg.norm(direction)).tolist())
 
@@ -161,37 +164,33 @@ class Sweep(Study, Conditioned):
             for setting, row in run_methods(METHODS, recording, guess, setup.settings, setup.window)
         ]
 
+    def shown(self, rows: Sequence[Row]) -> list[Row]:
+        """Of the published method, at each value the rows of its best setting.
+
+        That answers most often and, of these, has the least error of translation. No tuning could
+        do more for it.
+        """
+        keys = "system", "part", "condition", *self.line
+        return in_best_setting(rows, _badness, *keys, setting=("window", "exclusion"))
+
     def tables(self, rows: Sequence[Row]) -> list[Table]:
-        """One for each system, part and condition, the first with the notes, then a summary."""
-        words = self.words
-        titled = {
-            f"{cell['system']}: {words[cell['part']]}, {cell['condition']}": chosen(rows, **cell)
-            for cell in grid(system=self.systems, part=words, condition=self.names)
-        }
-        first, *others = (
-            sweep_table(title, words[mine[0]["part"]], mine) for title, mine in titled.items()
-        )
-        return [replace(first, note=NOTE + self.note), *others, summary_table(titled)]
+        """One for each section, then a summary."""
+        shown = self.shown(rows)
+        return [
+            *super().tables(rows),
+            summary_table({each.title: each.rows(shown) for each in self.sections()}),
+        ]
 
     def figures(self, rows: Sequence[Row]) -> dict[str, Draw]:
         """One for each system and part, with a column of panels for each condition."""
+        shown = self.shown(rows)
         return {
             f"{self.name}-{system}-{part}": partial(
-                draw_sweep, chosen(rows, system=system, part=part), words
+                draw_sweep, chosen(shown, system=system, part=part), words
             )
             for system in self.systems
             for part, words in self.words.items()
         }
-
-
-def best_points(rows: Sequence[Row]) -> list[list[Row]]:
-    """The rows of each value and method under one condition, in the order of the rows.
-
-    If the published method was run in several settings, only those of the best one: it answers most
-    often and, of these, has the least error of translation. No tuning could do more for it.
-    """
-    keys = "value", "method"
-    return groups(in_best_setting(rows, _badness, *keys, setting=("window", "exclusion")), *keys)
 
 
 def _badness(rows: Sequence[Row]) -> tuple[int, float]:
@@ -217,17 +216,12 @@ _COLUMNS: tuple[Column, ...] = (
 )
 
 
-def sweep_table(title: str, words: str, rows: Sequence[Row]) -> Table:
-    """Errors of every method at every value, under one condition; words with the value's unit."""
-    return lay_out(title, (number("value", words), *_COLUMNS), best_points(rows))
-
-
 def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
     """A line for each sweep, by its title, and method: the best value, and errors at both ends."""
     lines: list[tuple[str, ...]] = []
     for title, rows in sweeps.items():
         for mine in groups(rows, "method"):
-            points = best_points(mine)
+            points = groups(mine, *Sweep.line)
             best = min(points, key=_badness)
             best_at, first, last = (
                 (
@@ -254,7 +248,7 @@ def draw_sweep(rows: Sequence[Row], words: str, path: Path) -> None:
     for line, (key, scale, unit) in enumerate(ERRORS):
         for place, mine in enumerate(conditions):
             axes = panels[line * len(conditions) + place]
-            points = best_points(mine)
+            points = groups(mine, *Sweep.line)
             methods = dict.fromkeys(point[0]["method"] for point in points)
             for colour, method in zip(COLOURS, methods, strict=False):
                 own = [point for point in points if point[0]["method"] == method]
@@ -296,10 +290,10 @@ class WindowStudy(Sweep):
     note = (
         "A window is L sample intervals; an even L is taken one longer, as the filters need it odd."
     )
-    parts = (Part("window", "samples", "window s", ()),)
+    parts: ClassVar = {"window": Part("samples", "window s")}
     samples: tuple[int, ...]
 
-    def values(self, part: Part) -> Sequence[float]:
+    def values(self, part: str) -> Sequence[float]:
         """Seconds, so that rates can be compared."""
         return [samples / self.imu_rate for samples in super().values(part)]
 
@@ -325,10 +319,10 @@ class EncoderStudy(Sweep):
         "The bound is that of perfect encoders: noise of the kinematics can only raise it. The "
         "matched filters choose their window from the log."
     )
-    parts = (
-        Part("noise", "noise", "encoder noise rad", ("encoder_noise",)),
-        Part("step", "step", "encoder step rad", ("encoder_step",)),
-    )
+    parts: ClassVar = {
+        "noise": Part("noise", "encoder noise rad", ("encoder_noise",)),
+        "step": Part("step", "encoder step rad", ("encoder_step",)),
+    }
     noise: tuple[float, ...]
     step: tuple[float, ...]
 
@@ -343,15 +337,14 @@ class BiasStudy(Sweep):
         "bound knows of constant biases, not of their walk. The published method and matched, "
         "pose only, take biases to be zero."
     )
-    parts = tuple(
-        Part(name, parameter, words, (parameter,))
-        for name, parameter, words in (
-            ("accel", "accel_bias", "accelerometer bias m/s²"),
-            ("gyro", "gyro_bias", "gyroscope bias rad/s"),
-            ("accel-walk", "accel_bias_walk", "accelerometer bias walk m/s²/√s"),
-            ("gyro-walk", "gyro_bias_walk", "gyroscope bias walk rad/s/√s"),
-        )
-    )
+    parts: ClassVar = {
+        "accel": Part("accel_bias", "accelerometer bias m/s²", ("accel_bias",)),
+        "gyro": Part("gyro_bias", "gyroscope bias rad/s", ("gyro_bias",)),
+        "accel-walk": Part(
+            "accel_bias_walk", "accelerometer bias walk m/s²/√s", ("accel_bias_walk",)
+        ),
+        "gyro-walk": Part("gyro_bias_walk", "gyroscope bias walk rad/s/√s", ("gyro_bias_walk",)),
+    }
     accel_bias: tuple[float, ...]
     gyro_bias: tuple[float, ...]
     accel_bias_walk: tuple[float, ...]
@@ -371,9 +364,9 @@ class RateStudy(Sweep):
         "published method smooths the IMU with as many samples as it derives the kinematics with, "
         "as its authors do, and takes the nearest sample of the IMU."
     )
-    parts = (
-        Part("together", "together", "rate of IMU and robot Hz", ("imu_rate", "robot_rate")),
-        Part("robot", "robot", "robot's rate Hz, IMU at {imu_rate:g}", ("robot_rate",)),
-    )
+    parts: ClassVar = {
+        "together": Part("together", "rate of IMU and robot Hz", ("imu_rate", "robot_rate")),
+        "robot": Part("robot", "robot's rate Hz, IMU at {imu_rate:g}", ("robot_rate",)),
+    }
     together: tuple[float, ...]
     robot: tuple[float, ...]
