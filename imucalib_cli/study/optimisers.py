@@ -33,7 +33,7 @@ from imucalib_cli.study.method_runs import Pose, pose_only
 from imucalib_cli.study.methods.spline import right_jacobian
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.model.windows import WindowRows
@@ -143,14 +143,11 @@ def by_reweighting(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
         weighted = J / np.maximum(np.abs(left), floor)[:, None]
         step = -_scaled_solve(weighted.T @ J, weighted.T @ left)
         before = _softened(left, floor)
-        for _ in range(_HALVINGS):
-            trial = pose.moved(step)
-            tried = cost.residuals(trial)
+        for trial, tried in _halved(cost, pose, step):
             evaluations += 1
             if _softened(tried, floor) <= before:
                 pose, left = trial, tried
                 break
-            step = step / 2.0
         settled = before - _softened(left, floor) <= TOLERANCE * before
         if settled and floor <= sharpest:
             break
@@ -167,18 +164,22 @@ def by_linear_programs(cost: PoseCost, start: Pose) -> tuple[Pose, int]:
     for _ in range(_STEPS):
         step = least_absolute(cost.jacobian(pose), left)
         before = least
-        for _ in range(_HALVINGS):
-            trial = pose.moved(step)
-            tried = cost.residuals(trial)
+        for trial, tried in _halved(cost, pose, step):
             evaluations += 1
             total = float(np.abs(tried).sum())
             if total < least:
                 pose, left, least = trial, tried, total
                 break
-            step = step / 2.0
         if before - least <= TOLERANCE * before:
             break
     return pose, evaluations
+
+
+def _halved(cost: PoseCost, pose: Pose, step: Floats) -> Iterator[tuple[Pose, Floats]]:
+    """The pose after a step, then after its half and so on, with the residuals there."""
+    for halvings in range(_HALVINGS):
+        trial = pose.moved(step / 2.0**halvings)
+        yield trial, cost.residuals(trial)
 
 
 def by_relaxation(cost: PoseCost, _: Pose) -> tuple[Pose, int]:

@@ -8,11 +8,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import asdict
-from itertools import islice
 from typing import TYPE_CHECKING
 
 from imucalib_cli import __version__
@@ -31,8 +30,6 @@ if TYPE_CHECKING:
     from imucalib_cli.study.tables import Row
 
 REMEDY = "name another folder with -o, or give --fresh"
-_WAITING = 2
-"""Runs queued per worker: an interruption waits for no more than these."""
 
 
 def run_study(
@@ -94,15 +91,10 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
         initializer=prepare_worker,
     )
     waiting: dict[Future[list[Row]], Cell] = {}
-    left = iter(cells)
     try:
-        while True:
-            for cell in islice(left, jobs * _WAITING - len(waiting)):
-                waiting[pool.submit(study.measure, cell)] = cell
-            if not waiting:
-                break
-            for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-                yield waiting.pop(future), future.result()
+        waiting.update({pool.submit(study.measure, cell): cell for cell in cells})
+        for future in as_completed(waiting):
+            yield waiting.pop(future), future.result()
     except BrokenProcessPool as error:
         raise InputError(
             f"study {study.name}: a worker was killed, for want of memory perhaps: run the same "

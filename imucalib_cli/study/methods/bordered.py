@@ -44,8 +44,6 @@ class BorderedNormal:
             columns: (B,), which they are.
             r: (N, rows), whitened residuals: data less prediction.
         """
-        if len(segment) == 0:
-            return
         starts = np.flatnonzero(np.diff(segment, prepend=-1))
         first = segment[starts]
         turned = np.swapaxes(local, 1, 2)

@@ -323,25 +323,25 @@ def _descend(problem: Problem, state: State, *, patient: bool) -> tuple[State, i
 
     Without patience the first failed step ends it.
     """
-    cost, damping, evaluations = problem.cost(state), 1e-9, 1
+    cost, normal = problem.cost(state), problem.normal(state)
+    damping, evaluations = 1e-9, 1
     while evaluations < _MOST_ITERATIONS:
-        normal = problem.normal(state)
-        while evaluations < _MOST_ITERATIONS:
-            try:
-                controls, border, promised = normal.step(damping)
-            except np.linalg.LinAlgError as error:
-                raise InputError("the motion leaves unknowns of the spline open") from error
-            moved = state.moved(controls, border)
-            new = problem.cost(moved)
-            evaluations += 1
-            if promised < problem.tolerance:
-                return (moved if new < cost else state), evaluations, True
-            if new < cost:
-                state, cost, damping = moved, new, max(damping / 10.0, 1e-12)
-                break
-            if not patient:
-                return state, evaluations, False
+        try:
+            controls, border, promised = normal.step(damping)
+        except np.linalg.LinAlgError as error:
+            raise InputError("the motion leaves unknowns of the spline open") from error
+        moved = state.moved(controls, border)
+        new = problem.cost(moved)
+        evaluations += 1
+        if promised < problem.tolerance:
+            return (moved if new < cost else state), evaluations, True
+        if new < cost:
+            state, cost, damping = moved, new, max(damping / 10.0, 1e-12)
+            normal = problem.normal(state)
+        elif patient:
             damping *= 10.0
+        else:
+            break
     return state, evaluations, False
 
 

@@ -218,21 +218,21 @@ _COLUMNS: tuple[Column, ...] = (
 
 def summary_table(sweeps: Mapping[str, Sequence[Row]]) -> Table:
     """A line for each sweep, by its title, and method: the best value, and errors at both ends."""
-    lines: list[tuple[str, ...]] = []
+
+    def error(point: Sequence[Row]) -> str:
+        return digits(root_mean_square(point, "translation") * MILLIMETRES)
+
+    def value(point: Sequence[Row]) -> str:
+        return digits(point[0]["value"])
+
+    lines = []
     for title, rows in sweeps.items():
         for mine in groups(rows, "method"):
-            points = groups(mine, *Sweep.line)
-            best = min(points, key=_badness)
-            best_at, first, last = (
-                (
-                    digits(point[0]["value"]),
-                    digits(root_mean_square(point, "translation") * MILLIMETRES),
-                )
-                for point in (best, points[0], points[-1])
-            )
+            points = groups(mine, "value")
+            best, ends = min(points, key=_badness), (points[0], points[-1])
             over = digits(over_bound(best, "translation"))
-            ends = (f"{error} at {value}" for value, error in (first, last))
-            lines.append((title, best[0]["method"], *best_at, over, *ends))
+            at_ends = (f"{error(end)} at {value(end)}" for end in ends)
+            lines.append((title, mine[0]["method"], value(best), error(best), over, *at_ends))
     return Table(
         title="In short: translation errors, root mean square, mm",
         header=("sweep", "method", "best at", "error there", "over bound", "first", "last"),
