@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.config import FreeBody, Legged
+from imucalib_cli.simulate.elements import add
 from imucalib_cli.simulate.options import ZERO
 
 if TYPE_CHECKING:
@@ -38,9 +39,9 @@ def model_xml(
         InputError: A link of an IMU is not in the configuration.
     """
     root = ET.Element("mujoco", model=system.name)
-    ET.SubElement(root, "compiler", angle="radian", autolimits="false")
-    option = ET.SubElement(root, "option", integrator="RK4", gravity=_numbers(gravity_world))
-    world = ET.SubElement(root, "worldbody")
+    add(root, "compiler", angle="radian", autolimits="false")
+    option = add(root, "option", integrator="RK4", gravity=gravity_world)
+    world = add(root, "worldbody")
     mover = system.mover
     bodies: dict[str, ET.Element] = {}
     if isinstance(mover, Legged):
@@ -48,31 +49,31 @@ def model_xml(
         trunk = mover.trunk
         bodies[system.parent] = _floating(world, system.parent, trunk, trunk.com, height)
     else:
-        ET.SubElement(option, "flag", contact="disable", constraint="disable")
+        add(option, "flag", contact="disable", constraint="disable")
     if isinstance(mover, FreeBody):
         bodies[system.parent] = _floating(world, system.parent, mover)
     else:
-        _jointed(world, ET.SubElement(root, "actuator"), bodies, mover)
+        _jointed(world, add(root, "actuator"), bodies, mover)
     if isinstance(mover, Legged):
         _contacts(world, bodies, mover)
-    sensors = ET.SubElement(root, "sensor")
+    sensors = add(root, "sensor")
     for number, mount in enumerate(imus):
         if mount[0] not in bodies:
             raise InputError(f"{system.name}: no link {mount[0]}; it has {', '.join(bodies)}")
         site = f"{SITE}{number or ''}"
         _mounted(bodies, site, mount)
-        ET.SubElement(sensors, "gyro", site=site)
-        ET.SubElement(sensors, "accelerometer", site=site)
+        add(sensors, "gyro", site=site)
+        add(sensors, "accelerometer", site=site)
     if camera is not None:
         _mounted(bodies, CAMERA, camera)
-        ET.SubElement(sensors, "framepos", objtype="site", objname=CAMERA)
-        ET.SubElement(sensors, "framequat", objtype="site", objname=CAMERA)
+        add(sensors, "framepos", objtype="site", objname=CAMERA)
+        add(sensors, "framequat", objtype="site", objname=CAMERA)
     return ET.tostring(root, encoding="unicode")
 
 
 def _mounted(bodies: dict[str, ET.Element], name: str, mount: Mount) -> None:
     link, R, p = mount
-    ET.SubElement(bodies[link], "site", name=name, pos=_numbers(p), quat=_numbers(_wxyz(R)))
+    add(bodies[link], "site", name=name, pos=p, quat=_wxyz(R))
 
 
 def _jointed(
@@ -85,19 +86,17 @@ def _jointed(
         link = links.get(joint.child)
         if link is None:
             raise InputError(f"joint {joint.name}: no mass is stated for its link {joint.child}")
-        body = ET.SubElement(
+        body = add(
             bodies.get(joint.parent, world),
             "body",
             name=link.name,
-            pos=_numbers(joint.xyz),
-            quat=_numbers(_wxyz(matrix_from_rpy(joint.rpy))),
-            gravcomp=repr(drives.gravity_compensation),
+            pos=joint.xyz,
+            quat=_wxyz(matrix_from_rpy(joint.rpy)),
+            gravcomp=drives.gravity_compensation,
         )
-        ET.SubElement(
-            body, "joint", name=joint.name, axis=_numbers(joint.direction), armature=repr(rotor)
-        )
+        add(body, "joint", name=joint.name, axis=joint.direction, armature=rotor)
         _inertial(body, link.mass, link.com, link.inertia())
-        ET.SubElement(actuators, "position", joint=joint.name, kp=repr(stiffness), kv=repr(damping))
+        add(actuators, "position", joint=joint.name, kp=stiffness, kv=damping)
         bodies[link.name] = body
 
 
@@ -108,8 +107,8 @@ def _floating(
     com: Sequence[float] = ZERO,
     height: float = 0.0,
 ) -> ET.Element:
-    body = ET.SubElement(world, "body", name=name, pos=_numbers((0.0, 0.0, height)))
-    ET.SubElement(body, "freejoint")
+    body = add(world, "body", name=name, pos=(0.0, 0.0, height))
+    add(body, "freejoint")
     _inertial(body, box.mass, com, box.inertia)
     return body
 
@@ -117,32 +116,26 @@ def _floating(
 def _inertial(
     body: ET.Element, mass: float, com: Sequence[float], inertia: Sequence[float]
 ) -> None:
-    numbers = {"pos": _numbers(com), "mass": repr(mass), "diaginertia": _numbers(inertia)}
-    ET.SubElement(body, "inertial", numbers)
+    add(body, "inertial", pos=com, mass=mass, diaginertia=inertia)
 
 
 def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) -> None:
     """Only feet and the ground touch each other."""
     ground = legged.ground
-    contact = {
-        "friction": _numbers((ground.friction, 0.005, 0.0001)),  # MuJoCo's own but sliding
-        "solref": _numbers((ground.time_constant, 1.0)),
+    contact: dict[str, Any] = {
+        "friction": (ground.friction, 0.005, 0.0001),  # MuJoCo's own but sliding
+        "solref": (ground.time_constant, 1.0),
         # From MuJoCo's least hardness to its default: readings do not jump, so that their sum over
         # the instants of the log is the change of velocity.
-        "solimp": _numbers((0.0001, 0.95, ground.depth, 0.5, 2.0)),
+        "solimp": (0.0001, 0.95, ground.depth, 0.5, 2.0),
     }
     plane = {"type": "plane", "size": "0 0 1", "contype": "1", "conaffinity": "0"}
-    ET.SubElement(world, "geom", plane | contact)
+    add(world, "geom", **plane, **contact)
     for foot in legged.feet:
-        ball = {"type": "sphere", "size": repr(foot.radius), "contype": "0", "conaffinity": "1"}
-        place = {"pos": _numbers(foot.xyz), "mass": "0"}
-        ET.SubElement(bodies[foot.link], "geom", ball | place | contact)
+        ball = {"type": "sphere", "contype": "0", "conaffinity": "1", "mass": "0"}
+        add(bodies[foot.link], "geom", size=foot.radius, pos=foot.xyz, **ball, **contact)
 
 
 def _wxyz(R: Floats) -> Floats:
     """MuJoCo's quaternion order, of a rotation matrix (3, 3)."""
     return np.roll(quaternion_from_matrix(R), 1)
-
-
-def _numbers(values: Sequence[float] | Floats) -> str:
-    return " ".join(repr(float(value)) for value in values)

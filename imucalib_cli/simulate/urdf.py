@@ -9,6 +9,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from imucalib_cli.simulate.config import Jointed, Legged
+from imucalib_cli.simulate.elements import add
+from imucalib_cli.simulate.options import ZERO
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,10 +33,10 @@ def urdf_text(system: SystemConfig) -> str:
         if isinstance(mover, Legged):
             _box(robot, system.parent, mover.trunk, mover.trunk.com)
         else:
-            ET.SubElement(robot, "link", name=system.world)
+            add(robot, "link", name=system.world)
         _jointed(robot, mover)
     else:
-        _box(robot, system.parent, mover, (0.0, 0.0, 0.0))
+        _box(robot, system.parent, mover, ZERO)
     for imu in system.every_imu:
         _fixed(robot, imu.link, imu.parent, imu.nominal.xyz, imu.nominal.rpy)
     for frame in system.frames:
@@ -47,64 +49,47 @@ def urdf_text(system: SystemConfig) -> str:
 
 def _jointed(robot: ET.Element, arm: Jointed) -> None:
     for link in arm.links:
-        element = ET.SubElement(robot, "link", name=link.name)
-        turn = _TO_AXIS[link.axis]
-        visual = ET.SubElement(element, "visual")
-        _origin(visual, link.com, turn)
-        shape = ET.SubElement(visual, "geometry")
-        ET.SubElement(shape, "cylinder", radius=_number(link.radius), length=_number(link.length))
+        element = add(robot, "link", name=link.name)
+        visual = add(element, "visual")
+        _origin(visual, link.com, _TO_AXIS[link.axis])
+        add(add(visual, "geometry"), "cylinder", radius=link.radius, length=link.length)
         _inertial(element, link.mass, link.com, link.inertia())
     for joint in arm.joints:
-        element = ET.SubElement(robot, "joint", name=joint.name, type="revolute")
-        _origin(element, joint.xyz, joint.rpy)
-        ET.SubElement(element, "parent", link=joint.parent)
-        ET.SubElement(element, "child", link=joint.child)
-        ET.SubElement(element, "axis", xyz=_numbers(joint.direction))
         limit = np.radians(joint.range_deg)
-        ET.SubElement(
-            element,
-            "limit",
-            lower=_number(-limit),
-            upper=_number(limit),
-            effort=_number(joint.effort),
-            velocity=_number(np.radians(joint.velocity_deg)),
-        )
+        velocity = np.radians(joint.velocity_deg)
+        element = add(robot, "joint", name=joint.name, type="revolute")
+        _origin(element, joint.xyz, joint.rpy)
+        add(element, "parent", link=joint.parent)
+        add(element, "child", link=joint.child)
+        add(element, "axis", xyz=joint.direction)
+        add(element, "limit", lower=-limit, upper=limit, effort=joint.effort, velocity=velocity)
 
 
 def _box(robot: ET.Element, name: str, body: FreeBody | Trunk, com: Sequence[float]) -> None:
-    element = ET.SubElement(robot, "link", name=name)
-    visual = ET.SubElement(element, "visual")
-    ET.SubElement(ET.SubElement(visual, "geometry"), "box", size=_numbers(body.size))
+    element = add(robot, "link", name=name)
+    add(add(add(element, "visual"), "geometry"), "box", size=body.size)
     _inertial(element, body.mass, com, body.inertia)
 
 
 def _inertial(
     link: ET.Element, mass: float, com: Sequence[float], inertia: Sequence[float]
 ) -> None:
-    element = ET.SubElement(link, "inertial")
-    _origin(element, com, (0.0, 0.0, 0.0))
-    ET.SubElement(element, "mass", value=_number(mass))
-    ixx, iyy, izz = (_number(value) for value in inertia)
-    ET.SubElement(element, "inertia", ixx=ixx, ixy="0", ixz="0", iyy=iyy, iyz="0", izz=izz)
+    element = add(link, "inertial")
+    _origin(element, com, ZERO)
+    add(element, "mass", value=mass)
+    ixx, iyy, izz = inertia
+    add(element, "inertia", ixx=ixx, ixy=0.0, ixz=0.0, iyy=iyy, iyz=0.0, izz=izz)
 
 
 def _fixed(
     robot: ET.Element, link: str, parent: str, xyz: Sequence[float], rpy: Sequence[float]
 ) -> None:
-    joint = ET.SubElement(robot, "joint", name=f"{link.removesuffix('_link')}_joint", type="fixed")
+    joint = add(robot, "joint", name=f"{link.removesuffix('_link')}_joint", type="fixed")
     _origin(joint, xyz, rpy)
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=link)
-    ET.SubElement(robot, "link", name=link)
+    add(joint, "parent", link=parent)
+    add(joint, "child", link=link)
+    add(robot, "link", name=link)
 
 
 def _origin(element: ET.Element, xyz: Sequence[float], rpy: Sequence[float]) -> None:
-    ET.SubElement(element, "origin", xyz=_numbers(xyz), rpy=_numbers(rpy))
-
-
-def _numbers(values: Sequence[float]) -> str:
-    return " ".join(_number(value) for value in values)
-
-
-def _number(value: float) -> str:
-    return f"{value:.17g}" if float(f"{value:.12g}") != value else f"{value:.12g}"
+    add(element, "origin", xyz=xyz, rpy=rpy)
