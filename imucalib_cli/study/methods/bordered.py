@@ -8,13 +8,28 @@ the log.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cho_solve_banded, cholesky_banded
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
+
+
+class Rows(NamedTuple):
+    """Groups of whitened rows, one for each instant, and their derivatives."""
+
+    segment: Indices
+    """(N,), first control point of each group, ascending."""
+    r: Floats
+    """(N, rows), residuals: data less prediction."""
+    local: Floats
+    """(N, rows, order * width), prediction by the control points; may be empty, as the next."""
+    border: Floats
+    """(N, rows, B), by the dense unknowns."""
+    columns: Indices
+    """(B,), which they are."""
 
 
 class BorderedNormal:
@@ -32,18 +47,9 @@ class BorderedNormal:
         self.corner = np.zeros((borders, borders))
         self.right, self.right_border = np.zeros((controls, width)), np.zeros(borders)
 
-    def add(
-        self, segment: Indices, local: Floats, border: Floats, columns: Indices, r: Floats
-    ) -> None:
-        """Add rows.
-
-        Args:
-            segment: (N,), first control point of each group of rows, ascending.
-            local: (N, rows, order * width), whitened Jacobian in the control points.
-            border: (N, rows, B), in the dense unknowns.
-            columns: (B,), which they are.
-            r: (N, rows), whitened residuals: data less prediction.
-        """
+    def add(self, rows: Rows) -> None:
+        """Add rows."""
+        segment, r, local, border, columns = rows
         starts = np.flatnonzero(np.diff(segment, prepend=-1))
         first = segment[starts]
         turned = np.swapaxes(local, 1, 2)

@@ -28,7 +28,7 @@ from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.method_runs import Answer
-from imucalib_cli.study.methods.bordered import BorderedNormal
+from imucalib_cli.study.methods.bordered import BorderedNormal, Rows
 from imucalib_cli.study.methods.camera import camera_path
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.spline import (
@@ -93,135 +93,6 @@ class BSplineOptions:
     """Whether biases are unknowns."""
 
 
-@dataclass(frozen=True, eq=False)
-class Rows:
-    """Whitened residuals, data minus prediction, and the prediction's derivatives."""
-
-    segment: Indices
-    """(N,)."""
-    r: Floats
-    """(N, 6)."""
-    local: Floats
-    """(N, 6, 36); empty if only residuals were asked for."""
-    border: Floats
-    """(N, 6, B); empty if only residuals were asked for."""
-    columns: Indices
-    """(B,), dense unknowns that act on these rows."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseData:
-    """Poses of the parent link."""
-
-    t: Floats
-    """(N,), robot's clock, s."""
-    R: Floats
-    """(N, 3, 3), R_world_parent."""
-    p: Floats
-    """(N, 3), m."""
-    whiten: Floats
-    """Weights of the residuals, per m and rad: (6,) for all, or (N, 6, 6); position in the
-    world, then rotation in the parent frame."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ImuData:
-    """Samples of the IMU."""
-
-    imu: ImuSamples
-    whiten: Floats
-    """(6,), weights of the residuals, per m/s² and rad/s."""
-    nodes: Floats
-    """(B,), instants at which biases are unknowns, on the IMU's clock; one is constant biases."""
-
-
-def pose_rows(
-    knots: Knots, R_middle: Floats, data: PoseData, state: State, *, derivatives: bool
-) -> Iterator[Rows]:
-    """Rows of the poses, chunk by chunk: position in the world, rotation in the parent frame."""
-    R_fs, t_fs = state.R_parent_imu, state.t_parent_imu
-    back = R_fs.T @ t_fs
-    columns = np.arange(6)
-    for start in range(0, len(data.t), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        segment, u = knots.at(data.t[part])
-        weights = knots.weights(u, 1)
-        x = evaluate(state.controls, segment, weights)[0]
-        phi = x[:, 3:]
-        R = R_middle @ matrix_from_rotvec(phi)
-        apart = rotvec_from_matrix(R_fs @ np.swapaxes(R, 1, 2) @ data.R[part])
-        whiten = data.whiten if data.whiten.ndim == 1 else data.whiten[part]
-        r = _whitened(whiten, np.hstack([data.p[part] - x[:, :3] + R @ back, apart])[:, :, None])
-        r = r[:, :, 0]
-        if not derivatives:
-            yield Rows(segment, r, _NONE, _NONE, columns)
-            continue
-        J = right_jacobian(phi)
-        n = len(segment)
-        of_value = np.zeros((n, 6, 6))
-        of_value[:, :3, :3] = np.eye(3)
-        of_value[:, :3, 3:] = R @ skew(back) @ J
-        of_value[:, 3:, 3:] = R_fs @ J
-        border = np.zeros((n, 6, 6))
-        border[:, :3, :3] = -R @ R_fs.T
-        border[:, :3, 3:] = -R @ R_fs.T @ skew(t_fs)
-        border[:, 3:, 3:] = -np.eye(3)
-        local = _spread(_whitened(whiten, of_value), weights[0])
-        yield Rows(segment, r, local, _whitened(whiten, border), columns)
-
-
-def imu_rows(
-    knots: Knots, R_middle: Floats, data: ImuData, state: State, *, derivatives: bool
-) -> Iterator[Rows]:
-    """Rows of the IMU, chunk by chunk: accelerometer, gyroscope."""
-    whiten, imu = data.whiten, data.imu
-    for start in range(0, len(imu.t), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        t = imu.t[part]
-        segment, u = knots.at(t - state.time_offset)
-        weights = knots.weights(u, 4 if derivatives else 3)
-        x = evaluate(state.controls, segment, weights)
-        phi, rate = x[0][:, 3:], x[1][:, 3:]
-        R_t = np.swapaxes(R_middle @ matrix_from_rotvec(phi), 1, 2)
-        J = right_jacobian(phi)
-        force = (R_t @ (x[2][:, :3] - state.gravity)[:, :, None])[:, :, 0]
-        omega = (J @ rate[:, :, None])[:, :, 0]
-        first, share = _between(data.nodes, t)
-        last = min(first.max() + 2, len(data.nodes))
-        of_nodes = np.arange(BIASES + 6 * first.min(), BIASES + 6 * last)
-        columns = np.concatenate([[*range(TILT.start, TILT.stop), OFFSET], of_nodes])
-        bias = state.biases[first] * (1.0 - share)[:, None]
-        if len(data.nodes) > 1:
-            bias += state.biases[first + 1] * share[:, None]
-        r = np.hstack([imu.accel[part] - force, imu.gyro[part] - omega]) - bias
-        r *= whiten
-        if not derivatives:
-            yield Rows(segment, r, _NONE, _NONE, columns)
-            continue
-        turn = skew(force) @ J
-        bent = rate_jacobian(phi, rate)
-        local = np.zeros((len(t), 6, ORDER, 6))
-        local[:, :3, :, :3] = R_t[:, :, None, :] * weights[2][:, None, :, None]
-        local[:, :3, :, 3:] = turn[:, :, None, :] * weights[0][:, None, :, None]
-        local[:, 3:, :, 3:] = (
-            bent[:, :, None, :] * weights[0][:, None, :, None]
-            + J[:, :, None, :] * weights[1][:, None, :, None]
-        )
-        local = local.reshape(len(t), 6, -1) * whiten[:, None]
-        border = np.zeros((len(t), 6, len(columns)))
-        border[:, :3, :2] = R_t @ (skew(state.gravity) @ level_axes(state.gravity))
-        jerk = (R_t @ x[3][:, :3, None])[:, :, 0] - np.cross(omega, force)
-        border[:, :3, 2] = -jerk
-        border[:, 3:, 2] = -((J @ x[2][:, 3:, None])[:, :, 0] + (bent @ rate[:, :, None])[:, :, 0])
-        at = 3 + 6 * (first - first.min())
-        rows = np.arange(len(t))
-        for axis in range(6):
-            border[rows, axis, at + axis] = 1.0 - share
-            if len(data.nodes) > 1:
-                border[rows, axis, at + 6 + axis] = share
-        yield Rows(segment, r, local, border * whiten[:, None], columns)
-
-
 def _whitened(whiten: Floats, rows: Floats) -> Floats:
     """Rows (N, 6, C) scaled so that their noise is white and of unit size."""
     return np.asarray(rows * whiten[:, None] if whiten.ndim == 1 else whiten @ rows)
@@ -242,14 +113,27 @@ def _between(nodes: Floats, t: Floats) -> tuple[Indices, Floats]:
     return first, x - first
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Problem:
-    """Data and parameters of the problem."""
+    """Poses of the parent link, samples of the IMU, and parameters of the problem."""
 
     knots: Knots
     R_middle: Floats
-    poses: PoseData
-    imu: ImuData
+    """(3, 3), of the IMU in the world: its orientations are rotation vectors from there."""
+    t: Floats
+    """(N,), of the poses, robot's clock, s."""
+    R: Floats
+    """(N, 3, 3), R_world_parent."""
+    p: Floats
+    """(N, 3), m."""
+    pose_whiten: Floats
+    """Weights of the residuals, per m and rad: (6,) for all, or (N, 6, 6); position in the
+    world, then rotation in the parent frame."""
+    imu: ImuSamples
+    imu_whiten: Floats
+    """(6,), weights of the residuals, per m/s² and rad/s."""
+    nodes: Floats
+    """(B,), instants at which biases are unknowns, on the IMU's clock; one is constant biases."""
     options: BSplineOptions
     tolerance: float = _TOLERANCE
 
@@ -261,10 +145,10 @@ class Problem:
 
     def normal(self, state: State) -> BorderedNormal:
         """Normal equations at a state; known parameters are held."""
-        borders = BIASES + 6 * len(self.imu.nodes)
+        borders = BIASES + 6 * len(self.nodes)
         normal = BorderedNormal(self.knots.controls, 6, ORDER, borders)
         for part in self._rows(state, derivatives=True):
-            normal.add(part.segment, part.local, part.border, part.columns, part.r)
+            normal.add(part)
         normal.add_border(*self._walk(state))
         held: list[int] = []
         if self.options.gravity != "tilt":
@@ -277,13 +161,85 @@ class Problem:
         return normal
 
     def _rows(self, state: State, *, derivatives: bool) -> Iterator[Rows]:
-        given = self.knots, self.R_middle
-        yield from pose_rows(*given, self.poses, state, derivatives=derivatives)
-        yield from imu_rows(*given, self.imu, state, derivatives=derivatives)
+        for t, rows in ((self.t, self.pose_rows), (self.imu.t, self.imu_rows)):
+            for start in range(0, len(t), _CHUNK):
+                yield rows(state, slice(start, start + _CHUNK), derivatives=derivatives)
+
+    def pose_rows(self, state: State, part: slice, *, derivatives: bool) -> Rows:
+        """Rows of some poses: position in the world, rotation in the parent frame."""
+        knots, R_fs, t_fs = self.knots, state.R_parent_imu, state.t_parent_imu
+        back = R_fs.T @ t_fs
+        columns = np.arange(6)
+        segment, u = knots.at(self.t[part])
+        weights = knots.weights(u, 1)
+        x = evaluate(state.controls, segment, weights)[0]
+        phi = x[:, 3:]
+        R = self.R_middle @ matrix_from_rotvec(phi)
+        apart = rotvec_from_matrix(R_fs @ np.swapaxes(R, 1, 2) @ self.R[part])
+        whiten = self.pose_whiten
+        whiten = whiten if whiten.ndim == 1 else whiten[part]
+        r = np.hstack([self.p[part] - x[:, :3] + R @ back, apart])
+        r = _whitened(whiten, r[:, :, None])[:, :, 0]
+        if not derivatives:
+            return Rows(segment, r, _NONE, _NONE, columns)
+        J = right_jacobian(phi)
+        n = len(segment)
+        of_value = np.zeros((n, 6, 6))
+        of_value[:, :3, :3] = np.eye(3)
+        of_value[:, :3, 3:] = R @ skew(back) @ J
+        of_value[:, 3:, 3:] = R_fs @ J
+        border = np.zeros((n, 6, 6))
+        border[:, :3, :3] = -R @ R_fs.T
+        border[:, :3, 3:] = -R @ R_fs.T @ skew(t_fs)
+        border[:, 3:, 3:] = -np.eye(3)
+        local = _spread(_whitened(whiten, of_value), weights[0])
+        return Rows(segment, r, local, _whitened(whiten, border), columns)
+
+    def imu_rows(self, state: State, part: slice, *, derivatives: bool) -> Rows:
+        """Rows of some samples of the IMU: accelerometer, gyroscope."""
+        knots, whiten, imu, nodes = self.knots, self.imu_whiten, self.imu, self.nodes
+        t = imu.t[part]
+        segment, u = knots.at(t - state.time_offset)
+        weights = knots.weights(u, 4 if derivatives else 3)
+        x = evaluate(state.controls, segment, weights)
+        phi, rate = x[0][:, 3:], x[1][:, 3:]
+        R_t = np.swapaxes(self.R_middle @ matrix_from_rotvec(phi), 1, 2)
+        J = right_jacobian(phi)
+        force = (R_t @ (x[2][:, :3] - state.gravity)[:, :, None])[:, :, 0]
+        omega = (J @ rate[:, :, None])[:, :, 0]
+        before, share = _between(nodes, t)
+        after = np.minimum(before + 1, len(nodes) - 1)
+        of_nodes = np.arange(BIASES + 6 * before.min(), BIASES + 6 * (after.max() + 1))
+        columns = np.concatenate([[*range(TILT.start, TILT.stop), OFFSET], of_nodes])
+        bias = state.biases[before] * (1.0 - share)[:, None] + state.biases[after] * share[:, None]
+        r = np.hstack([imu.accel[part] - force, imu.gyro[part] - omega]) - bias
+        r *= whiten
+        if not derivatives:
+            return Rows(segment, r, _NONE, _NONE, columns)
+        turn = skew(force) @ J
+        bent = rate_jacobian(phi, rate)
+        local = np.zeros((len(t), 6, ORDER, 6))
+        local[:, :3, :, :3] = R_t[:, :, None, :] * weights[2][:, None, :, None]
+        local[:, :3, :, 3:] = turn[:, :, None, :] * weights[0][:, None, :, None]
+        local[:, 3:, :, 3:] = (
+            bent[:, :, None, :] * weights[0][:, None, :, None]
+            + J[:, :, None, :] * weights[1][:, None, :, None]
+        )
+        local = local.reshape(len(t), 6, -1) * whiten[:, None]
+        border = np.zeros((len(t), 6, len(columns)))
+        border[:, :3, :2] = R_t @ (skew(state.gravity) @ level_axes(state.gravity))
+        jerk = (R_t @ x[3][:, :3, None])[:, :, 0] - np.cross(omega, force)
+        border[:, :3, 2] = -jerk
+        border[:, 3:, 2] = -((J @ x[2][:, 3:, None])[:, :, 0] + (bent @ rate[:, :, None])[:, :, 0])
+        rows, axes = np.arange(len(t))[:, None], np.arange(6)
+        for node, weight in ((before, 1.0 - share), (after, share)):
+            at = 3 + 6 * (node - before.min())[:, None] + axes
+            border[rows, axes, at] += weight[:, None]
+        return Rows(segment, r, local, border * whiten[:, None], columns)
 
     def _walk(self, state: State) -> tuple[Floats, Floats]:
         """Rows of the biases' random walk between nodes, (rows, borders) and (rows,)."""
-        nodes = self.imu.nodes
+        nodes = self.nodes
         borders = BIASES + 6 * len(nodes)
         if len(nodes) == 1:
             return np.zeros((0, borders)), np.zeros(0)
@@ -310,8 +266,8 @@ def solve(problem: Problem, state: State) -> tuple[State, int]:
     if direct:
         return solution, count
     for share in _LOOSE:
-        poses = replace(problem.poses, whiten=share * problem.poses.whiten)
-        loose = replace(problem, poses=poses, tolerance=_LOOSE_TOLERANCE)
+        whiten = share * problem.pose_whiten
+        loose = replace(problem, pose_whiten=whiten, tolerance=_LOOSE_TOLERANCE)
         state, more, _ = _descend(loose, state, patient=True)
         count += more
     solution, more, _ = _descend(problem, state, patient=True)
@@ -428,11 +384,6 @@ def prepare(
     walks = options.biases and max(options.accel_bias_walk, options.gyro_bias_walk) > 0.0
     span = float(imu.t[-1] - imu.t[0])
     count = max(round(span / options.bias_interval), 1) + 1 if walks else 1
-    readings = ImuData(
-        imu=imu,
-        whiten=1.0 / np.repeat([options.accel_std, options.gyro_std], 3),
-        nodes=np.linspace(imu.t[0], imu.t[-1], count),
-    )
     down = np.array([0.0, 0.0, -options.gravity_norm])
     gravity = {"none": np.zeros(3), "fixed": down, "tilt": first.gravity_world}[options.gravity]
     start = np.concatenate([first.accel_bias, first.gyro_bias])
@@ -444,5 +395,16 @@ def prepare(
         time_offset=offset,
         biases=np.tile(start if options.biases else np.zeros(6), (count, 1)),
     )
-    poses = PoseData(t=t, R=R, p=p, whiten=whiten)
-    return Problem(knots, R_middle, poses, readings, options), state
+    problem = Problem(
+        knots=knots,
+        R_middle=R_middle,
+        t=t,
+        R=R,
+        p=p,
+        pose_whiten=whiten,
+        imu=imu,
+        imu_whiten=1.0 / np.repeat([options.accel_std, options.gyro_std], 3),
+        nodes=np.linspace(imu.t[0], imu.t[-1], count),
+        options=options,
+    )
+    return problem, state
