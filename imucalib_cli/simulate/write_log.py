@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -23,6 +24,7 @@ from imucalib_cli.results.atomic import check_writable
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.options import LogOptions
 from imucalib_cli.simulate.recording import CameraRecord, ImuRecord, JointRecord, PoseRecord
+from imucalib_cli.simulate.urdf import urdf_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -47,8 +49,10 @@ COMPRESSIONS = {
 }
 """By suffix, the default first; no suffix is a ROS 2 bag folder."""
 
+_TF, _JOINTS = "tf2_msgs/msg/TFMessage", "sensor_msgs/msg/JointState"
+_IMAGE = "sensor_msgs/msg/Image"
 TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms\n"
-"""tf2_msgs/TFMessage, which rosbags' ROS 1 types lack."""
+"""_TF, which rosbags' ROS 1 types lack."""
 
 
 def write_log(
@@ -69,7 +73,7 @@ def write_log(
     with _open_log(path, options.compression) as (types, connect):
         parts = [
             (_ns(received, options), connect(topic, message_type), make)
-            for received, topic, message_type, make in _Factory(types, recording, options)
+            for received, topic, message_type, make in _publishers(types, recording, options)
         ]
         received = np.concatenate([ns for ns, _, _ in parts])
         source = np.repeat(np.arange(len(parts)), [len(ns) for ns, _, _ in parts])
@@ -163,7 +167,7 @@ def _bag1(path: Path, compression: str) -> Iterator[_Log]:
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC)
-    store.register(get_types_from_msg(TF_MESSAGE, "tf2_msgs/msg/TFMessage"))
+    store.register(get_types_from_msg(TF_MESSAGE, _TF))
     writer = Writer(path)
     if compression != "none":
         writer.set_compression(Writer.CompressionFormat[compression.upper()])
@@ -202,102 +206,88 @@ def named_imus(system: SystemConfig, options: LogOptions) -> tuple[PlacedImu, ..
     return replace(first, topic=topic, link=link), *others
 
 
-class _Factory:
-    """Makes message objects from the rows of a recording."""
+def _publishers(
+    types: Any, recording: Recording, options: LogOptions
+) -> Iterator[tuple[Floats, str, str, Make]]:
+    """Each publisher: when its messages were received, topic, message type and messages."""
+    topics, camera = recording.system.topics, recording.camera
+    robot = options.robot_topic or topics.robot
+    imus, maker = named_imus(recording.system, options), Maker(types)
+    headers = partial(_headers, maker, options)
 
-    def __init__(self, types: Any, recording: Recording, options: LogOptions) -> None:
-        self._types = types
-        self._maker = Maker(types)
-        self._recording = recording
-        self._options = options
-
-    def __iter__(self) -> Iterator[tuple[Floats, str, str, Make]]:
-        """Each publisher: when its messages were received, topic, message type and messages."""
-        recording, options = self._recording, self._options
-        topics, camera = recording.system.topics, recording.camera
-        robot = options.robot_topic or topics.robot
-        imus = named_imus(recording.system, options)
-        for read, imu in zip(recording.imus, imus, strict=True):
-            yield read.received, imu.topic, "sensor_msgs/msg/Imu", self._imu(read, imu.link)
-        for number, record in enumerate(recording.robot):
-            if isinstance(record, PoseRecord):
-                frames, poses = (record.parent, record.child), record.quaternion_xyzw
-                make = self._transforms(record.stamp, frames, record.position, poses)
-                yield record.received, robot, "tf2_msgs/msg/TFMessage", make
-            else:
-                topic = f"{robot}_{number + 1}" if options.topic_each else robot
-                yield record.received, topic, "sensor_msgs/msg/JointState", self._joints(record)
-        if camera is not None:
-            topic, make = camera.config.topic, self._images(camera)
-            yield camera.received, topic, "sensor_msgs/msg/Image", make
-        at_once = np.zeros(1)  # topics with one message, sent as the log begins
-        if options.robot_description:
-            from imucalib_cli.simulate.urdf import urdf_text
-
-            text, string = urdf_text(recording.system), "std_msgs/msg/String"
-            yield at_once, "/robot_description", string, lambda _: self._types[string](data=text)
-        for imu in imus if options.tf_static else ():
-            turn = quaternion_from_matrix(matrix_from_rpy(imu.nominal.rpy))
-            position = np.array([imu.nominal.xyz])
-            make = self._transforms(at_once, (imu.parent, imu.link), position, turn[None])
-            yield at_once, "/tf_static", "tf2_msgs/msg/TFMessage", make
-
-    def _headers(self, stamp: Floats, frame: str) -> Make:
-        stamps = _ns(stamp, self._options).tolist()
-        frame = f"{self._options.frame_prefix}{frame}" if frame else ""
-        return lambda i: self._maker.header(stamps[i], frame, i)
-
-    def _imu(self, record: ImuRecord, frame: str) -> Make:
-        header = self._headers(record.stamp, frame)
+    def readings(record: ImuRecord, frame: str) -> Make:
+        header = headers(record.stamp, frame)
         gyro, accel = record.gyro.tolist(), record.accel.tolist()
-        return lambda i: self._maker.imu(header(i), gyro[i], accel[i])
+        return lambda i: maker.imu(header(i), gyro[i], accel[i])
 
-    def _joints(self, record: JointRecord) -> Make:
-        joint_state = self._types["sensor_msgs/msg/JointState"]
-        order, columns = self._options.joint_order, list(range(len(record.names)))
-        if order:
-            known = sorted(n for r in self._recording.robot for n in getattr(r, "names", ()))
-            if sorted(order) != known:
-                raise ChoiceError(f"joint order must name each of {', '.join(known)} once")
-            columns = [record.names.index(name) for name in order if name in record.names]
-        names = [f"{self._options.joint_prefix}{record.names[column]}" for column in columns]
+    def poses(stamp: Floats, parent: str, child: str, p: Floats, quaternions_xyzw: Floats) -> Make:
+        header, child = headers(stamp, parent), f"{options.frame_prefix}{child}"
+        position, turn, message = p.tolist(), quaternions_xyzw.tolist(), types[_TF]
+        return lambda i: message([maker.transform(header(i), child, position[i], turn[i])])
+
+    def joints(record: JointRecord) -> Make:
+        columns = _columns(record, recording, options.joint_order)
+        names = [f"{options.joint_prefix}{record.names[column]}" for column in columns]
         position = np.ascontiguousarray(record.position[:, columns])
-        header, nothing = self._headers(record.stamp, ""), np.zeros(0)
-        return lambda i: joint_state(
+        header, nothing, message = headers(record.stamp, ""), np.zeros(0), types[_JOINTS]
+        return lambda i: message(
             header=header(i), name=names, position=position[i], velocity=nothing, effort=nothing
         )
 
-    def _transforms(
-        self,
-        stamp: Floats,
-        frames: tuple[str, str],
-        positions: Floats,
-        quaternions_xyzw: Floats,
-    ) -> Make:
-        """Poses of the second frame in the first."""
-        header = self._headers(stamp, frames[0])
-        child = f"{self._options.frame_prefix}{frames[1]}"
-        position, turn = positions.tolist(), quaternions_xyzw.tolist()
-        message, transform = self._types["tf2_msgs/msg/TFMessage"], self._maker.transform
-        return lambda i: message([transform(header(i), child, position[i], turn[i])])
+    for read, imu in zip(recording.imus, imus, strict=True):
+        yield read.received, imu.topic, "sensor_msgs/msg/Imu", readings(read, imu.link)
+    for number, record in enumerate(recording.robot):
+        if isinstance(record, PoseRecord):
+            frames = record.parent, record.child
+            make = poses(record.stamp, *frames, record.position, record.quaternion_xyzw)
+            yield record.received, robot, _TF, make
+        else:
+            topic = f"{robot}_{number + 1}" if options.topic_each else robot
+            yield record.received, topic, _JOINTS, joints(record)
+    if camera is not None:
+        frame, message = camera.config.frame.link, types[_IMAGE]
+        make = _images(camera, recording, headers(camera.stamp, frame), message)
+        yield camera.received, camera.config.topic, _IMAGE, make
+    at_once = np.zeros(1)  # topics with one message, sent as the log begins
+    if options.robot_description:
+        text, string = urdf_text(recording.system), "std_msgs/msg/String"
+        yield at_once, "/robot_description", string, lambda _: types[string](data=text)
+    for imu in imus if options.tf_static else ():
+        turn = quaternion_from_matrix(matrix_from_rpy(imu.nominal.rpy))
+        make = poses(at_once, imu.parent, imu.link, np.array([imu.nominal.xyz]), turn[None])
+        yield at_once, "/tf_static", _TF, make
 
-    def _images(self, record: CameraRecord) -> Make:
-        from imucalib_cli.simulate.camera.render import Images
 
-        # Each is rendered when it is written.
-        images = Images(record, self._recording.noise, self._recording.seed or 0)
-        image = self._types["sensor_msgs/msg/Image"]
-        lens = record.config.intrinsics
-        header = self._headers(record.stamp, record.config.frame.link)
-        return lambda i: image(
-            header=header(i),
-            height=lens.height,
-            width=lens.width,
-            encoding="mono8",
-            is_bigendian=0,
-            step=lens.width,
-            data=images[i].ravel(),
-        )
+def _headers(maker: Maker, options: LogOptions, stamp: Floats, frame: str) -> Make:
+    stamps = _ns(stamp, options).tolist()
+    frame = f"{options.frame_prefix}{frame}" if frame else ""
+    return lambda i: maker.header(stamps[i], frame, i)
+
+
+def _columns(record: JointRecord, recording: Recording, order: tuple[str, ...]) -> list[int]:
+    """Columns of a publisher's joints in the order asked for."""
+    if not order:
+        return list(range(len(record.names)))
+    known = sorted(n for r in recording.robot for n in getattr(r, "names", ()))
+    if sorted(order) != known:
+        raise ChoiceError(f"joint order must name each of {', '.join(known)} once")
+    return [record.names.index(name) for name in order if name in record.names]
+
+
+def _images(record: CameraRecord, recording: Recording, header: Make, message: Any) -> Make:
+    """Each image is rendered when it is written."""
+    from imucalib_cli.simulate.camera.render import Images
+
+    images, lens = Images(record, recording.noise, recording.seed or 0), record.config.intrinsics
+    return lambda i: message(
+        header=header(i),
+        height=lens.height,
+        width=lens.width,
+        encoding="mono8",
+        is_bigendian=0,
+        step=lens.width,
+        data=images[i].ravel(),
+    )
 
 
 def _ns(seconds: Floats, options: LogOptions) -> Integers:
