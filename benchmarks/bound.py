@@ -12,16 +12,14 @@ sweep, root mean squares over the same logs.
 
 from __future__ import annotations
 
-from collections import defaultdict
-from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.common import arguments, parallel, rms, table
-from benchmarks.robots import ANY, LINK_MASS, ROBOTS, ROWS, Row, row_of
-from benchmarks.sweeps import Job, Line, read
+from benchmarks.robots import LINK_MASS, Row, row_of
+from benchmarks.sweeps import Job, Line, grouped, read
 from imucalib_cli.estimate.attempts import best_attempt
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import whole_fit
@@ -103,15 +101,10 @@ def main() -> None:
         logs={"default": 40, "help": "of each robot and row"},
         workers=2,
     )
-    groups: dict[tuple[str, str], list[Line]] = defaultdict(list)
-    for each in read(asked.sweep).values():
-        if "failed" not in each:
-            groups[each["robot"], each["row"]].append(each)
+    good = (each for each in read(asked.sweep).values() if "failed" not in each)
     line = table(*HEADER)
-    for key in product((*ROBOTS, ANY), (*ROWS, ANY)):
-        lines = sorted(groups[key], key=lambda each: each["seed"])[: asked.logs]
-        if not lines:
-            continue
+    for *key, found in grouped(good):
+        lines = sorted(found, key=lambda each: each["seed"])[: asked.logs]
         bounds = parallel(bound, [(each,) for each in lines], asked.workers)
         place_least, *turn_least = np.sqrt(np.mean(bounds, axis=0))
         errors = np.array([each["error"] for each in lines])

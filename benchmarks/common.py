@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -70,6 +71,13 @@ def parallel(
 
     with ProcessPoolExecutor(workers, initializer=prepare_to_compute) as pool:
         return list(pool.map(function, *zip(*jobs, strict=True)))
+
+
+def timed(call: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
+    """Seconds of one call, by a clock."""
+    start = clock()
+    call()
+    return clock() - start
 
 
 def rms(errors: ArrayLike) -> float:

@@ -14,7 +14,6 @@ import bz2
 import resource
 import sys
 import tempfile
-import time
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,7 +25,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Reader
 
-from benchmarks.common import arguments, table
+from benchmarks.common import arguments, table, timed
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import (
     ROS1,
@@ -148,13 +147,7 @@ def read_anyreader(path: Path) -> None:
 
 def typical(runs: list[Callable[[], None]], repeats: int) -> list[float]:
     """Median of several runs of each, in turn so that a busy machine is busy for all, s."""
-
-    def seconds(run: Callable[[], None]) -> float:
-        start = time.perf_counter()
-        run()
-        return time.perf_counter() - start
-
-    times = [[seconds(run) for run in runs] for _ in range(repeats)]
+    times = [[timed(run) for run in runs] for _ in range(repeats)]
     return [float(each) for each in np.median(times, axis=0)]
 
 

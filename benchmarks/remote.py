@@ -12,20 +12,19 @@ as over a long line.
 from __future__ import annotations
 
 import tempfile
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosbags.rosbag1 import Reader as BagReader
 
-from benchmarks.common import arguments, table
+from benchmarks.common import arguments, table, timed
 from imucalib_cli.logs.log import open_log
 from imucalib_cli.logs.remote.file import RemoteFile
 from tests.logs.logs_remote import wanted_bytes, with_images
 from tests.web_server import serving
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Collection
 
 SAMPLES = Path(__file__).parents[1] / "sample_data"
 LINE_S = 0.05
@@ -45,18 +44,12 @@ def bag_chunks(path: Path, topics: Collection[str]) -> int:
 
 def row(name: str, path: Path, topics: Collection[str], wanted: int) -> tuple[object, ...]:
     """Bytes, requests and times of reading some topics of a log."""
-
-    def seconds(read: Callable[[], object]) -> float:
-        start = time.perf_counter()
-        read()
-        return time.perf_counter() - start
-
-    local = seconds(lambda: open_log([path]).read(topics))
+    local = timed(lambda: open_log([path]).read(topics))
     with serving(path.parent) as web:
-        fast = seconds(lambda: open_log([RemoteFile(web.url(path.name))]).read(topics))
+        fast = timed(lambda: open_log([RemoteFile(web.url(path.name))]).read(topics))
         sent, requests = web.sent, len(web.asked)
         web.behaviour.seconds_per_request = LINE_S
-        slow = seconds(lambda: open_log([RemoteFile(web.url(path.name))]).read(topics))
+        slow = timed(lambda: open_log([RemoteFile(web.url(path.name))]).read(topics))
     sizes = (each / 1e6 for each in (path.stat().st_size, wanted, sent))
     return name, *sizes, sent / wanted, requests, local, fast, slow
 

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from rosbags.highlevel import AnyReader
 
-from benchmarks.common import arguments, rihibot_log, table
+from benchmarks.common import arguments, rihibot_log, table, timed
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.logs.clock import choose_clock
@@ -62,13 +62,6 @@ def in_turn(calls: Mapping[str, Callable[[], T]], rounds: int) -> dict[str, list
     """Results of each call, round by round; the first round compiles, and does not count."""
     found = [{name: call() for name, call in calls.items()} for _ in range(rounds + 1)][1:]
     return {name: [each[name] for each in found] for name in calls}
-
-
-def timed(call: Callable[[], object]) -> float:
-    """CPU seconds of one call: other work on a shared machine is not in them."""
-    start = time.process_time()
-    call()
-    return time.process_time() - start
 
 
 def main() -> None:
@@ -149,7 +142,9 @@ def measure(path: Path, urdf: Path) -> None:
                 reader.deserialize(raw, connection.msgtype)
 
     calls = {"estimate": estimate, "our reading": read_ours, "AnyReader, IMU topic": read_theirs}
-    times = in_turn({name: partial(timed, call) for name, call in calls.items()}, REPEATS)
+    # CPU time: other work on a shared machine is not in it.
+    timers = {name: partial(timed, call, time.process_time) for name, call in calls.items()}
+    times = in_turn(timers, REPEATS)
     medians = {name: statistics.median(values) for name, values in times.items()}
     line = table("what", "median CPU s|.3f", "over AnyReader|.2f")
     for name, value in medians.items():

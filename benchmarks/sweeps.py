@@ -36,7 +36,7 @@ from imucalib_cli.estimate.options import MatchedOptions
 from tools.errors import nees, pose_error
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Iterator
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
@@ -146,17 +146,23 @@ def read(file: Path) -> dict[str, Line]:
     return lines
 
 
+def grouped(lines: Iterable[Line]) -> Iterator[tuple[str, str, Logs]]:
+    """Each robot and row with its lines, in the order of the tables."""
+    groups: dict[tuple[str, str], Logs] = defaultdict(list)
+    for each in lines:
+        groups[each["robot"], each["row"]].append(each)
+    for robot, row in product((*ROBOTS, ANY), (*ROWS, ANY)):
+        if found := groups.get((robot, row)):
+            yield robot, row, found
+
+
 def show(lines: dict[str, Line]) -> None:
     """Print a line for each robot and row."""
-    groups: dict[tuple[str, str], Logs] = defaultdict(list)
-    for one in lines.values():
-        groups[one["robot"], one["row"]].append(one)
     line = table("robot", "row", "logs", "failed", *COLUMNS)
-    for robot, row in product((*ROBOTS, ANY), (*ROWS, ANY)):
-        if every := groups.get((robot, row)):
-            kept = [one for one in every if "failed" not in one]
-            cells = (column(kept) if kept else "-" for column in COLUMNS.values())
-            line(robot, row, len(every), len(every) - len(kept), *cells)
+    for robot, row, every in grouped(lines.values()):
+        kept = [one for one in every if "failed" not in one]
+        cells = (column(kept) if kept else "-" for column in COLUMNS.values())
+        line(robot, row, len(every), len(every) - len(kept), *cells)
 
 
 def sweep(jobs: list[Job], file: Path | None, workers: int) -> dict[str, Line]:
