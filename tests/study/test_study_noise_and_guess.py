@@ -22,7 +22,7 @@ from imucalib_cli.study.studies.noise_and_guess import (
     stratified_folds,
     without,
 )
-from imucalib_cli.study.tables import Row, Table
+from imucalib_cli.study.tables import Row, Table, chosen
 from tests.study.study_samples import study
 from tools.errors import nees
 
@@ -121,7 +121,7 @@ def test_noise_study_runs_all_pairs_folds_and_seeds() -> None:
     cells = noise_study().cells()
     keys = {tuple(cell.values()) for cell in cells}
     assert len(keys) == len(cells)
-    arm = [c for c in cells if c["case"] == "rihibot" and c["offset"] == 0.0]
+    arm = chosen(cells, case="rihibot", offset=0.0)
     assert {(c["accel"], c["gyro"]) for c in arm} >= {(0.0, 0.0002), (0.00196133, 0.0)}
     # 6 levels each alone and together share the pair without noise: 16 pairs, 3 folds, 5 seeds
     assert len(arm) == 16 * 15
@@ -131,12 +131,8 @@ def test_noise_study_runs_all_pairs_folds_and_seeds() -> None:
 
 @pytest.mark.slow
 def test_every_method_matches_the_simulated_truth() -> None:
-    (cell,) = (
-        c
-        for c in noise_study().cells()
-        if (c["case"], c["accel"], c["gyro"], c["offset"], c["fold"], c["seed"])
-        == ("rihibot", 0.0, 0.0, 0.0, 1, 0)
-    )
+    still = {"accel": 0.0, "gyro": 0.0, "offset": 0.0}
+    (cell,) = chosen(noise_study().cells(), case="rihibot", **still, fold=1, seed=0)
     found = noise_study().measure(cell)
     settings = [f"L {n}, drops over {a} m/s²" for n in (5, 11) for a in (0.391, 6.25)]
     assert [row["setting"] for row in found] == [*settings, *settings, None, None]
@@ -154,7 +150,7 @@ def noise_rows(**changed: float) -> list[Row]:
     """Rows as if the paper were right in everything, but for what is changed."""
     noise = noise_study()
     rows: list[Row] = []
-    bar = [c for c in noise.cells() if (c["case"], c["offset"]) == ("barbot", 0.0)]
+    bar = chosen(noise.cells(), case="barbot", offset=0.0)
     pairs = dict.fromkeys((c["accel"], c["gyro"]) for c in bar)
     for system, (accel, gyro) in product(noise.systems, pairs):
         grown = (1e-3 if system == "rihibot" else 1e-5) * accel / noise.accel[-1]

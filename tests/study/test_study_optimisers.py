@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.options import PaperOptions
-from imucalib_cli.paper.filters import filtered_instants
+from imucalib_cli.paper.filters import Instants, filtered_instants
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions, PhysicsOptions
 from imucalib_cli.study import optimisers
@@ -30,6 +30,7 @@ from imucalib_cli.study.optimisers import (
     value_of,
 )
 from imucalib_cli.study.recordings import clean_recording, streams_of
+from imucalib_cli.study.tables import chosen
 from tests.study.study_samples import study
 
 RECORDED: dict[str, Any] = {"duration": 12.0, "imu_rate": 100.0, "robot_rate": 100.0}
@@ -43,29 +44,28 @@ def near(translation: float, rotation_deg: float) -> Pose:
     return wrong_guess(clean_recording("rihibot", PHYSICS), translation, rotation_deg, 0)
 
 
-def made(noise: NoiseOptions | None = None) -> PoseCost:
+def instants(noise: NoiseOptions | None = None) -> Instants:
+    """What the published method compares on the system's recording."""
     clean = clean_recording("rihibot", PHYSICS)
-    recording = clean if noise is None else corrupt(clean, noise, 0)
-    imu, path = streams_of(recording)
+    imu, path = streams_of(clean if noise is None else corrupt(clean, noise, 0))
     every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
-    return published_cost(every.compared(), GRAVITY)
+    return every.compared()
 
 
 @pytest.fixture(scope="module")
 def clean() -> PoseCost:
-    return made()
+    return published_cost(instants(), GRAVITY)
 
 
 @pytest.fixture(scope="module")
 def spiked() -> PoseCost:
-    return made(NoiseOptions(accel_white=2e-3, gyro_white=4e-4, spikes=0.01))
+    noise = NoiseOptions(accel_white=2e-3, gyro_white=4e-4, spikes=0.01)
+    return published_cost(instants(noise), GRAVITY)
 
 
 def restated(recording_cost: PoseCost) -> Any:
     """The published differences in scipy's rotations instead of ours."""
-    imu, path = streams_of(clean_recording("rihibot", PHYSICS))
-    every, _, _ = filtered_instants(imu, path, PaperOptions(), np.eye(3), np.zeros(3))
-    i = every.compared()
+    i = instants()
     assert len(recording_cost.constant) == 6 * len(i.t)
 
     def differences(x: Floats) -> Floats:
@@ -195,8 +195,7 @@ def test_small_study_reports_errors_and_convergence(tmp_path: Path) -> None:
             [float(row[key] or 0) for key in ("translation", "rotation", "value")]
         ).all()
         assert isinstance(row["bound_translation"], float)
-    near_rows = [row for row in rows if row["guess"] == "0.02 m, 2 deg"]
-    assert all(row["found"] for row in near_rows)
+    assert all(row["found"] for row in chosen(rows, guess="0.02 m, 2 deg"))
     tables = small.tables(rows)
     assert [len(table.rows) for table in tables] == [len(OPTIMISERS)] * 2
     for name, draw in small.figures(rows).items():
@@ -224,10 +223,8 @@ def test_exact_derivatives_need_fewer_evaluations(cost: str) -> None:
     small = study("optimiser", **SMALL)
     rows = small.measure(small.cells()[-1])
     numeric, analytic = (
-        next(
-            r for r in rows if (r["optimiser"], r["residuals"], r["least"]) == (n, cost, "squares")
-        )
-        for n in ("trf", "trf, analytic")
+        chosen(rows, optimiser=name, residuals=cost, least="squares")[0]
+        for name in ("trf", "trf, analytic")
     )
     assert numeric["translation"] == pytest.approx(analytic["translation"], rel=1e-5)
     assert float(analytic["evaluations"] or 0) * 3 < float(numeric["evaluations"] or 0)
