@@ -15,7 +15,7 @@ from imucalib_cli.cli.parsers import local_file, output_folder
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from imucalib_cli.study.study import Study
+    from imucalib_cli.study.experiment import Study
     from imucalib_cli.study.tables import Row, TableFormat
     from imucalib_cli.study.tables import Table as StudyTable
 

@@ -114,7 +114,7 @@ class Sweep(Conditioned):
 
     def sections(self) -> list[Section]:
         """Every value under every condition, a table for each system, part and condition."""
-        sections = []
+        sections: list[Section] = []
         for system, (part, words), condition in product(
             self.systems, self.words.items(), self.names
         ):
