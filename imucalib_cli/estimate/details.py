@@ -217,7 +217,7 @@ def _misfit(fit: Fit, offset: float) -> float:
     layout = lay_out(fit.model.windowing.trajectory, options)
     model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
     (residuals,) = model.residuals(state, fit.centres)
-    equations, square = fit.equations_in(layout, state, residuals.values)
+    equations, square = fit.equations_in(layout, state, residuals)
     problem = equations.problem(layout, options)
     step, _ = problem.solve(fit.u)
     P, away = problem.precision(fit.u), problem.offset

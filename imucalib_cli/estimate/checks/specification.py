@@ -20,7 +20,6 @@ import numpy as np
 from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
 from imucalib_cli.estimate.model.windows import thinned
 from imucalib_cli.estimate.solution.algebra import embedded, squared_distance
-from imucalib_cli.estimate.solution.fit import Linearised
 from imucalib_cli.estimate.solution.normal_equations import WindowAnswer
 from imucalib_cli.estimate.solution.spectrum import PARTS
 from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
@@ -73,7 +72,7 @@ def window_dependence(fit: Fit) -> list[Dependence]:
         if not _sound(fit, plan.length):
             continue
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fits = used & np.isin(fit.centres, model.centres(fit.equations.at))
+        fits = used & np.isin(fit.centres, model.centres(fit.at))
         centres = thinned(fit.centres[fits], _MOST)
         if _lengths(centres, plan) >= _FEWEST_PARTS:
             found.append(_difference(fit, own_answer, model, centres, residuals))
@@ -96,14 +95,13 @@ def _difference(
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
     at = np.searchsorted(fit.centres, centres)
-    there = Linearised(
-        model,
-        fit.equations.at,
-        centres,
-        residuals.values[at],
-        fit.weights[at],
-        fit.residual_scales * (plan.gains / fit.model.windowing.plan.gains),
-        fit.noise,
+    there = replace(
+        fit,
+        model=model,
+        centres=centres,
+        residuals=replace(residuals, values=residuals.values[at]),
+        weights=fit.weights[at],
+        scales=fit.scales * (plan.gains / fit.model.windowing.plan.gains),
     )
     step, influence, inverse = _solved(fit, *there.sums())
     own_step, own_influence, own_inverse = own

@@ -88,12 +88,12 @@ class Linearised:
     """Whitened windows about a point of linearisation, from which normal matrices are summed."""
 
     model: Model
-    state: State
+    at: State
     """The point."""
     centres: Indices
     """(W,)."""
-    residuals: Floats
-    """(W, 6), e."""
+    residuals: Residuals
+    """Their values are e."""
     weights: Floats
     """(W,), robust."""
     scales: Floats
@@ -116,12 +116,12 @@ class Linearised:
         """[e J] of windows, (w, 6, n + 1), so weighted that every sample counts once."""
         gains = self.model.windowing.plan.noise_gains / self.scales
         root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
-        unit = self.model.layout.unit
-        for part, J in columns(self.model, self.state, self.centres):
+        unit, values = self.model.layout.unit, self.residuals.values
+        for part, J in columns(self.model, self.at, self.centres):
             # Residuals count in the unit of the readings: with smaller lengths and forces they
             # would be smaller, and a small unit of length would seem to fit better.
-            J[:, :3, unit] += self.residuals[part, :3, None] / 3.0
-            rows = np.concatenate([self.residuals[part, :, None], J], axis=2)
+            J[:, :3, unit] += values[part, :3, None] / 3.0
+            rows = np.concatenate([values[part, :, None], J], axis=2)
             rows *= root[part, :, None]
             yield part, rows
 
@@ -139,28 +139,21 @@ class Linearised:
     def calibration(self, total: Floats) -> tuple[Floats, Floats]:
         """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
         weights = self.windows / self.scales**2
-        return calibration(self.model, self.state.x, self.noise, weights, total)
+        return calibration(self.model, self.at.x, self.noise, weights, total)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit(Answer):
+class Fit(Answer, Linearised):
     """The posterior and the windows it comes from."""
 
-    model: Model
     equations: NormalEquations
+    """About the same point as the windows."""
     statistics: Statistics
-    """About the point of linearisation of the equations."""
+    """Likewise."""
     levels: Floats
     """(2, bands), of the noise."""
-    noise: NoiseSpectrum
-    centres: Indices
-    residuals: Residuals
     by_other_windows: tuple[tuple[WindowPlan, Residuals], ...]
     """About the same point and centres; zero of windows that do not fit there."""
-    weights: Floats
-    """(W,), robust."""
-    residual_scales: Floats
-    """(2,)."""
     runner_up_rise: float
     """Rise of chi-squared at the best other rotation; inf where there is none."""
     settled: bool
@@ -203,7 +196,7 @@ class Fit(Answer):
         windowing = self.model.windowing
         kinematic = kinematic_variance(windowing.seconds, windowing.trajectory)
         known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
-        return np.asarray(self.residual_scales / np.maximum(known, COMMON_IMU))
+        return np.asarray(self.scales / np.maximum(known, COMMON_IMU))
 
     @property
     def _rate_noise(self) -> float:
@@ -243,33 +236,16 @@ class Fit(Answer):
         if differs.any():
             huber = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
             weights[differs[number]] = huber[differs[number]]
-            rows = replace(self.linearised, weights=weights).rows()
+            rows = replace(self, weights=weights).rows()
             matrices = part_matrices(self.centres, rows, self.layout.size + 1)
         return turned(matrices, self.statistics.calibration)
 
-    @property
-    def linearised(self) -> Linearised:
-        """Its windows about the point of its equations."""
-        return Linearised(
-            self.model,
-            self.equations.at,
-            self.centres,
-            self.residuals.values,
-            self.weights,
-            self.residual_scales,
-            self.noise,
-        )
-
     def equations_in(
-        self, layout: Layout, state: State, residuals: Floats | None = None
+        self, layout: Layout, state: State, residuals: Residuals | None = None
     ) -> tuple[NormalEquations, float]:
         """Equations of its windows about a state of another layout, and e'e there."""
-        there = replace(
-            self.linearised,
-            model=replace(self.model, layout=layout),
-            state=state,
-            residuals=self.residuals.values if residuals is None else residuals,
-        )
+        model = replace(self.model, layout=layout)
+        there = replace(self, model=model, at=state, residuals=residuals or self.residuals)
         total, _, noise_score = there.sums()
         A, b = total[1:, 1:], total[1:, 0] - noise_score
         white = A * self.equations.level
@@ -330,7 +306,7 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     windowing, rise = lean.model.windowing, lean.runner_up_rise
     layout = lay_out(windowing.trajectory, options, payload=False)
     # Where the lean residuals are known, which more unknowns do not change while they are zero.
-    state = transferred(lean, layout, options, lean.equations.at)
+    state = transferred(lean, layout, options, lean.at)
     others, start = windowing.other_plans, lean.residuals
     fit = _fitted(
         Model(windowing, layout), options, state, rise, more=_MORE, start=start, others=others
@@ -440,9 +416,8 @@ def _fitted(
     kept too.
     """
     layout, windowing = model.layout, model.windowing
-    seconds = windowing.seconds
+    seconds, clock = windowing.seconds, layout.part("time_offset")
     curvature = _curvature(layout, seconds)
-    clock = layout.part("time_offset")
     scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
     for turn in range(_PASSES):
         every = model.centres(state)
@@ -464,7 +439,7 @@ def _fitted(
         sure = more > 1 or turn >= 2
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
         seen = model if turn else replace(model, windowing=windowing.coarse)
-        at = Linearised(seen, state, centres, residuals.values, weights, scales, noise)
+        at = Linearised(seen, state, centres, residuals, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
         if turn < _ANEW:  # a wrong split between scales would stay
@@ -476,20 +451,17 @@ def _fitted(
             A, b = stats.information / level + of_gravity[0], stats.score / level + of_gravity[1]
             problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
             u = most_likely(problem, u)
-            step, inverse = problem.solve(u)
-            levels = stats.levels(
-                embedded(step, layout.free), embedded_matrix(inverse, layout) / level
-            )
-            x, white = state.x + embedded(step, layout.free), scales / windowing.plan.noise_gains
-            left = levels * (white**2)[:, None]
-            noise = NoiseSpectrum.of(model, x, at.frequency, left, stats.passed)
+            free_step, inverse = problem.solve(u)
+            step = embedded(free_step, layout.free)
+            levels = stats.levels(step, embedded_matrix(inverse, layout) / level)
+            left = levels * ((scales / windowing.plan.noise_gains) ** 2)[:, None]
+            noise = NoiseSpectrum.of(model, state.x + step, at.frequency, left, stats.passed)
             level = max(_level(stats, layout, levels, inverse), least_level)
         std = np.sqrt(np.diag(inverse))
-        settled = _error_after(step, std, curvature[layout.free]) < _SETTLED
+        settled = _error_after(free_step, std, curvature[layout.free]) < _SETTLED
         enough = turn and settled and (more == 1 or all_used)
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
-        step = embedded(step, layout.free)
         step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
         step, last_step = _shortened(step, last_step, curvature), step
         state = admitted(state.moved(layout, step), layout, options)
@@ -505,18 +477,14 @@ def _fitted(
     )
     return Fit(
         **vars(equations.solve(options)),
-        model=model,
+        **vars(replace(at, noise=noise)),
         equations=equations,
         statistics=stats,
         levels=levels,
-        noise=noise,
-        centres=centres,
-        residuals=residuals,
         by_other_windows=tuple(zip(others, by_others, strict=False)),
-        weights=weights,
-        residual_scales=scales,
         runner_up_rise=rise,
-        settled=_error_after(step[known], std[known], curvature[layout.free][known]) < _SETTLED,
+        settled=_error_after(free_step[known], std[known], curvature[layout.free][known])
+        < _SETTLED,
         of_gravity=of_gravity,
     )
 
