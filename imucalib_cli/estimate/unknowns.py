@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from operator import methodcaller
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -121,25 +122,15 @@ class JointMotion:
     """(M,), Nm/kg (model/loads.py); anything for a curve that is not loaded."""
 
     @cached_property
-    def once_a_turn(self) -> Floats:
-        """(2, M), sine and cosine."""
-        return np.stack([np.sin(self.position), np.cos(self.position)])
+    def _once_a_turn(self) -> tuple[Floats, Floats]:
+        return np.sin(self.position), np.cos(self.position)
 
-    @property
-    def twice_a_turn(self) -> Floats:
-        """(2, M), sine and cosine of twice the position."""
-        return _doubled(self.once_a_turn)
-
-    @property
-    def four_times_a_turn(self) -> Floats:
-        """(2, M), sine and cosine of four times the position."""
-        return _doubled(self.twice_a_turn)
-
-
-def _doubled(of_angle: Floats) -> Floats:
-    """(2, M), sine and cosine of twice an angle, from those of the angle."""
-    sine, cosine = of_angle
-    return np.stack([2.0 * sine * cosine, cosine**2 - sine**2])
+    def harmonic(self, doublings: int) -> Floats:
+        """(2, M), sine and cosine of the position, doubled so many times."""
+        sine, cosine = self._once_a_turn
+        for _ in range(doublings):
+            sine, cosine = 2.0 * sine * cosine, cosine**2 - sine**2
+        return np.stack([sine, cosine])
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,17 +220,13 @@ class OfBase:
 
 Effect = Reading | JointCurve | PayloadMass | Origin | PoseStream | Clock | Gravity | Mount | OfBase
 
-_GROUPS: Final[dict[type, tuple[Group, Group]]] = {
-    Reading: ("sensor", "sensor"),
-    Clock: ("sensor", "sensor"),
-    JointCurve: ("robot", "robot"),
-    PayloadMass: ("robot", "robot"),
-    Origin: ("robot", "robot"),
-    PoseStream: ("robot", "robot"),
-    Gravity: ("gravity", "gravity"),
-    Mount: ("mount", "robot"),
+_GROUPS: Final[dict[type, Group]] = {
+    Reading: "sensor",
+    Clock: "sensor",
+    Gravity: "gravity",
+    Mount: "mount",
 }
-"""Of an effect, and of the same effect of the base IMU."""
+"""Of effects, also of the base IMU; all others are the robot's."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -272,6 +259,11 @@ class Unknown:
     """Its group, where it is not that of its effect."""
 
     @property
+    def of_either(self) -> Effect:
+        """Its effect, whether of the one IMU or the other."""
+        return self.effect.effect if isinstance(self.effect, OfBase) else self.effect
+
+    @property
     def of_robot(self) -> bool:
         """Whether it is the same for all IMUs on a robot; else each IMU has its own."""
         return isinstance(self.effect, (JointCurve, Origin, PoseStream, OfBase))
@@ -291,11 +283,7 @@ class Unknown:
     @property
     def group(self) -> Group:
         """Group, for options that hold all unknowns of a kind."""
-        if self.among is not None:
-            return self.among
-        if isinstance(self.effect, OfBase):
-            return _GROUPS[type(self.effect.effect)][1]
-        return _GROUPS[type(self.effect)][0]
+        return self.among or _GROUPS.get(type(self.of_either), "robot")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -616,32 +604,23 @@ _OWN: Final[tuple[Unknown, ...]] = (
         ),
         words="zero of a joint: true less reported position",
     ),
-    Unknown(
-        name="joint_harmonic",
-        labels=("sin", "cos"),
-        unit="rad",
-        scale="joint_harmonic",
-        healthy=0.01,
-        effect=JointCurve(lambda m: m.once_a_turn, sliding=False),
-        words="joint error once a turn (eccentric encoder)",
-    ),
-    Unknown(
-        name="joint_second_harmonic",
-        labels=("sin", "cos"),
-        unit="rad",
-        scale="joint_second_harmonic",
-        healthy=0.01,
-        effect=JointCurve(lambda m: m.twice_a_turn, sliding=False),
-        words="joint error twice a turn (encoder)",
-    ),
-    Unknown(
-        name="joint_fourth_harmonic",
-        labels=("sin", "cos"),
-        unit="rad",
-        scale="joint_fourth_harmonic",
-        healthy=0.01,
-        effect=JointCurve(lambda m: m.four_times_a_turn, sliding=False),
-        words="joint error four times a turn (encoder)",
+    *(
+        Unknown(
+            name=name,
+            labels=("sin", "cos"),
+            unit="rad",
+            scale=name,
+            healthy=0.01,
+            effect=JointCurve(methodcaller("harmonic", doublings), sliding=False),
+            words=f"joint error {how_often}",
+        )
+        for doublings, (name, how_often) in enumerate(
+            (
+                ("joint_harmonic", "once a turn (eccentric encoder)"),
+                ("joint_second_harmonic", "twice a turn (encoder)"),
+                ("joint_fourth_harmonic", "four times a turn (encoder)"),
+            )
+        )
     ),
     Unknown(
         name="joint_gain",
@@ -776,6 +755,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="base_translation",
+        among="robot",
         labels=_XYZ,
         unit="m",
         std=3e-3,
@@ -786,6 +766,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
     ),
     Unknown(
         name="base_rotation",
+        among="robot",
         labels=_XYZ,
         unit="rad",
         std=5e-3,

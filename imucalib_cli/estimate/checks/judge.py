@@ -19,7 +19,6 @@ from imucalib_cli.estimate.unknowns import (
     Clock,
     JointCurve,
     Mount,
-    OfBase,
     Origin,
     PoseStream,
     Reading,
@@ -134,17 +133,17 @@ def of_findings(evidence: Evidence) -> Floats:
 
 def _differences(evidence: Evidence) -> Iterator[Floats]:
     """(6,) each, to other poses that the log does not exclude."""
-    fit, worst, too_large = evidence.fit, evidence.largest_dependence, set()
+    fit, worst = evidence.fit, evidence.largest_dependence
     if worst is not None:
         yield worst.difference
-    for each, _, other in _too_large(fit, evidence.dependence):
-        too_large.add(each.part.start)
+    too_large = _too_large(fit, evidence.dependence)
+    for _, other in too_large.values():
         if other is not None and worst is None:
             yield other.changes[fit.layout.pose]
     for each in fit.layout.placed:
         # Below zero it is something else that looks like it.
         below = _is_below(fit, each) and (
-            each.part.start in too_large
+            each in too_large
             or (isinstance(each.unknown.effect, JointCurve) and _is_clear(fit, each))
         )
         if below or _turns_too_far(fit, each):
@@ -429,9 +428,7 @@ def _errors(  # noqa: C901 one case for each kind of error
 ) -> Iterator[Finding]:
     """Errors that no sound robot and no sound sensor has, and those that move the pose."""
     windows = () if log is None else log.windows
-    too_large = {
-        each.part.start: (worst, other) for each, worst, other in _too_large(answer, windows)
-    }
+    too_large = _too_large(answer, windows)
     for each in answer.layout.placed:
         unknown, part, value = each.unknown, each.part, answer.value(each)
         if isinstance(unknown.effect, Mount) or unknown.name in {
@@ -461,8 +458,8 @@ def _errors(  # noqa: C901 one case for each kind of error
                 make = untrusted if sure else warning
                 facts = {"name": unknown.name, "size": size, "std": along}
                 yield make("bias.unusual", **facts, gravity=answer.options.has_gravity)
-        elif part.start in too_large:
-            worst, other = too_large[part.start]
+        elif each in too_large:
+            worst, other = too_large[each]
             if other and not below and abs(value[worst]) < WARN_SIGMAS * std[worst]:
                 continue  # by the other window it may be nothing
             # A negative one is something else that looks like it, jitter of stamps for example; of
@@ -492,8 +489,7 @@ def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[
     moves = _moves(answer, each, C)
     matters = (np.abs(moves) > stated).any() or (np.abs(value) > unknown.healthy).any()
     if matters and (np.abs(value) >= unknown.least).any():
-        effect = unknown.effect.effect if isinstance(unknown.effect, OfBase) else unknown.effect
-        shown = isinstance(effect, (JointCurve, Origin, PoseStream, Clock))
+        shown = isinstance(unknown.of_either, (JointCurve, Origin, PoseStream, Clock))
         make = note if shown and unknown.of_robot else warning
         values, stds = _as_stated(unknown, value, std)
         yield make(
@@ -554,11 +550,12 @@ def _as_stated(unknown: Unknown, value: Floats, std: Floats) -> tuple[Floats, Fl
 
 def _too_large(
     answer: Answer, windows: Sequence[WindowAnswer]
-) -> Iterator[tuple[Placed, int, WindowAnswer | None]]:
+) -> dict[Placed, tuple[int, WindowAnswer | None]]:
     """Entries that are too large: the component, and a window by which it is not surely so.
 
     With such a window something else looks like the entry.
     """
+    found: dict[Placed, tuple[int, WindowAnswer | None]] = {}
     for each in answer.layout.placed:
         value, std, limit = answer.value(each), answer.std[each.part], each.unknown.healthy
         if not len(value) or not answer.layout.free[each.part].all():
@@ -569,7 +566,8 @@ def _too_large(
             others = (
                 w for w in windows if WARN_SIGMAS * abs(w.changes[each.part][worst]) >= beyond
             )
-            yield each, worst, next(others, None)
+            found[each] = worst, next(others, None)
+    return found
 
 
 def _like(answer: Answer, place: int) -> str:

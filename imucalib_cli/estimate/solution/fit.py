@@ -458,7 +458,7 @@ def _fitted(
             noise = NoiseSpectrum.of(model, state.x + step, at.frequency, left, stats.passed)
             level = max(_level(stats, layout, levels, inverse), least_level)
         std = np.sqrt(np.diag(inverse))
-        settled = _error_after(free_step, std, curvature[layout.free]) < _SETTLED
+        settled = _settles(free_step, std, curvature[layout.free])
         enough = turn and settled and (more == 1 or all_used)
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
@@ -483,8 +483,7 @@ def _fitted(
         levels=levels,
         by_other_windows=tuple(zip(others, by_others, strict=False)),
         runner_up_rise=rise,
-        settled=_error_after(free_step[known], std[known], curvature[layout.free][known])
-        < _SETTLED,
+        settled=_settles(free_step[known], std[known], curvature[layout.free][known]),
         of_gravity=of_gravity,
     )
 
@@ -504,10 +503,10 @@ def _curvature(layout: Layout, seconds: float) -> Floats:
     return found
 
 
-def _error_after(step: Floats, std: Floats, curvature: Floats) -> float:
-    """Sigmas, largest error after a step: it is of second order, and its ratio to the step bent."""
+def _settles(step: Floats, std: Floats, curvature: Floats) -> bool:
+    """Whether the error after a step is small: of second order, its ratio to the step bent."""
     bent = float((np.abs(step) / curvature).max(initial=0.0))
-    return float((np.abs(step) / std).max(initial=0.0)) * bent
+    return float((np.abs(step) / std).max(initial=0.0)) * bent < _SETTLED
 
 
 def _shortened(step: Floats, last: Floats, curvature: Floats) -> Floats:
