@@ -18,7 +18,7 @@ from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, inverse_with_priors
-from imucalib_cli.estimate.solution.normal_equations import Answer, embedded_matrix, prior_offset
+from imucalib_cli.estimate.solution.normal_equations import Answer, prior_offset
 from imucalib_cli.estimate.solution.scales import integrate
 from imucalib_cli.estimate.unknowns import LEAN, TABLE
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
@@ -114,7 +114,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         layout=shared,
         options=options[0],
         state=at.moved(shared, embedded(posterior.step, shared.free)),
-        covariance=embedded_matrix(posterior.covariance, shared),
+        covariance=embedded(posterior.covariance, shared.free),
         u=posterior.u[:-2],
         motion=sum((one.motion for one in each), blank),
     )

@@ -40,8 +40,6 @@ _LENGTHS = (0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """s: of automatic windows; shorter ones gain nothing, since no length costs bias."""
 MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
-_LONG = 0.9
-"""s: the longest of them on a grid is longer than this."""
 _NODES, _DEGREE = 9, 3
 """Instants in windows that show how lively a log is, and degree of their polynomials."""
 _ARM = 1.0
@@ -88,7 +86,7 @@ def _automatic(grid: ImuGrid, trajectory: Trajectory, seen: SeenNoise | None) ->
 
 def is_longest(window: WindowEntry) -> bool:
     """Whether no automatic window is longer."""
-    return window.seconds > _LONG
+    return window.seconds > 0.9 * _LENGTHS[-1]  # on a grid it is a little shorter
 
 
 def own_noise(windowing: Windowing) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from imucalib_cli.estimate.entries import Unobservable
-from imucalib_cli.estimate.solution.algebra import inverse_of, inverse_with_priors
+from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.fit import DETERMINED
 from imucalib_cli.estimate.solution.solve import WEAKEST_STD
 from imucalib_cli.estimate.unknowns import LEAN
@@ -43,10 +43,7 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
             part = layout.part(name)
             free[part] = True
             std[part] = WEAKEST_STD[name]
-    lean_only = np.ix_(free, free)
-    full = np.zeros((layout.size, layout.size))
-    full[lean_only] = inverse_with_priors(answer.motion[lean_only], std[free])
-    return full
+    return embedded(inverse_with_priors(answer.motion[np.ix_(free, free)], std[free]), free)
 
 
 def undetermined(answer: Answer) -> Bools:

@@ -143,27 +143,6 @@ class PartSums:
         A, b = (np.array([each[fold].sum(axis=0) for fold in folds]) for each in (self.A, self.b))
         return A, b
 
-    def log_parts(self, edges: Floats, pose: Indices, std: Floats) -> LogParts:
-        """What each part says about the pose, at places ``pose`` (6,).
-
-        ``edges`` (p + 1,), s of the log; ``std`` (6,) of the pose as stated, for the whole log.
-        """
-        A, P = self.A, self.P
-        whole = inverse_of(A.sum(axis=0) + P)[pose]
-        shares = np.einsum("pi,kij,pj->kp", whole, A, whole)
-        so_far = inverse_of(np.cumsum(A, axis=0) + P)
-        std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
-        fold_A, fold_b = self.folds()
-        inverse = inverse_of(fold_A + P)
-        return LogParts(
-            edges=edges,
-            share=shares / shares.sum(axis=0),
-            std_so_far=std_so_far * (std / std_so_far[-1]),
-            fold_edges=edges[:: len(A) // len(fold_A)],
-            fold_difference=-(inverse @ fold_b[:, :, None])[:, pose, 0],
-            fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
-        )
-
 
 class Segments:
     """Changes within the log of a fit, and how well its parts agree."""
@@ -419,4 +398,18 @@ def parts_of_log(log: LogStatistics, std: Floats) -> LogParts | None:
     problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
     noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
     sums = PartSums.of(log.parts, noise, problem, u, equations)
-    return sums.log_parts(log.edges, pose, std)
+    A, P = sums.A, sums.P
+    whole = inverse_of(A.sum(axis=0) + P)[pose]
+    shares = np.einsum("pi,kij,pj->kp", whole, A, whole)
+    so_far = inverse_of(np.cumsum(A, axis=0) + P)
+    std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
+    fold_A, fold_b = sums.folds()
+    inverse = inverse_of(fold_A + P)
+    return LogParts(
+        edges=log.edges,
+        share=shares / shares.sum(axis=0),
+        std_so_far=std_so_far * (std / std_so_far[-1]),
+        fold_edges=log.edges[:: len(A) // len(fold_A)],
+        fold_difference=-(inverse @ fold_b[:, :, None])[:, pose, 0],
+        fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
+    )

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.estimate.model.state import Chain, less_errors
-from imucalib_cli.estimate.model.windows import average, blocks, derive, window_centres
+from imucalib_cli.estimate.model.windows import blocks, in_windows, window_centres
 from imucalib_cli.estimate.unknowns import SENSORS, Clock, Reading, Samples
 from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN
@@ -125,10 +125,10 @@ class Model:
                 where, at = part.start + np.flatnonzero(room), local[room]
                 once, twice = plan.first_derivative, plan.second_derivative
                 # Over the robot's time, not the IMU's.
-                pushed = derive(place, twice, at) / (1.0 - shift_a[1]) ** 2
-                turned = derive(flat, once, at) / (1.0 - shift_g[1])
-                left = pushed - average(force, twice, at) - state.gravity
-                turns_left = turned - average(measured, once, at)
+                pushed = in_windows(place, twice.derivative, at) / (1.0 - shift_a[1]) ** 2
+                turned = in_windows(flat, once.derivative, at) / (1.0 - shift_g[1])
+                left = pushed - in_windows(force, twice.average, at) - state.gravity
+                turns_left = turned - in_windows(measured, once.average, at)
                 back, back_gyro = (np.swapaxes(each[at], 1, 2) for each in (R, R_gyro))
                 residuals.acceleration[where] = pushed
                 residuals.rate[where] = vee(back_gyro @ turned.reshape(-1, 3, 3))

@@ -17,7 +17,7 @@ import numpy as np
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import Chain, base_nodes, box_over, gravity_axes, velocity_of
-from imucalib_cli.estimate.model.windows import blocks
+from imucalib_cli.estimate.model.windows import blocks, in_windows
 from imucalib_cli.estimate.unknowns import (
     Clock,
     Gravity,
@@ -273,7 +273,7 @@ def _block_columns(
     def in_parent(values: Floats, weights: Floats) -> Floats:
         """Weighted sums of (n, 3, M) in each window, in the parent's axes: (W, n, 3)."""
         flat = values.reshape(-1, values.shape[-1])
-        sums = convolve_at(flat.T, weights, at - len(weights) // 2)
+        sums = in_windows(flat.T, weights, at)
         return np.asarray(sums.reshape(len(sums), -1, 3) @ R_centre)
 
     def joined(name: str) -> tuple[Indices, Floats]:

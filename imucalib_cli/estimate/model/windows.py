@@ -253,22 +253,17 @@ def shortest_length(degree: int) -> int:
     return degree + 2 + (degree + 1) % 2
 
 
-def derive(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
-    """Derivative at centres, (W, C)."""
-    return convolve_at(values, pair.derivative, centres - len(pair.derivative) // 2)
-
-
-def average(values: Floats, pair: MatchedFilter, centres: Indices) -> Floats:
-    """Average of a measurement by the derivative's kernel, (W, C)."""
-    return convolve_at(values, pair.average, centres - len(pair.average) // 2)
+def in_windows(values: Floats, weights: Floats, centres: Indices) -> Floats:
+    """Weighted sums of values (N, C) in windows about centres (W,): (W, C)."""
+    return convolve_at(values, weights, centres - len(weights) // 2)
 
 
 def _accel_rows(R: Floats, p: Floats, accel: Floats, centres: Indices, plan: WindowPlan) -> Floats:
     pair, flat = plan.second_derivative, R.reshape(-1, 9)
-    derived = derive(np.hstack([p, flat]), pair, centres)
+    derived = in_windows(np.hstack([p, flat]), pair.derivative, centres)
     # R_rj a_k for every row r, then every entry (j, k) of R_fs.
     products = (flat[:, :, None] * accel[:, None, :]).reshape(-1, 27)
-    averaged = average(np.hstack([products, flat]), pair, centres)
+    averaged = in_windows(np.hstack([products, flat]), pair.average, centres)
     rows = np.zeros((len(centres), 3, columns.COUNT))
     rows[:, :, columns.ONE] = derived[:, :3]
     rows[:, :, columns.T] = derived[:, 3:].reshape(-1, 3, 3)
@@ -281,9 +276,10 @@ def _accel_rows(R: Floats, p: Floats, accel: Floats, centres: Indices, plan: Win
 def _gyro_rows(R: Floats, gyro: Floats, centres: Indices, plan: WindowPlan) -> Floats:
     pair, flat = plan.first_derivative, R.reshape(-1, 9)
     back = np.swapaxes(R[centres], 1, 2)
-    derived = derive(flat, pair, centres).reshape(-1, 3, 3)
+    derived = in_windows(flat, pair.derivative, centres).reshape(-1, 3, 3)
     products = (flat[:, None, :] * gyro[:, :, None]).reshape(-1, 27)
-    averaged = average(np.hstack([products, flat]), pair, centres).reshape(-1, 4, 3, 3)
+    averaged = in_windows(np.hstack([products, flat]), pair.average, centres)
+    averaged = averaged.reshape(-1, 4, 3, 3)
     turned = back[:, None] @ averaged
     # vee(B [e_j]x) = (tr B e_j - B' e_j) / 2: how rate j, seen through B, turns the window.
     trace = np.trace(turned, axis1=2, axis2=3)

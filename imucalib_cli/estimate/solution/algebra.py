@@ -55,9 +55,9 @@ def inverse_with_priors(A: Floats, std: Floats) -> Floats:
 
 
 def embedded(values: Floats, kept: Bools) -> Floats:
-    """(n,), values of the components that are kept, the others zero."""
-    full = np.zeros(len(kept))
-    full[kept] = values
+    """(n,) or (n, n), values of the components that are kept, the others zero."""
+    full = np.zeros((len(kept),) * values.ndim)
+    full[np.ix_(*(kept,) * values.ndim)] = values
     return full
 
 

@@ -20,7 +20,6 @@ from imucalib_cli.estimate.solution.normal_equations import (
     Answer,
     NormalEquations,
     admitted,
-    embedded_matrix,
     prior_offset,
 )
 from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum, calibration
@@ -453,7 +452,7 @@ def _fitted(
             u = most_likely(problem, u)
             free_step, inverse = problem.solve(u)
             step = embedded(free_step, layout.free)
-            levels = stats.levels(step, embedded_matrix(inverse, layout) / level)
+            levels = stats.levels(step, embedded(inverse, layout.free) / level)
             left = levels * ((scales / windowing.plan.noise_gains) ** 2)[:, None]
             noise = NoiseSpectrum.of(model, state.x + step, at.frequency, left, stats.passed)
             level = max(_level(stats, layout, levels, inverse), least_level)

@@ -61,7 +61,7 @@ class NormalEquations:
             layout=layout,
             options=options,
             state=admitted(self.at.moved(layout, step), layout, options),
-            covariance=embedded_matrix(posterior.covariance, layout),
+            covariance=embedded(posterior.covariance, layout.free),
             u=posterior.u,
             motion=self.motion,
         )
@@ -163,10 +163,3 @@ def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Float
         offset[layout.part("translation")] = state.t - t
         offset[layout.part("rotation")] = rotvec_from_matrix(state.R @ R.T)
     return offset
-
-
-def embedded_matrix(matrix: Floats, layout: Layout) -> Floats:
-    """(n, n), of the free components, the others zero."""
-    full = np.zeros((layout.size, layout.size))
-    full[np.ix_(layout.free, layout.free)] = matrix
-    return full

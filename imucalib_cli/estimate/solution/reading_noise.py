@@ -54,22 +54,19 @@ class NoiseSpectrum:
         return cls((frequency[accel], frequency[gyro]), (power[0, accel], power[1, gyro]))
 
     def at(self, sensor: int, length: int, dt: float) -> tuple[Floats, Floats]:
-        """Bins (F,) of a transform of so many samples, Hz, and a sensor's mean power in each."""
+        """Bins (F,) of a transform of so many samples, Hz, and a sensor's mean power in each.
+
+        Beyond the bands it is that of the nearest. A bias that walks is far louder at the lowest
+        frequencies than it is in the mean.
+        """
         frequency = np.arange(length // 2 + 1) / (length * dt)
         edges = np.clip((np.arange(len(frequency) + 1) - 0.5) / (length * dt), 0.0, frequency[-1])
-        return frequency, self.between(sensor, edges)
-
-    def between(self, sensor: int, edges: Floats) -> Floats:
-        """(F,), mean power of a sensor between edges (F + 1,), Hz; beyond the bands the nearest's.
-
-        A bias that walks is far louder at the lowest frequencies than it is in the mean.
-        """
         known = self.frequency[sensor]
         f = np.unique(np.concatenate([known, edges]))
         power = np.interp(f, known, self.power[sensor])
         steps = 0.5 * np.diff(f) * (power[1:] + power[:-1])
         sums = np.concatenate([[0.0], np.cumsum(steps)])
-        return np.asarray(np.diff(np.interp(edges, f, sums)) / np.diff(edges))
+        return frequency, np.asarray(np.diff(np.interp(edges, f, sums)) / np.diff(edges))
 
 
 def calibration(
