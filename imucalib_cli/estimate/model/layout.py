@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from imucalib_cli.estimate.model.prior import ALIKE, COMMON, Prior, Usual
+from imucalib_cli.estimate.model.prior import Prior, Usual
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
@@ -178,10 +178,10 @@ def usual(scales: Sequence[str]) -> Iterator[Usual]:
     """What is usual of learnt scales: their sizes, and ratios to others among them."""
     for at, scale in enumerate(SCALES[name] for name in scales):
         if scale.usual is not None:
-            yield Usual(at, None, scale.usual, COMMON)
+            yield Usual(at, None, scale.usual)
         for other, ratio in scale.like.items():
             if other in scales:
-                yield Usual(at, scales.index(other), ratio, ALIKE)
+                yield Usual(at, scales.index(other), ratio)
 
 
 def places_of(parts: Iterable[slice]) -> Indices:

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
 
-ALIKE: Final = 3.0
+_ALIKE: Final = 3.0
 """Half of all pairs of scales that are alike have a ratio within this factor of the usual."""
-COMMON: Final = 10.0
+_COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
 
 
@@ -26,8 +26,6 @@ class Usual(NamedTuple):
     over: int | None
     """The other scale; None: one."""
     size: float
-    within: float
-    """Half of all systems are within this factor of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,9 +64,10 @@ class Prior:
         counts, and its ratios to the ones before it.
         """
         total = np.zeros(1)
-        for scale, over, size, within in self.usual:
+        for scale, over, size in self.usual:
             if newest in {None, scale if over is None else max(scale, over)}:
                 away = u[scale] - (0.0 if over is None else u[over]) - math.log(size)
+                within = _COMMON if over is None else _ALIKE
                 # Cauchy's: a log that shows another one is believed.
                 total = total - np.log1p((away / math.log(within)) ** 2)
         return total

@@ -90,14 +90,37 @@ class Problem:
 
     def likelihood(self, u: Floats) -> float:
         """Log marginal likelihood of the scales."""
-        return self.reduced.likelihood(u)
+        H, gradient = self.reduced.equations(u)
+        unit = 1.0 / np.sqrt(H.diagonal())
+        # The last row of this factor is the gradient over that of H: one factor serves for both.
+        bordered = np.empty((len(unit) + 1,) * 2)
+        bordered[:-1, :-1] = H * unit * unit[:, None]
+        bordered[-1, :-1], bordered[-1, -1] = unit * gradient, _HUGE
+        root = np.linalg.cholesky(bordered)
+        half, log_P = root[-1, :-1], -2.0 * u[self.reduced.scale]
+        fit = half @ half - np.exp(log_P) @ self.reduced.offset**2
+        log_det = 2.0 * np.log(root.diagonal()[:-1] / unit).sum()
+        return self.reduced.constant + 0.5 * float(fit - log_det + log_P.sum())
 
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """Log marginal likelihoods of each scale's tried values (v,), the others as in ``u``.
 
-        Up to a constant of each scale.
+        Up to a constant of each scale. The likelihood changes by the mean, over the posterior, of
+        the ratio of the new prior to the old. Only the few components that share the scale count.
         """
-        return self.reduced.along(u, tried)
+        step, inverse = self.reduced.solve(u)
+        mean, found = self.reduced.offset + step, []
+        for index, (at, values) in enumerate(zip(u, tried, strict=True)):
+            members = np.flatnonzero(self.reduced.scale == index)
+            variances, turn = np.linalg.eigh(inverse[np.ix_(members, members)])
+            # By rounding it may be more than the prior's, which cannot be.
+            variances = np.clip(variances, 0.0, np.exp(2.0 * at))
+            more = (np.exp(-2.0 * values) - np.exp(-2.0 * at))[:, None]
+            share = 1.0 + more * variances
+            squares = (turn.T @ mean[members]) ** 2
+            changes = more * squares / share + np.log(share)
+            found.append(len(members) * (at - values) - 0.5 * changes.sum(axis=1))
+        return found
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
@@ -180,50 +203,16 @@ class Reduced:
             constant=0.5 * float(fit - log_det + np.log(P).sum()),
         )
 
-    def _equations(self, u: Floats) -> tuple[Floats, Floats]:
-        """H (l, l), and the gradient (l,)."""
+    def equations(self, u: Floats) -> tuple[Floats, Floats]:
+        """H (l, l), and the gradient (l,), at logarithms of the scales (k,)."""
         P = np.exp(-2.0 * u)[self.scale]
         H = self.information.copy()
         H.flat[:: len(H) + 1] += P
         return H, self.score + P * self.offset
 
-    def likelihood(self, u: Floats) -> float:
-        """As :meth:`Problem.likelihood`."""
-        H, gradient = self._equations(u)
-        unit = 1.0 / np.sqrt(H.diagonal())
-        # The last row of this factor is the gradient over that of H: one factor serves for both.
-        bordered = np.empty((len(unit) + 1,) * 2)
-        bordered[:-1, :-1] = H * unit * unit[:, None]
-        bordered[-1, :-1], bordered[-1, -1] = unit * gradient, _HUGE
-        root = np.linalg.cholesky(bordered)
-        half, log_P = root[-1, :-1], -2.0 * u[self.scale]
-        fit = half @ half - np.exp(log_P) @ self.offset**2
-        log_det = 2.0 * np.log(root.diagonal()[:-1] / unit).sum()
-        return self.constant + 0.5 * float(fit - log_det + log_P.sum())
-
-    def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
-        """As :meth:`Problem.along`.
-
-        The likelihood changes by the mean, over the posterior, of the ratio of the new prior to the
-        old. Only the few components that share the scale count.
-        """
-        step, inverse = self.solve(u)
-        mean, found = self.offset + step, []
-        for index, (at, values) in enumerate(zip(u, tried, strict=True)):
-            members = np.flatnonzero(self.scale == index)
-            variances, turn = np.linalg.eigh(inverse[np.ix_(members, members)])
-            # By rounding it may be more than the prior's, which cannot be.
-            variances = np.clip(variances, 0.0, np.exp(2.0 * at))
-            more = (np.exp(-2.0 * values) - np.exp(-2.0 * at))[:, None]
-            share = 1.0 + more * variances
-            squares = (turn.T @ mean[members]) ** 2
-            changes = more * squares / share + np.log(share)
-            found.append(len(members) * (at - values) - 0.5 * changes.sum(axis=1))
-        return found
-
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.solve`, of these components alone."""
-        H, gradient = self._equations(u)
+        H, gradient = self.equations(u)
         inverse = inverse_of(H)
         return -(inverse @ gradient), inverse
 
