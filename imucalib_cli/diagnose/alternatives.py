@@ -148,10 +148,6 @@ class Trial:
         far = self._falls(given) > _FAR_FALL
         return bool((far | given.explains).all()) and not given.good and self.falls_from(given)
 
-    def with_every_unknown(self) -> Trial:
-        """The same with the whole table, instead of what a lean fit has."""
-        return replace(self, fit=whole_fit(self.fit, self.fit.options))
-
     def _falls(self, given: Trial) -> Floats:
         return np.asarray(np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise))
 
@@ -187,8 +183,14 @@ class Fitter:
         (offset, *_), lag = coarse_time_offset(grid, self.trajectory(path), most)
         return about + offset, -1.0 if lag is None else lag.correlation
 
-    def trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
-        """Fit a hypothesis; None where too few windows are shared."""
+    def trials(self, hypotheses: Iterable[tuple[Hypothesis, float]]) -> Iterator[Trial]:
+        """Fit hypotheses, each from a time offset on, where enough windows are shared."""
+        for hypothesis, offset in hypotheses:
+            trial = self._trial(hypothesis, offset)
+            if trial is not None:
+                yield trial
+
+    def _trial(self, hypothesis: Hypothesis, offset: float) -> Trial | None:
         grid = self.windowing.grid
         if hypothesis.accel is not None and hypothesis.gyro is not None:
             grid = replace(
@@ -278,7 +280,8 @@ def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> tuple[list[Trial]
     Returns:
         The alternatives, and what was given, with the same unknowns.
     """
-    single = [*_tried(fitter, single_faults(poor), given), *_slight(fitter, poor, given)]
+    single = [*_tried(fitter, single_faults(poor), given)]
+    single += fitter.trials(_slight(fitter, poor, given))
     found = _best(given, single)
     if found or given.good:
         return found, given
@@ -290,16 +293,15 @@ def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> tuple[list[Trial]
         or _best(given, _tried(fitter, other_bases(poor), given))[:1]
         or _most_likely([trial for trial in single if trial.falls_far_from(given)], given)
     )
-    return (found, given) if found else _with_every_unknown(single, given)
-
-
-def _with_every_unknown(trials: list[Trial], given: Trial) -> tuple[list[Trial], Trial]:
-    """As :func:`explaining`: further errors, of a robot that bends say, may hide a right model."""
-    better = [trial for trial in trials if trial.falls_from(given)]
-    if not better:
-        return [], given
+    better = [trial for trial in single if trial.falls_from(given)]
+    if found or not better:
+        return found, given
+    # With every unknown: further errors, of a robot that bends say, may hide a right model.
     better.sort(key=lambda trial: trial.fit.evidence_over(given.fit), reverse=True)
-    given, *whole = [trial.with_every_unknown() for trial in (given, *better[:_WHOLE])]
+    given, *whole = (
+        replace(trial, fit=whole_fit(trial.fit, trial.fit.options))
+        for trial in (given, *better[:_WHOLE])
+    )
     return _best(given, whole), given
 
 
@@ -313,7 +315,7 @@ def alike(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> lis
     return _most_likely(good or [trial for trial in trials if trial.turns_alike], given)
 
 
-def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
+def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[tuple[Hypothesis, float]]:
     """Faults whose size is found by a fit: a zero that is a little off, and the sensors' axes."""
     offset, _ = fitter.coarse(poor.path)
     found, centres = [_small_zero(fitter, poor, offset)], fitter.windowing.centres(offset)
@@ -322,9 +324,7 @@ def _slight(fitter: Fitter, poor: PoorFit, given: Trial) -> Iterator[Trial]:
         found.append(reoriented(rows, poor.path, given.fit.state.gravity))
     for hypothesis in found:
         if hypothesis is not None:
-            trial = fitter.trial(hypothesis, fitter.coarse(hypothesis.path)[0])
-            if trial is not None:
-                yield trial
+            yield hypothesis, fitter.coarse(hypothesis.path)[0]
 
 
 def _best(given: Trial, trials: Iterable[Trial]) -> list[Trial]:
@@ -359,9 +359,7 @@ def _tried(fitter: Fitter, hypotheses: Iterable[Hypothesis], given: Trial) -> It
         if hypothesis.kind == "offset":
             yield from _other_offsets(fitter, hypothesis, given)
         else:
-            trial = fitter.trial(hypothesis, offset)
-            if trial is not None:
-                yield trial
+            yield from fitter.trials([(hypothesis, offset)])
 
 
 def _screened(
@@ -397,11 +395,10 @@ def _other_offsets(fitter: Fitter, hypothesis: Hypothesis, given: Trial) -> Iter
         if enough and not _searched(given, offset):
             found.append((alike, offset))
     found.sort(reverse=True)
-    for _, offset in found[: _KEPT["offset"]]:
-        trial = fitter.trial(hypothesis, offset)
-        if trial is not None and not _searched(given, trial.offset):
-            asked = given.fit.options
-            detail = (asked.time_offset, asked.max_offset)
+    asked = given.fit.options
+    detail = (asked.time_offset, asked.max_offset)
+    for trial in fitter.trials((hypothesis, offset) for _, offset in found[: _KEPT["offset"]]):
+        if not _searched(given, trial.offset):
             moved = replace(hypothesis, sizes=(trial.offset,), detail=detail)
             yield replace(trial, hypothesis=moved)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.estimate.options import MatchedOptions
-    from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.signals.samples import ImuSamples
 
 Kind = Literal[
@@ -241,15 +242,16 @@ def _pose_tracks(path: KinematicPath) -> tuple[int, ...]:
     return tuple(track for track in used if path.tracks[track].kind == "pose")
 
 
+def _with_tracks(path: KinematicPath, kind: str, change: Callable[[Track], Track]) -> KinematicPath:
+    """The same path with all tracks of a kind changed."""
+    tracks = (change(track) if track.kind == kind else track for track in path.tracks)
+    return replace(path, tracks=tuple(tracks))
+
+
 def _with_values(
     path: KinematicPath, kind: str, change: Callable[[Floats], Floats]
 ) -> KinematicPath:
-    """The same path with other values of all tracks of a kind."""
-    tracks = (
-        replace(track, values=change(track.values)) if track.kind == kind else track
-        for track in path.tracks
-    )
-    return replace(path, tracks=tuple(tracks))
+    return _with_tracks(path, kind, lambda track: replace(track, values=change(track.values)))
 
 
 def _topics_of(path: KinematicPath) -> str:
@@ -273,11 +275,7 @@ def _base(path: KinematicPath) -> Iterator[Hypothesis]:
             yield Hypothesis(kind="base_frame", names=names, sizes=(angle,), path=changed)
     for count in range(1, round(_FARTHEST_STAMPS / _STAMP_STEP) + 1):
         for later in (count * _STAMP_STEP, -count * _STAMP_STEP):
-            tracks = (
-                with_earlier_stamps(track, later) if track.kind == "imu" else track
-                for track in path.tracks
-            )
-            changed = replace(path, tracks=tuple(tracks))
+            changed = _with_tracks(path, "imu", partial(with_earlier_stamps, seconds=later))
             yield Hypothesis(kind="base_clock", names=names, sizes=(later,), path=changed)
 
 
