@@ -386,6 +386,14 @@ def solve(log: Log, *, details: bool = False, **options: Any) -> Solved:
     return beside(calibrate_matched(log.imu, log.path, chosen, details=details), log.mount)
 
 
+def solve_well(log: Log, **options: Any) -> Solved:
+    """The estimate, which is trusted, and whose covariance is true."""
+    found = solve(log, **options)
+    assert found.trusted, found.distrust
+    assert found.covered
+    return found
+
+
 def solve_exact(log: Log, **options: Any) -> Solved:
     """Estimate the pose, with robot, sensor and gravity taken as exact."""
     exact = {"robot": "exact", "sensor_model": "ideal", "gravity_std": 0.0}

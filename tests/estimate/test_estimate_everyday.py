@@ -30,6 +30,7 @@ from tests.estimate.estimate_arm import (
     make_log,
     solve,
     solve_exact,
+    solve_well,
 )
 from tests.slow import slow_after
 
@@ -91,9 +92,7 @@ def test_low_pass_of_the_joints_is_found_and_corrected() -> None:
     b, a = butter(1, 10.0, fs=200.0)
     start = track.values[0]
     late = log.with_joints(values=start + lfilter(b, a, track.values - start, axis=0))
-    found = solve(late.noisy(0))
-    assert found.trusted
-    assert found.covered
+    found = solve_well(late.noisy(0))
     size, std = found.parameter("joint_filter")
     expected = 0.5 / (2.0 * np.pi * 10.0) ** 2
     assert (np.abs(size - expected) < 4.0 * std).all()
@@ -173,9 +172,7 @@ def test_robot_errors_are_in_sigma_and_beat_exact_model(robot: str, seeds: int) 
 def test_wrong_joint_axes_are_in_sigma(robot: str, seed: int) -> None:
     """Axes 0.06 deg off, seen by a quiet sensor: unknown they are eight sigma and more."""
     log, _ = everyday(robot, Row(noise=robots.INDUSTRIAL, zero=1e-3, origin=3e-4, axis=1e-3), seed)
-    found = solve(log)
-    assert found.trusted
-    assert found.covered
+    found = solve_well(log)
     assert np.linalg.norm(found.sigma[:3]) < 3e-4
 
 
@@ -202,9 +199,7 @@ def test_accelerometer_that_is_not_linear_is_corrected(seed: int) -> None:
     log = make_log(Moves(seconds=24.0))
     square = 1e-4 * np.random.default_rng(seed).normal(size=3)
     bent = log.with_imu(accel=log.imu.accel + square * log.imu.accel**2).noisy(seed, "industrial")
-    found = solve(bent)
-    assert found.trusted
-    assert found.covered
+    found = solve_well(bent)
     value, std = found.parameter("accel_square")
     assert np.all(np.abs(value - square) < 4.0 * std)
     assert std.max() < 1e-5
@@ -232,18 +227,14 @@ def test_joints_that_bend_under_load_are_corrected(robot: str, seed: int) -> Non
 @pytest.mark.parametrize(("robot", "seed"), slow_after(0, [("ur10e", 400), ("panda", 402)]))
 def test_errors_of_magnetic_encoders_are_corrected(robot: str, seed: int) -> None:
     """Twice and four times a turn: over part of a turn a few of the others look like the last."""
-    found = solve(everyday(robot, "magnetic", seed)[0])
-    assert found.trusted
-    assert found.covered
+    found = solve_well(everyday(robot, "magnetic", seed)[0])
     assert np.linalg.norm(found.error[3:]) < 2e-4
 
 
 @pytest.mark.parametrize(("robot", "seed"), slow_after(0, [("ur10e", 2), ("panda", 1)]))
 def test_payload_bends_the_joints_too(robot: str, seed: int) -> None:
     """A third of the arm's own mass, aside of the last link, of which no URDF tells."""
-    found = solve(everyday(robot, replace(ROWS["elastic"], payload=10.0), seed)[0])
-    assert found.trusted
-    assert found.covered
+    found = solve_well(everyday(robot, replace(ROWS["elastic"], payload=10.0), seed)[0])
     masses, std = found.parameter("payload")
     assert (np.abs(masses) > 5.0 * std).any()
 
@@ -251,9 +242,7 @@ def test_payload_bends_the_joints_too(robot: str, seed: int) -> None:
 @pytest.mark.parametrize(("robot", "seed"), slow_after(1, [("ur10e", 0), ("panda", 1)]))
 def test_base_that_tilts_under_the_arm_is_corrected(robot: str, seed: int) -> None:
     """As on a table of 3e4 Nm/rad, by a milliradian or two; pinocchio gives the moments."""
-    found = solve(everyday(robot, replace(ROWS["stiffer"], ground=3e-5), seed)[0])
-    assert found.trusted
-    assert found.covered
+    found = solve_well(everyday(robot, replace(ROWS["stiffer"], ground=3e-5), seed)[0])
     tilts = {each.label: each for each in found.parameters if each.name == "joint_sag"}
     clear: list[Any] = [each for label, each in tilts.items() if label.startswith("base")]
     assert max(each.value / each.std for each in clear) > 5.0
@@ -265,9 +254,7 @@ def test_vibration_that_follows_the_motion_is_no_compliance(robot: str, seed: in
     log, _ = everyday(robot, "everyday", seed)
     turning = np.linalg.norm(log.imu.gyro, axis=1, keepdims=True)
     shaken = 0.3 * turning * np.random.default_rng(seed).normal(size=log.imu.accel.shape)
-    found = solve(replace(log, imu=replace(log.imu, accel=log.imu.accel + shaken)))
-    assert found.trusted
-    assert found.covered
+    solve_well(replace(log, imu=replace(log.imu, accel=log.imu.accel + shaken)))
 
 
 @pytest.mark.slow
@@ -281,9 +268,7 @@ def test_odometry_of_a_base_that_stands_changes_nothing() -> None:
         steps=(PoseStep(track=len(log.path.tracks)), *log.path.steps),
         tracks=(*log.path.tracks, Track(name="/odom", kind="pose", t=t, values=still)),
     )
-    alone, found = solve(log), solve(replace(log, path=path))
-    assert found.trusted
-    assert found.covered
+    alone, found = solve(log), solve_well(replace(log, path=path))
     assert (np.abs(found.error - alone.error) < 0.5 * alone.sigma).all()
     np.testing.assert_allclose(found.sigma, alone.sigma, rtol=0.1)
 
@@ -335,9 +320,7 @@ def test_errors_of_a_pose_stream_are_corrected(wrong: Callable[[Track], Floats],
     log, _ = everyday("mobile", "quiet", 401)
     joints, track = log.path.tracks
     tracks = (joints, replace(track, values=wrong(track)))
-    found = solve(replace(log, path=replace(log.path, tracks=tracks)))
-    assert found.trusted
-    assert found.covered
+    found = solve_well(replace(log, path=replace(log.path, tracks=tracks)))
     assert np.linalg.norm(found.sigma[3:]) < 3e-4
     value, std = found.parameter(name)
     assert (np.abs(value) > 5.0 * std).any()
@@ -347,9 +330,7 @@ def test_errors_of_a_pose_stream_are_corrected(wrong: Callable[[Track], Floats],
 def test_late_tracker_of_the_base_is_found(seed: int) -> None:
     """Its stamps are 7 and 5 ms off those of the joints."""
     log, drawn = everyday("mobile", "late-tracker", seed)
-    found = solve(log)
-    assert found.trusted
-    assert found.covered
+    found = solve_well(log)
     (late,), (std,) = found.parameter("pose_delay")
     assert abs(late - drawn["track_delay"]) < 3.0 * std
     assert std < 2e-4
@@ -398,10 +379,8 @@ def test_up_to_half_an_hour_of_noise_keeps_length_scale(
 ) -> None:
     """Lengths, scales of the accelerometer and gravity grow together: no log shows by how much."""
     log, drawn = everyday(robot, row, seed, seconds=seconds, imu_rate=100.0, joint_rate=100.0)
-    found = solve(log)
-    assert found.trusted
+    found = solve_well(log)
     assert found.distance < 5e-5
-    assert found.covered
     (norm,), (std,) = found.parameter("gravity_norm")
     assert abs(norm - drawn["gravity"]) < 3.0 * std
 

@@ -4,6 +4,7 @@ Robots have analytic motions. The columns are compared with differences of the e
 which other tests compare with pinocchio's truth.
 """
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from imucalib_cli.arrays import Floats
 from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
-from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out
+from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out, places_of
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import lean_fit
@@ -151,6 +152,24 @@ def test_true_state_has_small_residuals(robot: str) -> None:
     assert np.median(np.abs(residuals.values[:, :3])) < 1e-5
 
 
+def compared(
+    model: Model, state: State, places: Iterable[int], step: float
+) -> Iterator[tuple[Floats, Floats]]:
+    """Columns (W, 6) of components, and what differences of the residuals give instead."""
+    centres = model.centres(state)[5:-5:4]
+    J = np.concatenate([J for _, J in columns(model, state, centres)])
+    for place in places:
+        d = step * (np.arange(model.layout.size) == place)
+        (high,) = model.residuals(state.moved(model.layout, d), centres)
+        (low,) = model.residuals(state.moved(model.layout, -d), centres)
+        yield J[:, :, place], (high.values - low.values) / (2 * step)
+
+
+def size_of(columns: Floats) -> Floats:
+    """(2,), root mean square of each sensor's half of columns (W, 6)."""
+    return np.asarray(np.sqrt(np.mean(columns.reshape(-1, 2, 3) ** 2, axis=(0, 2))))
+
+
 @pytest.mark.parametrize(
     ("robot", "name"),
     [
@@ -166,28 +185,15 @@ def test_true_state_has_small_residuals(robot: str) -> None:
 def test_columns_match_numerical_derivatives(robot: str, name: str) -> None:
     """On nodes, so to some per cent; of what changes faster to fifteen."""
     model, state = case(robot).model, case(robot).state
-    layout = model.layout
-    placed = [each for each in layout.placed if each.unknown.name == name]
-    assert bool(placed) == _has(robot, name)
-    centres = model.centres(state)[5:-5:4]
-    J = np.concatenate([J for _, J in columns(model, state, centres)])
-    step = 1e-5
-    for each in placed:
-        # Play steps faster than from node to node, and twice a turn changes twice as fast.
-        fast = {"joint_play", "joint_second_harmonic", "accel_filter", "gyro_filter", "mount_give"}
-        coarse = 0.15 if name.removeprefix("base_") in fast else 0.04
-        coarse = 0.2 if name == "joint_fourth_harmonic" else coarse
-        for place in range(each.part.start, each.part.stop):
-            d = np.zeros(layout.size)
-            d[place] = step
-            (high,) = model.residuals(state.moved(layout, d), centres)
-            (low,) = model.residuals(state.moved(layout, -d), centres)
-            expected = (high.values - low.values) / (2 * step)
-            for sensor in (slice(0, 3), slice(3, 6)):
-                size = np.sqrt(np.mean(expected[:, sensor] ** 2))
-                off = np.sqrt(np.mean((J[:, sensor, place] - expected[:, sensor]) ** 2))
-                # Below a thousandth of a unit it is rounding of the differences.
-                assert off < coarse * size + 1e-4, each.labels
+    places = places_of(each.part for each in model.layout.placed if each.unknown.name == name)
+    assert bool(len(places)) == _has(robot, name)
+    # Play steps faster than from node to node, and twice a turn changes twice as fast.
+    fast = {"joint_play", "joint_second_harmonic", "accel_filter", "gyro_filter", "mount_give"}
+    coarse = 0.15 if name.removeprefix("base_") in fast else 0.04
+    coarse = 0.2 if name == "joint_fourth_harmonic" else coarse
+    for column, expected in compared(model, state, places, 1e-5):
+        # Below a thousandth of a unit it is rounding of the differences.
+        assert (size_of(column - expected) < coarse * size_of(expected) + 1e-4).all()
 
 
 def test_columns_of_joints_that_bend_match_numerical_derivatives() -> None:
@@ -198,20 +204,10 @@ def test_columns_of_joints_that_bend_match_numerical_derivatives() -> None:
     x[layout.sags] = 1e-4 * np.array([1.0, 1.5, 0.7, 0.5, 1.2, 0.3])
     x[payload] = 1e-4 * np.array([0.8, -0.4, 0.5, 0.3])
     bent = replace(state, x=x)
-    centres = model.centres(bent)[5:-5:4]
-    J = np.concatenate([J for _, J in columns(model, bent, centres)])
-    step = 1e-6
-    for place in (*layout.sags, *range(payload.start, payload.stop)):
-        d = np.zeros(layout.size)
-        d[place] = step
-        (high,) = model.residuals(bent.moved(layout, d), centres)
-        (low,) = model.residuals(bent.moved(layout, -d), centres)
-        expected = (high.values - low.values) / (2 * step)
+    places = (*layout.sags, *range(payload.start, payload.stop))
+    for column, expected in compared(model, bent, places, 1e-6):
         assert np.abs(expected).max() > 1.0  # m/s² and rad/s by 1 rad/(Nm/kg)
-        for sensor in (slice(0, 3), slice(3, 6)):
-            size = np.sqrt(np.mean(expected[:, sensor] ** 2))
-            off = np.sqrt(np.mean((J[:, sensor, place] - expected[:, sensor]) ** 2))
-            assert off < 0.04 * size + 1e-3, place
+        assert (size_of(column - expected) < 0.04 * size_of(expected) + 1e-3).all()
 
 
 def test_common_joint_delay_equals_imu_time_offset() -> None:
