@@ -69,7 +69,6 @@ def calibrate_matched(
     dependence = () if directions else tuple(window_dependence(fit))
     segments = Segments(fit, loud=bool(fit.over_noise.max() > judge.LOUD))
     evidence = judge.Evidence(
-        topic=imu.topic,
         fit=fit,
         attempt=attempt,
         dependence=dependence,

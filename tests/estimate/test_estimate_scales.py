@@ -97,10 +97,8 @@ def test_likelihood_along_a_scale_is_that_of_the_whole() -> None:
 
 def test_elimination_does_not_change_the_result() -> None:
     given = problem(4)
-    axes = [np.linspace(low, high, 81) for low, high in given.bounds.tolist()]
-    at = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)[::500]
-    expected = list(grid_over_scales(given))[::500]
-    for u, (log, mean, covariance) in zip(at, expected, strict=True):
+    for log, mean, covariance in list(grid_over_scales(given))[::500]:
+        u = mean[-2:]
         assert given.likelihood(u) == pytest.approx(log, rel=1e-10)
         step, inverse = given.solve(u)
         np.testing.assert_allclose(step, mean[:-2], rtol=1e-9)

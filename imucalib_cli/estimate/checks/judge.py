@@ -77,8 +77,6 @@ _OFFSET_LIMIT: Final = 0.02
 class Evidence:
     """All that is known when a result is judged."""
 
-    topic: str
-    """Of the IMU."""
     fit: Fit
     attempt: Attempt
     dependence: tuple[Dependence, ...]
@@ -304,7 +302,7 @@ def _strikes(evidence: Evidence) -> Iterator[Finding]:
     if struck.mean() > _FEW:
         yield note(
             "imu.strikes",
-            topic=evidence.topic,
+            topic=evidence.attempt.clean.samples.topic,
             count=len(bursts),
             largest=float(force[in_burst].max()),
             windows=int(struck.sum()),
@@ -317,7 +315,7 @@ def _sampled(evidence: Evidence) -> Iterator[Finding]:
     """Of the IMU and of the base IMU: motion between samples, and samples that stand alone."""
     clean, windowing = evidence.attempt.clean, evidence.fit.model.windowing
     own = clean.samples
-    imus = [(evidence.topic, own.accel, sample_interval(own.t), clean.spikes)]
+    imus = [(own.topic, own.accel, sample_interval(own.t), clean.spikes)]
     imus += [
         (each.name, each.imu.accel, each.imu.dt, each.spikes)
         for each in windowing.trajectory.tracks
