@@ -32,7 +32,7 @@ from imucalib_cli.signals.dead_reckoning import dead_reckon
 from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.model.layout import Joint, Layout
@@ -93,15 +93,11 @@ class Chain:
     """With the origins corrected."""
     loads: Loads
     """Where a joint may bend."""
-    curves: tuple[tuple[Joint, JointCurve, Floats], ...] = ()
+    curves: tuple[tuple[Joint, JointCurve, Floats], ...]
     """Errors of joint positions."""
-    positions: tuple[tuple[int, Floats], ...] = ()
-    """Of pose streams: track, and what their positions (M, 3) are multiplied by, (3, 3)."""
-    ages: tuple[tuple[int, float], ...] = ()
-    """Of pose streams: track, and age of their positions behind their quaternions, s."""
-    filters: tuple[tuple[int, Floats], ...] = ()
-    """Of pose streams: track, and of each value (7,) its filter, s²."""
-    base: ReckonedBase | None = None
+    streams: Mapping[str, Mapping[int, Floats]]
+    """Errors of pose streams: of each kind, by track."""
+    base: ReckonedBase | None
 
     @classmethod
     def of(cls, trajectory: Trajectory, layout: Layout, state: State) -> Chain:
@@ -121,20 +117,13 @@ class Chain:
                 for each, curve in layout.of(JointCurve)
                 if each.joint is not None and not each.joint.follows and x[each.part].any()
             ),
-            positions=(
-                *((track, (1.0 + scale) * np.eye(3)) for track, scale in streams["scale"].items()),
-                *((i, matrix_from_rotvec(turn).T) for i, turn in streams["turn"].items()),
-            ),
-            ages=tuple((track, float(age[0])) for track, age in streams["age"].items()),
-            filters=tuple(
-                (track, np.repeat(sizes, (3, 4))) for track, sizes in streams["filter"].items()
-            ),
+            streams=streams,
             loads=Loads.of(trajectory, layout, state.gravity, x),
         )
 
     def values(self, t: Floats) -> tuple[Floats, ...]:
         """Values of every track, errors removed."""
-        if not self.curves and not self.filters:
+        if not self.curves and not self.streams["filter"]:
             return self._corrected(self.trajectory.values(t), t)
         return self.motion(t).values
 
@@ -149,16 +138,18 @@ class Chain:
             if joint.name not in motions:
                 motions[joint.name] = joint.of(motion, loads)
             values[joint.track][:, joint.column] += size @ curve.basis(motions[joint.name])
-        for track, sizes in self.filters:
-            values[track][:] -= sizes * motion.changes[track]
+        for track, sizes in self.streams["filter"].items():
+            values[track][:] -= np.repeat(sizes, (3, 4)) * motion.changes[track]
         return motion._replace(values=self._corrected(values, t))
 
     def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
         """With errors of the pose streams removed."""
-        for track, age in self.ages:
+        for track, (age,) in self.streams["age"].items():
             values[track][:, :3] = self.trajectory.values_of(track, t + age)[:, :3]
-        for track, matrix in self.positions:
-            values[track][:, :3] = values[track][:, :3] @ matrix
+        for track, scale in self.streams["scale"].items():
+            values[track][:, :3] = values[track][:, :3] @ ((1.0 + scale) * np.eye(3))
+        for track, turn in self.streams["turn"].items():
+            values[track][:, :3] = values[track][:, :3] @ matrix_from_rotvec(turn).T
         if self.base is not None:
             values[self.base.track][:] = self.base.poses(t)
         return values
