@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucalib_cli.estimate.model.layout import Placed, usual, with_priors
+from imucalib_cli.estimate.model.layout import Placed, with_priors
 from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.solution.normal_equations import Answer, admitted, prior_offset
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
@@ -278,7 +278,7 @@ def _laid_out(wholes: Sequence[Layout]) -> tuple[dict[Key, slice], Prior, tuple[
         std=np.concatenate(stds),
         scale=np.concatenate(scale),
         bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
-        usual=tuple(usual([each[0] for each in scales])),
+        scales=tuple(each[0] for each in scales),
     )
     return placed, prior, scales
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from imucalib_cli.estimate.model.prior import Prior, Usual
+from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     TABLE,
@@ -27,7 +27,7 @@ from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.moves import STILL, STILL_TURN, travel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
@@ -121,8 +121,6 @@ class Layout(Prior):
     """All components in one vector, with their priors."""
 
     placed: tuple[Placed, ...]
-    scales: tuple[str, ...]
-    """Names of the learnt ones."""
     still: tuple[str, ...] = ()
     """Joints that do not move behind the last that does."""
 
@@ -172,16 +170,6 @@ class Layout(Prior):
     def under(self, options: MatchedOptions) -> Layout:
         """The same components with the priors of other options."""
         return with_priors(self.placed, options, self.still)
-
-
-def usual(scales: Sequence[str]) -> Iterator[Usual]:
-    """What is usual of learnt scales: their sizes, and ratios to others among them."""
-    for at, scale in enumerate(SCALES[name] for name in scales):
-        if scale.usual is not None:
-            yield Usual(at, None, scale.usual)
-        for other, ratio in scale.like.items():
-            if other in scales:
-                yield Usual(at, scales.index(other), ratio)
 
 
 def places_of(parts: Iterable[slice]) -> Indices:
@@ -249,7 +237,6 @@ def with_priors(
         scale=np.concatenate(scale),
         scales=tuple(scales),
         bounds=np.log(np.array(limits).reshape(-1, 2)),
-        usual=tuple(usual(scales)),
         still=still,
     )
 

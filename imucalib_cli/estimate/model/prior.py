@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucalib_cli.estimate.unknowns import SCALES
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from imucalib_cli.arrays import Bools, Floats, Indices
 
@@ -17,15 +19,6 @@ _ALIKE: Final = 3.0
 """Half of all pairs of scales that are alike have a ratio within this factor of the usual."""
 _COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
-
-
-class Usual(NamedTuple):
-    """What is usual of a learnt scale: its size, or its ratio to another scale."""
-
-    scale: int
-    over: int | None
-    """The other scale; None: one."""
-    size: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +31,8 @@ class Prior:
     """(n,), index of the learnt scale; -1 where the prior is given."""
     bounds: Floats
     """(k, 2), limits of the logarithms of the scales."""
-    usual: tuple[Usual, ...] = ()
+    scales: tuple[str, ...] = ()
+    """Names of the scales, by which they have usual sizes and ratios."""
 
     @property
     def free(self) -> Bools:
@@ -48,7 +42,7 @@ class Prior:
     def only(self, kept: Bools) -> Prior:
         """Of some of the components."""
         return Prior(
-            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, usual=self.usual
+            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, scales=self.scales
         )
 
     def std_at(self, u: Floats) -> Floats:
@@ -64,10 +58,21 @@ class Prior:
         counts, and its ratios to the ones before it.
         """
         total = np.zeros(1)
-        for scale, over, size in self.usual:
+        for scale, over, size, within in self._usual():
             if newest in {None, scale if over is None else max(scale, over)}:
                 away = u[scale] - (0.0 if over is None else u[over]) - math.log(size)
-                within = _COMMON if over is None else _ALIKE
                 # Cauchy's: a log that shows another one is believed.
                 total = total - np.log1p((away / math.log(within)) ** 2)
         return total
+
+    def _usual(self) -> Iterator[tuple[int, int | None, float, float]]:
+        """Index of a scale, and its usual size (None), or its usual ratio to another scale.
+
+        Half of all systems are within the factor that comes last.
+        """
+        for at, scale in enumerate(SCALES[name] for name in self.scales):
+            if scale.usual is not None:
+                yield at, None, scale.usual, _COMMON
+            for other, ratio in scale.like.items():
+                if other in self.scales:
+                    yield at, self.scales.index(other), ratio, _ALIKE
