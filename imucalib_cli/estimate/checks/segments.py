@@ -132,7 +132,7 @@ class PartSums:
         """
         free, level = np.flatnonzero(equations.layout.free), equations.level
         step, inverse = problem.solve(u)
-        A = parts[np.ix_(range(len(parts)), 1 + free, 1 + free)] / level
+        A = parts[np.ix_(np.arange(len(parts)), 1 + free, 1 + free)] / level
         # The readings' own noise in the score is spread evenly.
         b = (parts[:, 1:, 0] - noise / len(parts))[:, free] / level
         return cls(A, b + A @ step, np.diag(problem.precision(u)), inverse)
