@@ -223,13 +223,13 @@ def tuned() -> str:
         body, place = ast.parse(path.read_text("utf-8")).body, path.relative_to(PACKAGE)
         for constant, reason in itertools.pairwise(body):
             match constant, reason:
-                case ast.Assign() | ast.AnnAssign(), ast.Expr(value=ast.Constant(value=str(text))):
-                    why = " ".join(text.split())
-                    if why.endswith(_TUNED) and constant.value is not None:
-                        name = ast.unparse(getattr(constant, "target", None) or constant.targets[0])
-                        value = ast.unparse(constant.value)
-                        shown = f"`{name}` in [{place}](../imucalib_cli/{place})"
-                        rows.append((shown, f"`{value}`", why.removesuffix(_TUNED)))
+                case (
+                    ast.Assign(targets=[name], value=value) | ast.AnnAssign(name, _, value),
+                    ast.Expr(ast.Constant(str(text))),
+                ) if value is not None and " ".join(text.split()).endswith(_TUNED):
+                    shown = f"`{ast.unparse(name)}` in [{place}](../imucalib_cli/{place})"
+                    why = " ".join(text.split()).removesuffix(_TUNED)
+                    rows.append((shown, f"`{ast.unparse(value)}`", why))
     return _table(("number", "value", "what it is"), rows)
 
 

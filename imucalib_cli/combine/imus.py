@@ -36,7 +36,7 @@ _FAR: Final = 5.75
 """Sigmas, of six components: one sound set of IMUs in a hundred thousand."""
 _LEAST_BETTER: Final = 0.3
 """Least share of its variance that an IMU's own answer loses by others: the difference of two
-nearly equal answers depends on errors that no covariance knows."""
+nearly equal answers depends on errors that no covariance knows. Tuned."""
 _ORIGIN: Final = next(each for each in TABLE if isinstance(each.effect, Origin))
 
 

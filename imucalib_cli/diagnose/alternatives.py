@@ -59,12 +59,13 @@ sold, leaves unexplained."""
 _ALIKE: Final = 0.1
 """Share of the rotation that the right link leaves on a robot three times as bad as that."""
 _NOISES: Final = 3.0
-"""Residuals up to so many times the sensor's own noise are good, whatever their share."""
+"""Residuals up to so many times the sensor's own noise are good, whatever their share. Tuned."""
 _FALL: Final = 2.0
-"""Least fall of one sensor's residual: a cause that leaves half of it is not the cause."""
+"""Least fall of one sensor's residual: a cause that leaves half of it is not the cause. Tuned."""
 _FAR_FALL: Final = 5.0
 """Least fall of all residuals that contradict what was given from which a cause is named though it
-leaves more than a right model does: a further error, as of slow motion, does not excuse so much."""
+leaves more than a right model does: a further error, as of slow motion, does not excuse so much.
+Tuned."""
 _WHOLE: Final = 4
 """How many hypotheses are fitted with every unknown, where none is good without."""
 _KEPT: Final[dict[Kind | None, int]] = {

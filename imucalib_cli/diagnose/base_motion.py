@@ -20,11 +20,12 @@ if TYPE_CHECKING:
 
 _MOVES: Final = (0.1, 0.01)
 """m/s² and rad/s, for whether one moves and the other does not: an IMU that moves more than this
-does not stand still; a robot whose kinematics say a fifth of it does."""
+does not stand still; a robot whose kinematics say a fifth of it does. Tuned."""
 _NOISES: Final = 8.0
-"""Times the sensor's own noise that its motion must reach."""
+"""Times the sensor's own noise that its motion must reach. Tuned."""
 _SHARE: Final = 0.3
-"""Share of the residual in motion that the one at rest must reach, else the rest is sound."""
+"""Share of the residual in motion that the one at rest must reach, else the rest is sound.
+Tuned."""
 _WINDOW: Final = 0.2
 """s: short beside a pause of a robot, long beside the period of its vibration."""
 _LEAST: Final = 15

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _ALIKE = 0.25
 """Spread of the jumps' sizes over their size: noise has 0.5 and more."""
 _OVER_STEPS = 4.0
-"""Least size of the jumps over that of the steps between."""
+"""Least size of the jumps over that of the steps between. Tuned."""
 _BACK = 0.9
 """Least share of jumps that the next one takes back: of noise it is two thirds."""
 _OFTEN = 0.15

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _CLEARLY_BETTER: Final = 0.3
 """Least fall of the logarithm of both residual scales from which jittered stamps are believed: in
-noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better."""
+noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better. Tuned."""
 _ENOUGH_WINDOWS: Final = 50
 """Windows, overlapping fourfold, that make a dozen independent ones."""
 _ENOUGH_IF_NOISY: Final = 20

@@ -19,22 +19,24 @@ Kind = Literal["header", "log"]
 
 _MAX_OFFSET_S = 2.0
 """Streams whose header stamps differ by more than this, relative to receive times, do not share a
-clock. Delays and unsynchronised computers stay well below; a sensor's time since boot does not."""
+clock. Delays and unsynchronised computers stay well below; a sensor's time since boot does not.
+Tuned."""
 _MAX_RATE_SPREAD = 0.02
 _MIN_SPAN_S = 5.0
 """Shortest stream whose clock rate is compared: in shorter ones delays look like a rate."""
 _FEW = 0.01
-"""Up to this share of broken stamps a clock is still used; they are cleaned up later."""
+"""Up to this share of broken stamps a clock is still used; they are cleaned up later. Tuned."""
 _FORWARD = 0.1
-"""Least share of stamps that must advance: coarse stamps repeat sometimes, frozen ones always."""
+"""Least share of stamps that must advance: coarse stamps repeat sometimes, frozen ones always.
+Tuned."""
 _BACKWARD = 0.4
-"""Largest share of stamps that may run backwards: interleaving publishers cause some."""
+"""Largest share of stamps that may run backwards: interleaving publishers cause some. Tuned."""
 _FAR_BACK_S = 0.5
 """A clock set back by this much covers the same time twice; publishers interleave by less."""
 _STEP_S = 0.02
 _STEP_SCATTERS = 12.0
 """If header stamps step relative to the receive times by more than both of these, the clock was set
-during the recording. Clocks of different rates reach 4 times the scatter."""
+during the recording. Clocks of different rates reach 4 times the scatter. Tuned."""
 _STEP_CHUNKS = 40
 _STEP_ROWS = 10
 _NS = 1_000_000_000

@@ -34,15 +34,18 @@ _REACH = 12
 _CALM_PERCENT = 50.0
 """Percentile of these that counts: few wrong ones among them do not matter."""
 _FURTHER = 5.0
-"""Least step, relative to what that speed gives: several lost messages do not look like it."""
+"""Least step, relative to what that speed gives: several lost messages do not look like it.
+Tuned."""
 _STAYS = 2.0
-"""Times that, for a step that nothing undoes: it is less certain."""
+"""Times that, for a step that nothing undoes: it is less certain. Tuned."""
 _BACK = 0.33
-"""A step leads back to an earlier pose in the body if it misses it by less than this share."""
+"""A step leads back to an earlier pose in the body if it misses it by less than this share.
+Tuned."""
 _LONGEST = 3.0
-"""s: a tracker finds its markers again sooner, and by chance many steps lead back at some time."""
+"""s: a tracker finds its markers again sooner, and by chance many steps lead back at some time.
+Tuned."""
 _MOST = 0.05
-"""If a larger share of the steps is so large, they are motion or noise."""
+"""If a larger share of the steps is so large, they are motion or noise. Tuned."""
 
 
 @dataclass(frozen=True, eq=False)

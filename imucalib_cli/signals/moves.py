@@ -22,9 +22,9 @@ dither, and the drift of trackers and odometry stay below these two."""
 _SHAKE = (math.radians(0.02), 0.0002)
 """rad and m below which even a quick shake moves no IMU measurably."""
 _QUICK = 0.02
-"""rad/s or m/s, for whether small motion is a shake: slower than this it is drift."""
+"""rad/s or m/s, for whether small motion is a shake: slower than this it is drift. Tuned."""
 _SMOOTH = 0.5
-"""Correlation of neighbouring values above which it is motion and not noise."""
+"""Correlation of neighbouring values above which it is motion and not noise. Tuned."""
 _TAILS = (1.0, 99.0)
 """Percentiles that bound the values used: single glitches are not motion."""
 _LEAST_ROWS = 8

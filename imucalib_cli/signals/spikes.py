@@ -25,20 +25,20 @@ _OTHERS = 3
 """Rank of the step that counts there: a single spike close by makes the two largest."""
 _FURTHER = 4.0
 """Least step into and out of a spike, relative to that step. A strike rises and falls over several
-samples, as every sensor's filter does: it steps as far between its samples."""
+samples, as every sensor's filter does: it steps as far between its samples. Tuned."""
 _SUDDEN = 0.5
-"""Least step into and out of a spike, relative to its size."""
+"""Least step into and out of a spike, relative to its size. Tuned."""
 _EVEN = 0.25
 """Least distance of a leap from its neighbours in the order of recording, relative to that in time:
-stamps may be right, and samples uneven."""
+stamps may be right, and samples uneven. Tuned."""
 _SIDES = (-2, -1, 1, 2)
 _MOST_SPREAD = 2.5
-"""Longest span of a sample's neighbours, relative to the median span."""
+"""Longest span of a sample's neighbours, relative to the median span. Tuned."""
 _CLOSE = 0.6
 """Share of the median interval below which two rows are close. A row that is added to an even
-stream is closer than half to one of them."""
+stream is closer than half to one of them. Tuned."""
 _MOST_CLOSE = 4
-"""Most close rows in a row that are examined: more are a queue that empties."""
+"""Most close rows in a row that are examined: more are a queue that empties. Tuned."""
 _ROUNDS = 4
 """Spikes close to each other are found one after the other."""
 

@@ -37,7 +37,7 @@ _BLOCK = 1 << 15
 _RATE_SECONDS = 0.02
 """s: half the span of the differences for rates; long compared with an encoder's steps."""
 _HELD = 0.5
-"""Share of repeated rows in fast motion above which the publisher holds its values."""
+"""Share of repeated rows in fast motion above which the publisher holds its values. Tuned."""
 _TURN = 2.0 * np.pi
 _SLACK = 0.1
 """rad: a channel wrapped to one turn may exceed it by encoder noise."""

@@ -32,15 +32,15 @@ _EXACTLY_STILL = 1e-6
 _HELD_TURNING = 2.0 * TURNING
 _HELD_SECONDS = 0.5
 """The robot's stream is held if it is exactly still for this time, s, while the IMU turns faster
-than this rate, rad/s."""
+than this rate, rad/s. Tuned."""
 AGREE = 0.9
-"""Correlation of the two rates elsewhere from which the kinematics show faults."""
+"""Correlation of the two rates elsewhere from which the kinematics show faults. Tuned."""
 _LEAST_BINS = 20
 _LEAST_STILL = 5
 _MEDIAN_OVER_MEAN = float(np.sqrt(np.pi / 2.0))
 """Standard deviation of a median over that of a mean, for many normal values."""
 _HOLES = 3.0
-"""A bin with a gap of so many intervals has no mean rate."""
+"""A bin with a gap of so many intervals has no mean rate. Tuned."""
 _MOST_BINS, _MOST_EMPTY = 1_000_000, 20
 """Most bins: a number always accepted, and a number per sample."""
 

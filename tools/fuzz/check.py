@@ -63,10 +63,11 @@ def _stop_at_known_data() -> None:
     """Estimate only from data that no case of this process had: much damage changes none."""
     from imucalib_cli.jobs import calibrate
     from imucalib_cli.jobs.input.recording import read_recording
+    from imucalib_cli.jobs.input.request import unheard
 
     seen = set[bytes]()
 
-    def read_new(request: CalibrationRequest, progress: Progress) -> Recording:
+    def read_new(request: CalibrationRequest, progress: Progress = unheard) -> Recording:
         recording = read_recording(request, progress)
         digest = _digest(recording)
         if digest in seen:

@@ -48,7 +48,8 @@ Sign = Literal["as read", "reversed", "in doubt"]
 WARN_SIGMAS: Final = 3.0
 """One sound log in 370."""
 UNEXPLAINED_GYRO: Final = 0.3
-"""Share of the measured rotation left in the residuals from which model and log do not match."""
+"""Share of the measured rotation left in the residuals from which model and log do not match.
+Tuned."""
 UNEXPLAINED_ACCEL: Final = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
 STANDSTILL_GYRO: Final = 0.02
@@ -58,7 +59,7 @@ LOUD: Final = 5.0
 that, the equations are wrong."""
 _FEW: Final = 0.05
 """Share of the windows, left out or struck, from which it is reported: a strike now and then is an
-outlier, strikes with every step are part of the motion."""
+outlier, strikes with every step are part of the motion. Tuned."""
 _ENOUGH_HERTZ: Final = 400.0
 """Hz: rate at which a strike of 10 ms, as of hard feet on hard ground, takes four samples."""
 _FORCE: Final = 5.0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 FOLDS: Final = 6
 """Parts that are left out in turn. Fewer hardly show a scatter, more do not show errors that change
-slowly (docs/real-recordings.md has figures)."""
+slowly (docs/real-recordings.md has figures). Tuned."""
 _LEAST_SEGMENTS: Final = 2
 """Least distance of a change from either end of a log: longer than a shock."""
 _LEAST_WINDOWS: Final = 3.0

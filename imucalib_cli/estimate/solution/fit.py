@@ -74,8 +74,8 @@ _SETTLED: Final = 0.1
 DISTRUST_SIGMAS: Final = 5.0
 """One sound log in two million: such an error stands clear of its own sigma."""
 WRONG: Final = 50.0
-"""Ratio of residuals to the known noise from which the equations, not their parameters, are
-wrong."""
+"""Ratio of residuals to the known noise from which the equations, not their parameters, are wrong.
+Tuned."""
 DETERMINED: Final = 0.05
 """m or rad: a component with a larger sigma counts as not determined."""
 MIN_WINDOWS: Final = 12
@@ -437,8 +437,9 @@ def _fitted(
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        seen = model if turn else replace(model, windowing=windowing.coarse)
-        at = Linearised(seen, state, centres, residuals, weights, scales, noise)
+        at = Linearised(
+            model if turn else model.coarse, state, centres, residuals, weights, scales, noise
+        )
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
         if turn < _ANEW:  # a wrong split between scales would stay

@@ -44,7 +44,8 @@ _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
 _FINE: Final = 200
 """Points of its interpolation."""
 _FLATTER: Final = 1.5
-"""Root of the likelihood that is drawn from: scales are correlated, and tails must be covered."""
+"""Root of the likelihood that is drawn from: scales are correlated, and tails must be covered.
+Tuned."""
 _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _SAME: Final = 0.5
 """If this share of the samples has another sensor's values, it is that sensor: noise alone makes
-two sensors differ."""
+two sensors differ. Tuned."""
 
 
 def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tuple[Finding, ...]]:

@@ -27,11 +27,12 @@ _IMPOSSIBLE: dict[Sensor, tuple[float, str]] = {"gyro": (1e3, "rad/s"), "accel":
 _BEYOND = 1.05
 """Value over full scale that proves another sensor: converters exceed full scale a little."""
 _LEFT = 0.05
-"""Share of the rotation that a sound gyroscope may miss."""
+"""Share of the rotation that a sound gyroscope may miss. Tuned."""
 _ALIKE = 0.7
-"""Correlation of the two rates above which they are of the same motion."""
+"""Correlation of the two rates above which they are of the same motion. Tuned."""
 _TWO_AXES = 0.2
-"""Share of a second axis in the rotation above which all axes of an accelerometer must change."""
+"""Share of a second axis in the rotation above which all axes of an accelerometer must change.
+Tuned."""
 
 
 def refuse_impossible(imu: ImuSamples, *sensors: Sensor) -> None:

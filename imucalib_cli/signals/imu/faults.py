@@ -28,22 +28,23 @@ FROZEN_SECONDS = 0.1
 FROZEN_SAMPLES = 8
 """s and samples: shorter runs are left to the robust weights."""
 _JUMP = 8.0
-"""Quanta and standard deviations of the jump at the end of a frozen run."""
+"""Quanta and standard deviations of the jump at the end of a frozen run. Tuned."""
 _JUMP_FLOOR = {"gyro": 0.02, "accel": 0.2}
 """rad/s and m/s²."""
 _LIVE_REPEATS = 0.2
-"""If the other axes repeat this often, a repeated value proves nothing."""
+"""If the other axes repeat this often, a repeated value proves nothing. Tuned."""
 DEAD = 0.995
 ALIVE_NOISE = 1e-5
 """rad/s and m/s²: with less noise the log is a simulation, whose axes may be exactly zero."""
 _LEAST_OUTSIDE = 200
 _MOST_HELD = 0.1
 """Share of the rows in motion that repeat the row before above which samples are held. Loggers that
-now and then write one twice stay below 0.01; a sensor of half the log's rate has 0.5."""
+now and then write one twice stay below 0.01; a sensor of half the log's rate has 0.5. Tuned."""
 _TURNED = 0.5
 """rad: after such a rotation an accelerometer's values must have changed."""
 _SIMILAR = 0.2
-"""Relative difference from the kinematics up to which a constant rate is a steady rotation."""
+"""Relative difference from the kinematics up to which a constant rate is a steady rotation.
+Tuned."""
 _TOP_RUN = 3
 _TOP_SAMPLES = 6
 _TOP_PLAIN = 20
@@ -60,18 +61,18 @@ tail the next values are more frequent, in a flatter one or at a finer quantum s
 share a value.
 """
 _TOP_STAY = 0.5
-"""Least share of samples at the limit whose successor is at the limit too."""
+"""Least share of samples at the limit whose successor is at the limit too. Tuned."""
 _TOP_BENDS = 3.0
 _TOP_BEND_SHARE = 98.0
-"""Least slope before a flat top, relative to the curvature of the other samples."""
+"""Least slope before a flat top, relative to the curvature of the other samples. Tuned."""
 _TOP_STEPS = 3.0
-"""That slope, per sample, relative to noise and quantum."""
+"""That slope, per sample, relative to noise and quantum. Tuned."""
 _FULL_SCALE = 0.02
 """Converters saturate a little below or above their nominal range."""
 _ELSEWHERE = 20
 _CUT = 0.985
 """If the ratio of measured to derived rate, relative to the ratio elsewhere, is lower than this, a
-flat top is from the sensor and not from the motion."""
+flat top is from the sensor and not from the motion. Tuned."""
 
 
 @dataclass(frozen=True, eq=False)

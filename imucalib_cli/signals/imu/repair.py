@@ -39,15 +39,15 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.turning import Turning
 
 _MOST_LOST = 0.5
-"""If this share of the rotation is left out, the remaining data do not represent the log."""
+"""If this share of the rotation is left out, the remaining data do not represent the log. Tuned."""
 _FAR_BETTER = 0.5
 """Recorded stamps are kept if they reduce the unexplained rotation to this share of what even ticks
-give."""
+give. Tuned."""
 _SAME = 1e-6
 _LEAP = 0.01
 """rad or m: a single message that jumps by more and back is faster than any robot."""
 _MOST_LEAPS = 0.05
-"""If more than this share of messages jumps, it is motion or noise."""
+"""If more than this share of messages jumps, it is motion or noise. Tuned."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -23,12 +23,13 @@ _NEAR_NS = _NS
 _QUARTILES_TO_STD = 1.349
 """Interquartile range of a normal distribution, in standard deviations."""
 _HOLE = 0.5
-"""A time without samples is a hole if it is longer than this, s, and than this many intervals."""
+"""A time without samples is a hole if it is longer than this, s, and than this many intervals.
+Tuned."""
 _HOLE_INTERVALS = 10.0
 _STRAY = 0.001
 """Share of a stream's stamps that may be wrong."""
 _MISSED = 0.1
-"""Share of the log missing from a stream above which it is reported."""
+"""Share of the log missing from a stream above which it is reported. Tuned."""
 
 
 @dataclass(frozen=True, kw_only=True)

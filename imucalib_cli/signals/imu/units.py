@@ -22,17 +22,18 @@ if TYPE_CHECKING:
 _DEG = 180.0 / math.pi
 _NEAR = 0.15
 """Relative error of |accel| at rest, or of the ratio of two rates, up to which a unit fits: bias,
-scale errors and motion cause it."""
+scale errors and motion cause it. Tuned."""
 _MOST_SCATTER = 0.5
 """Relative scatter of the bins' ratios that widens what fits a unit: noise of a tracker's poses
-scatters the ratios and makes them smaller, by about as much. With this, deg/s is from 30 to 109."""
+scatters the ratios and makes them smaller, by about as much. With this, deg/s is from 30 to 109.
+Tuned."""
 _APART = math.sqrt(STANDARD_GRAVITY)
 """Largest ratio of a norm and gravity if the IMU never rests, as in walking: half way from m/s² to
 g, so no more than one unit is that near."""
 _RESTLESS = 0.05
 """Variation of the readings within the calmest stretches, relative to the norm, above which the IMU
 never rests. At rest it is noise, less than 0.01; in a hovering drone it is up to 0.03, in a phone
-that swings in a hand 0.06 or more."""
+that swings in a hand 0.06 or more. Tuned."""
 _SHAKEN = 1.0 / 3.0
 """Variation above which a norm near 1 g or 1000 mg may also be motion without gravity, which is as
 large as its own variation."""
@@ -40,7 +41,7 @@ _CLEAR = 0.5
 _STEADY = 0.25
 """Correlation of the two rates above which their ratio is meaningful, and the scatter of the bins'
 ratios below which it is too: rates that hardly vary, as in a hovering flight, correlate little.
-Ratios of two motions that have nothing in common scatter by 0.4 or more."""
+Ratios of two motions that have nothing in common scatter by 0.4 or more. Tuned."""
 _MOST_RATE = 40.0
 """rad/s; the range of industrial and MEMS gyroscopes is up to 2000 °/s, 34.9 rad/s."""
 _FLOATING = 0.05
@@ -77,9 +78,11 @@ KNOWN_RATIOS = {
 }
 """By unit; any other constant factor between the two rates is refused."""
 _FAR = 5.0
-"""Least factor between the ratio and 1 for a wrong unit: scale errors and other links make less."""
+"""Least factor between the ratio and 1 for a wrong unit: scale errors and other links make less.
+Tuned."""
 _CONSTANT = 0.2
-"""Relative scatter of the bins' ratios up to which the ratio is constant, so not another motion."""
+"""Relative scatter of the bins' ratios up to which the ratio is constant, so not another motion.
+Tuned."""
 _MOST_ANGLE = 4.0 * math.pi
 """rad: a joint that turns by more in a log probably has positions in degrees."""
 

@@ -28,23 +28,26 @@ _LEAST = 200
 """Least number of samples for a rate."""
 _SAME_STEP = 0.35
 """Mean square step of the values over short intervals, divided by that over all intervals: 1 for a
-constant rate, near 0 if samples were taken when they were stamped."""
+constant rate, near 0 if samples were taken when they were stamped. Tuned."""
 _LEAST_BATCH = 3
 _BATCHED = 0.5
-"""If this share of the bursts has the same size, the device sends batches."""
+"""If this share of the bursts has the same size, the device sends batches. Tuned."""
 _LOW = 0.1
-"""Quantile of the delays used as their lower edge: more stable than the minimum or the mean."""
+"""Quantile of the delays used as their lower edge: more stable than the minimum or the mean.
+Tuned."""
 _CHUNKS = 48
 _LEAST_CHUNK = 12
 """Units of arrival per chunk."""
 _STRAIGHT = 1.0
-"""Von Neumann's ratio of the chunks about a line: 2 for independent scatter, near 0 for drift."""
+"""Von Neumann's ratio of the chunks about a line: 2 for independent scatter, near 0 for drift.
+Tuned."""
 _CHANCE = 4.0
-"""Scatter of the chunks over that of as many independent delays: in a queue they are alike."""
+"""Scatter of the chunks over that of as many independent delays: in a queue they are alike.
+Tuned."""
 _NEGLIGIBLE = 2e-4
 """s: a smaller drift is accepted without further tests."""
 _WITHIN = 0.25
-"""Scatter in periods below which no message was miscounted for long."""
+"""Scatter in periods below which no message was miscounted for long. Tuned."""
 _CLEARLY = 0.5
 _AVERAGED = 32
 _LEAST_AVERAGED = 16
@@ -60,9 +63,9 @@ _LEAST_LOST = 1.5
 _LEAST_SPANS = 12
 """Spans, whose scatter is then known to a fifth."""
 _EVEN = 0.15
-"""Variance of the losses of spans, over their mean: 1 by chance, more in bursts."""
+"""Variance of the losses of spans, over their mean: 1 by chance, more in bursts. Tuned."""
 _MOST_LOST = 1.15
-"""Largest ratio of samples taken to messages received."""
+"""Largest ratio of samples taken to messages received. Tuned."""
 _PEAK_OVER_REST = 5.0
 """Height of the period's peak in the spectrum of arrivals, relative to its neighbours: chance
 reaches 4."""
@@ -75,14 +78,14 @@ _RATE_SPAN = 64
 _RATE_FILTER = 5
 """Spans over whose rates the median is taken: a gap or a hiccup fills one or two."""
 _OTHER_RATE = 1.2
-"""Least ratio of two different rates: settings of a driver differ by more."""
+"""Least ratio of two different rates: settings of a driver differ by more. Tuned."""
 _RATE_SPANS = 3
 _RATE_SECONDS = 1.0
 """s, shortest part with its own rate: a queue empties faster."""
 
 _LEAST_CROWD = 2.5
 """Messages beyond those that there was time for: jitter and a lost message make one or two, and
-single ones are found by their values."""
+single ones are found by their values. Tuned."""
 _RECENT = 1000
 """Messages before a burst, of which one at least was not held up."""
 

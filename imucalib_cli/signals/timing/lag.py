@@ -28,11 +28,12 @@ class Lag:
 
 _ALIKE = 4.0
 """Times what the best shift leaves unexplained, up to which another may be the true one: a peak
-between two samples loses as much."""
+between two samples loses as much. Tuned."""
 _SURE = 0.9
-"""Correlation from which that ratio means something: below, noise makes many shifts alike."""
+"""Correlation from which that ratio means something: below, noise makes many shifts alike.
+Tuned."""
 _APART = 10
-"""Samples between two shifts that are not one peak."""
+"""Samples between two shifts that are not one peak. Tuned."""
 _MOST_RIVALS = 3
 LEAST_OVERLAP = 0.5
 """Share of the shorter series that must overlap: with less, chance correlation is high."""

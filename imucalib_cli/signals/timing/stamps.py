@@ -17,21 +17,21 @@ Number = TypeVar("Number", np.float64, np.complex128)
 
 _GAP_INTERVALS = 3.0
 _GAP_SECONDS = 0.010
-"""An interval longer than both is a gap: no filter window crosses it."""
+"""An interval longer than both is a gap: no filter window crosses it. Tuned."""
 
 _SLOW_STRETCH = 32
 """Intervals that make a slower rate."""
 _SLOWEST = 0.05
 """s: samples farther apart do not show how an arm moves in between."""
 _ASTRAY_SPANS = 2.0
-"""Stamps further than this many spans of the log from its middle are wrong."""
+"""Stamps further than this many spans of the log from its middle are wrong. Tuned."""
 EXACT_SECONDS = 6e-7
 """s: stamps this close to a constant rate are exact; some drivers round to half a microsecond."""
 
 SHORT = 0.25
-"""Intervals below this share of the usual one are within a burst."""
+"""Intervals below this share of the usual one are within a burst. Tuned."""
 BUNCHED = 0.05
-"""Share of short intervals from which stamps count as bunched; rare hiccups do not."""
+"""Share of short intervals from which stamps count as bunched; rare hiccups do not. Tuned."""
 _SPAN = 128
 """Samples over which the usual interval is computed: many bursts, few gaps."""
 _LEAST_INTERVAL = 1e-9
@@ -47,9 +47,10 @@ _PERIOD_STEPS = 3
 _SETTLED = 0.01
 """Periods by which ticks may drift over the log while the period is searched."""
 _MAX_SHARED_TICKS = 0.01
-"""Largest share of stamps that round to the tick of another: more are bursts, not jitter."""
+"""Largest share of stamps that round to the tick of another: more are bursts, not jitter. Tuned."""
 _WHITE_JITTER = -0.25
-"""Lag-1 correlation of the intervals: -0.5 if stamps jitter about ticks, 0 if the timer drifts."""
+"""Lag-1 correlation of the intervals: -0.5 if stamps jitter about ticks, 0 if the timer drifts.
+Tuned."""
 
 
 @dataclass(frozen=True, eq=False)
