@@ -197,7 +197,7 @@ def test_columns_fit_the_terminal(
 ) -> None:
     said = study("--no-figures", "-q", "--format", "json")
     tables = json.loads(said.out)
-    for module in ("commands.study", "tables"):
+    for module in ("commands.study", "output"):
         monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
     monkeypatch.setenv("COLUMNS", "110")
     monkeypatch.setenv("NO_COLOR", "1")
