@@ -817,7 +817,7 @@ TABLE: Final[tuple[Unknown, ...]] = (
             words=f"{each.words}, base IMU",
         )
         for each in _OWN
-        if isinstance(each.effect, Reading) and each.name != "mount_give"
+        if isinstance(each.effect, Reading) and not each.effect.sways
     ),
 )
 """Whatever may be wrong with one IMU may be wrong with the other, by the same priors."""

@@ -16,6 +16,7 @@ from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRO
 from imucalib_cli.estimate.unknowns import (
     SCALES,
     SENSORS,
+    TABLE,
     Clock,
     JointCurve,
     Mount,
@@ -72,6 +73,11 @@ _NO_SENSOR: Final = 5.0
 consumer parts are specified to 2 m/s² and 0.7 rad/s."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset with a larger sigma counts as unknown."""
+
+_SWAYS: Final = {
+    each.name for each in TABLE if isinstance(each.effect, Reading) and each.effect.sways
+}
+"""Unknowns by which the IMU moves: they may be the cause of motion that is not explained."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,8 +183,8 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     unexplained = [*_unexplained(evidence)]
     misled = bool(wrong) or evidence.mount_moved or evidence.too_noisy
     of_fit = of_answer(evidence.fit, log, misled=misled)
-    if unexplained:  # errors take up what is not explained; but a mount that gives may be the cause
-        of_fit = (each for each in of_fit if each.values.get("name") in {None, "mount_give"})
+    if unexplained:  # errors take up what is not explained, but for those that may be the cause
+        of_fit = (each for each in of_fit if each.values.get("name") in {None, *_SWAYS})
     found += [*unexplained, *of_fit]
     found += [*_window(evidence), *_parts(evidence)]
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
