@@ -12,7 +12,7 @@ window's centre; a and w are the readings with the sensor's errors removed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,11 +43,6 @@ class Model:
 
     windowing: Windowing
     layout: Layout
-
-    @property
-    def coarse(self) -> Model:
-        """The same with columns on fewer nodes."""
-        return replace(self, windowing=self.windowing.coarse)
 
     def centres(self, state: State) -> Indices:
         """Windows with every sample of both streams."""

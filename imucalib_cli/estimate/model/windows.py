@@ -11,7 +11,7 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,8 +36,7 @@ three to a length, a ten-thousandth of the noise folds onto slow motion."""
 NODES = 18
 """Node intervals to a window, on which columns are computed: six to a hop."""
 _FEWER_NODES = 9
-"""The same of a first step, and of other windows, whose answers are compared: both need columns to
-a tenth only."""
+"""The same of other windows, whose answers are compared: that needs columns to a tenth only."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,13 +173,6 @@ class Windowing:
             for length, hop in ((halved, plan.hop), (doubled, 2 * plan.hop))
             if length >= 9  # a window of nine samples cannot be halved any more
         )
-
-    @property
-    def coarse(self) -> Windowing:
-        """The same windows with columns on fewer nodes."""
-        plan = self.plan
-        few = plan_windows(plan.length, plan.degree, self.grid.dt, plan.hop, _FEWER_NODES)
-        return replace(self, plan=few)
 
     @property
     def base_noise(self) -> Floats:

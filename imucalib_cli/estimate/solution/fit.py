@@ -437,9 +437,7 @@ def _fitted(
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
         weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        at = Linearised(
-            model if turn else model.coarse, state, centres, residuals, weights, scales, noise
-        )
+        at = Linearised(model, state, centres, residuals, weights, scales, noise)
         sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
         offset, level = prior_offset(layout, options, state), 1.0
         if turn < _ANEW:  # a wrong split between scales would stay
