@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,7 +60,8 @@ def cramer_rao(
 ) -> Bound:
     """Bound for white noise of accel_std, m/s², and gyro_std, rad/s, on each sample and axis.
 
-    In the published method all NUISANCES are known.
+    In the published method all NUISANCES are known. Infinite where the motion does not determine
+    the pose.
     """
     imu, path = streams_of(clean)
     inside = slice(2, len(imu.t) - 2)
@@ -88,6 +90,8 @@ def cramer_rao(
     columns = np.r_[:6, 6 + np.flatnonzero(used)]
     flat = J[:, :, columns].reshape(-1, len(columns))
     information = flat.T @ flat
+    if not np.diag(information).all():  # nothing turns about an axis
+        return Bound(pose=np.full((6, 6), np.inf), time_offset=np.inf)
     scale = 1.0 / np.sqrt(np.diag(information))
     covariance = np.linalg.inv(information * np.outer(scale, scale)) * np.outer(scale, scale)
     offset = float(np.sqrt(covariance[-1, -1])) if "time_offset" in free else 0.0
@@ -96,9 +100,13 @@ def cramer_rao(
 
 @cache  # a study needs the same for every seed
 def bound_columns(clean: Recording, noise: NoiseOptions, *, alone: bool) -> Row:
-    """Least errors of any estimator, root mean square; None without white noise of the IMU."""
+    """Least errors of any estimator, root mean square.
+
+    None without white noise of the IMU, and where the motion does not determine the pose.
+    """
     accel, gyro = white_std(noise, clean.imu)
     if accel == 0.0 or gyro == 0.0:
         return {"bound_translation": None, "bound_rotation": None}
     bound = cramer_rao(clean, accel, gyro, () if alone else tuple(NUISANCES))
-    return {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
+    found = {"bound_translation": bound.translation, "bound_rotation": bound.rotation}
+    return {name: value if isfinite(value) else None for name, value in found.items()}

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from imucalib_cli.arrays import Floats
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.estimate.options import MatchedOptions
+from imucalib_cli.simulate.options import NoiseOptions
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.urdf import urdf_text
-from imucalib_cli.study.bound import NUISANCES, Bound, cramer_rao
+from imucalib_cli.study.bound import NUISANCES, Bound, bound_columns, cramer_rao
 from imucalib_cli.study.recordings import robot_of, streams_of
 from tests.by_pinocchio import follow
 from tests.simulate.simulate_samples import recorded
@@ -122,6 +123,13 @@ def test_a_free_body_has_a_bound_without_tilt() -> None:
     bound = cramer_rao(body, ACCEL, GYRO)
     without = cramer_rao(body, ACCEL, GYRO, ("accel_bias", "gyro_bias", "time_offset"))
     np.testing.assert_allclose(bound.pose, without.pose)
+
+
+def test_a_motion_that_does_not_determine_the_pose_has_no_bound() -> None:
+    noise = NoiseOptions(accel_white=ACCEL, gyro_white=GYRO)
+    body = recorded("barbot", duration=12.0, imu_rate=80.0, robot_rate=80.0)  # two pushes
+    found = bound_columns(body, noise, alone=True)
+    assert found == {"bound_translation": None, "bound_rotation": None}
 
 
 def test_noise_free_simulation_with_two_publishers_gives_exact_result(arm: Recording) -> None:
