@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 _POINTS: Final = (64, 256, 1024, 4096)
 """Importance points: more where few of them count, as where scales are correlated. Thirty times as
 many as the first move the mean by a tenth of sigma, and sigma by some per cent."""
-_COUNT: Final = 16.0
-"""Equally likely points that they must be worth at least: sixteen give sigma to 18 %."""
+_COUNT: Final = 8.0
+"""Equally likely points that they must be worth at least: eight give sigma to a quarter."""
 _KEPT: Final = 64
 """Points at which the answer is computed."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
