@@ -290,7 +290,7 @@ class WindowStudy(Sweep):
     note = (
         "A window is L sample intervals; an even L is taken one longer, as the filters need it odd."
     )
-    parts: ClassVar = {"window": Part("samples", "window s")}
+    parts: ClassVar[dict[str, Part]] = {"window": Part("samples", "window s")}
     samples: tuple[int, ...]
 
     def values(self, part: str) -> Sequence[float]:
@@ -319,7 +319,7 @@ class EncoderStudy(Sweep):
         "The bound is that of perfect encoders: noise of the kinematics can only raise it. The "
         "matched filters choose their window from the log."
     )
-    parts: ClassVar = {
+    parts: ClassVar[dict[str, Part]] = {
         "noise": Part("noise", "encoder noise rad", ("encoder_noise",)),
         "step": Part("step", "encoder step rad", ("encoder_step",)),
     }
@@ -337,7 +337,7 @@ class BiasStudy(Sweep):
         "bound knows of constant biases, not of their walk. The published method and matched, "
         "pose only, take biases to be zero."
     )
-    parts: ClassVar = {
+    parts: ClassVar[dict[str, Part]] = {
         "accel": Part("accel_bias", "accelerometer bias m/s²", ("accel_bias",)),
         "gyro": Part("gyro_bias", "gyroscope bias rad/s", ("gyro_bias",)),
         "accel-walk": Part(
@@ -364,7 +364,7 @@ class RateStudy(Sweep):
         "published method smooths the IMU with as many samples as it derives the kinematics with, "
         "as its authors do, and takes the nearest sample of the IMU."
     )
-    parts: ClassVar = {
+    parts: ClassVar[dict[str, Part]] = {
         "together": Part("together", "rate of IMU and robot Hz", ("imu_rate", "robot_rate")),
         "robot": Part("robot", "robot's rate Hz, IMU at {imu_rate:g}", ("robot_rate",)),
     }
