@@ -46,9 +46,9 @@ def verify_recording(
         result, unchecked = each.result, ignored
         if request.planar:
             unchecked |= {upright_component(each.motion.path)}
-        urdf, nominal = result.provenance.urdf, result.nominal
-        if nominal is not None:  # as the request needs it
-            answers.append(verify(result, nominal, within, urdf, ignored=unchecked))
+        nominal = result.nominal
+        assert nominal is not None, "the request needs it"  # noqa: S101
+        answers.append(verify(result, nominal, within, result.provenance.urdf, ignored=unchecked))
     return answers, list(outcome.failures)
 
 

@@ -92,7 +92,8 @@ def _measured(study: Study, cells: list[Cell], jobs: int) -> Generator[tuple[Cel
     )
     waiting: dict[Future[list[Row]], Cell] = {}
     try:
-        waiting.update({pool.submit(study.measure, cell): cell for cell in cells})
+        for cell in cells:
+            waiting[pool.submit(study.measure, cell)] = cell
         for future in as_completed(waiting):
             yield waiting.pop(future), future.result()
     except BrokenProcessPool as error:

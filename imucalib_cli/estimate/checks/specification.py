@@ -99,7 +99,7 @@ def _difference(
         fit,
         model=model,
         centres=centres,
-        residuals=replace(residuals, values=residuals.values[at]),
+        residuals=residuals.of(at),
         weights=fit.weights[at],
         scales=fit.scales * (plan.gains / fit.model.windowing.plan.gains),
     )

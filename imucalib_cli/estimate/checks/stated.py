@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from imucalib_cli.estimate.checks.observability import undetermined
-from imucalib_cli.estimate.checks.segments import DECISIVE, NEGLIGIBLE
+from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution.fit import lean_fit, transferred, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import prior_offset
@@ -36,6 +36,8 @@ _SLIP_OF_THE_PEN: Final = 0.3
 """m/s²: ten times the range of gravity on Earth."""
 _ANYWHERE: Final = (0.1, 0.1, 0.1, 0.3, 0.3, 0.3)
 """m and rad: an IMU on another place of its link, and turned by some tens of degrees."""
+_SHARPEST: Final = 1e-5
+"""Of any unit: no drawing and no clock is more exact, so smaller contradictions do not count."""
 
 
 def contradicted(
@@ -138,8 +140,7 @@ def _gain(equations: NormalEquations, stated: MatchedOptions, freed: MatchedOpti
     if not len(about):  # held by another option too
         return 0.0
     std = layout.std.copy()
-    # No drawing and no clock is more exact, whatever its unit: less is no contradiction.
-    std[about] = np.maximum(_stated_std(layout, stated)[about], NEGLIGIBLE[0])
+    std[about] = np.maximum(_stated_std(layout, stated)[about], _SHARPEST)
     likelihoods = []
     for each in (layout, replace(layout, std=std)):
         problem = equations.problem(each, stated)

@@ -180,6 +180,10 @@ class Residuals:
     rate: Floats
     """(W, 3), of the parent link by the kinematics, rad/s."""
 
+    def of(self, rows: Indices) -> Residuals:
+        """Of some of the windows."""
+        return Residuals(self.values[rows], self.acceleration[rows], self.rate[rows])
+
     @property
     def motion(self) -> Floats:
         """(W,), how much each window moves, (m/s²)²: turns count as a metre away."""

@@ -147,7 +147,7 @@ class Chain:
         for track, (age,) in self.streams["age"].items():
             values[track][:, :3] = self.trajectory.values_of(track, t + age)[:, :3]
         for track, scale in self.streams["scale"].items():
-            values[track][:, :3] = values[track][:, :3] @ ((1.0 + scale) * np.eye(3))
+            values[track][:, :3] *= 1.0 + scale
         for track, turn in self.streams["turn"].items():
             values[track][:, :3] = values[track][:, :3] @ matrix_from_rotvec(turn).T
         if self.base is not None:
