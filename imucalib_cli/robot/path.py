@@ -124,12 +124,12 @@ class KinematicPath:
     steps: tuple[Step, ...]
     tracks: tuple[Track, ...]
 
-    @property
+    @cached_property
     def joint_steps(self) -> dict[int, JointStep]:
         """Steps of joints by their index, from the world on."""
         return {i: step for i, step in enumerate(self.steps) if isinstance(step, JointStep)}
 
-    @property
+    @cached_property
     def pose_steps(self) -> dict[int, PoseStep]:
         """Steps of pose streams and of a base IMU by their index, from the world on."""
         return {i: step for i, step in enumerate(self.steps) if isinstance(step, PoseStep)}

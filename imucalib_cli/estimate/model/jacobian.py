@@ -268,13 +268,11 @@ def _block_columns(
     nodes = _nodes(model, plan, chain, state, centres)
     channels = _channels(model.layout, nodes)
     at = centres // plan.every - nodes.first
-    R_centre = np.ascontiguousarray(np.moveaxis(nodes.R[..., at], -1, 0))
 
-    def in_parent(values: Floats, weights: Floats) -> Floats:
-        """Weighted sums of (n, 3, M) in each window, in the parent's axes: (W, n, 3)."""
-        flat = values.reshape(-1, values.shape[-1])
-        sums = in_windows(flat.T, weights, at)
-        return np.asarray(sums.reshape(len(sums), -1, 3) @ R_centre)
+    def summed(values: Floats, weights: Floats) -> Floats:
+        """Weighted sums of (n, 3, M) in each window, world axes: (W, n, 3)."""
+        sums = in_windows(values.reshape(-1, values.shape[-1]).T, weights, at)
+        return sums.reshape(len(sums), -1, 3)
 
     def joined(name: str) -> tuple[Indices, Floats]:
         """Components of a channel, and its changes (n, 3, M)."""
@@ -282,38 +280,40 @@ def _block_columns(
         changes = np.concatenate([np.zeros((0, *nodes.p.shape)), *(each for _, each in found)])
         return places_of(part for part, _ in found), changes
 
-    J = np.zeros((len(centres), model.layout.size, 6))
-    accel, gyro = slice(0, 3), slice(3, 6)
-    for name, rows, weights, sign in (
-        ("shift", accel, plan.second.derivative, 1.0),
-        ("force", accel, plan.second.average, -1.0),
-        ("turn", gyro, plan.first.derivative, 1.0),
-        ("rate", gyro, plan.first.average, -1.0),
+    accel, gyro = 0, 1
+    in_world = np.zeros((len(centres), model.layout.size, 2, 3))
+    for name, sensor, weights in (
+        ("shift", accel, plan.second.derivative),
+        ("force", accel, -plan.second.average),
+        ("turn", gyro, plan.first.derivative),
+        ("rate", gyro, -plan.first.average),
     ):
         index, changes = joined(name)
-        J[:, index, rows] += sign * in_parent(changes, weights)
+        in_world[:, index, sensor] += summed(changes, weights)
     if nodes.base is not None:
         index, turn = joined("base turn")
         arm, force = nodes.base.arm[None], (nodes.force - nodes.base.force)[None]
-        moved = in_parent(cross(turn, arm, -2), plan.second.derivative)
-        moved -= in_parent(cross(turn, force, -2), plan.second.average)
-        still = in_parent(arm, plan.second.derivative) - in_parent(force, plan.second.average)
-        J[:, index, accel] += moved - cross(np.moveaxis(turn[..., at], -1, 0) @ R_centre, still)
+        moved = summed(cross(turn, arm, -2), plan.second.derivative)
+        moved -= summed(cross(turn, force, -2), plan.second.average)
+        still = summed(arm, plan.second.derivative) - summed(force, plan.second.average)
+        in_world[:, index, accel] += moved - cross(np.moveaxis(turn[..., at], -1, 0), still)
     for part, size in channels["times"]:
-        J[:, part] *= size[at, None, None]
+        in_world[:, part] *= size[at, None, None, None]
     for part, change in channels["gravity"]:
-        J[:, part, accel] -= change @ R_centre
+        in_world[:, part, accel] -= change
     # A later stamp means an earlier pose: one column, times the basis of each entry.
     turn, shift = (-each[None] for each in nodes.velocity())
     read = cross(turn, nodes.force, -2)
-    by_time = in_parent(shift, plan.second.derivative) - in_parent(read, plan.second.average)
-    turned = in_parent(turn, plan.first.derivative)
+    by_time = summed(shift, plan.second.derivative) - summed(read, plan.second.average)
+    turned = summed(turn, plan.first.derivative)
     grid = model.windowing.grid
     age = np.asarray(grid.dt * centres + (grid.t0 - model.middle))
     for each, clock in model.layout.of(Clock):
         by_accel, by_gyro = (shift + drift * age for shift, drift in (clock.accel, clock.gyro))
-        J[:, each.part.start, accel] += by_time[:, 0] * by_accel[:, None]
-        J[:, each.part.start, gyro] += turned[:, 0] * by_gyro[:, None]
+        in_world[:, each.part.start, accel] += by_time[:, 0] * by_accel[:, None]
+        in_world[:, each.part.start, gyro] += turned[:, 0] * by_gyro[:, None]
+    R_centre = np.moveaxis(nodes.R[..., at], -1, 0)
+    J = (in_world.reshape(len(centres), -1, 3) @ R_centre).reshape(len(centres), -1, 6)
     for each in model.layout.placed:
         if each.hidden:  # exactly: a sharp log would take a difference for information
             J[:, each.part] = nodes.as_mount(each) @ J[:, model.layout.pose]

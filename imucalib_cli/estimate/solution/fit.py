@@ -69,6 +69,8 @@ _MORE: Final = 8
 _PASSES: Final = 8
 _ANEW: Final = 4
 """First passes, in which scales are learnt anew; later they might alternate between two splits."""
+_ROUGHLY: Final = 0.1
+"""Relative error of learnt scales on the way: the answer does not depend on where it began."""
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
 DISTRUST_SIGMAS: Final = 5.0
@@ -448,7 +450,7 @@ def _fitted(
             stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
             A, b = stats.information / level + of_gravity[0], stats.score / level + of_gravity[1]
             problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
-            u = most_likely(problem, u)
+            u = most_likely(problem, u, _ROUGHLY)
             free_step, inverse = problem.solve(u)
             step = embedded(free_step, layout.free)
             levels = stats.levels(step, embedded(inverse, layout.free) / level)

@@ -132,12 +132,16 @@ def _of_columns(
             (of_base, windowing.base_noise, base),
         ),
     ):
-        found = [pairs for pairs in errors if pairs[1].sensor == name]
+        pair = (nodes.second, nodes.first)[sensor]
+        responses = [
+            (each.part, effect.own_response(nodes.dt, grid.level[sensor]))
+            for each, effect in errors
+            if effect.sensor == name
+        ]
+        found = [(part, response) for part, response in responses if response.any()]
         if not found:
             continue
-        pair = (nodes.second, nodes.first)[sensor]
-        level = grid.level[sensor]
-        answers = np.concatenate([effect.own_response(nodes.dt, level) for _, effect in found])
+        answers = np.concatenate([response for _, response in found])
         spectra, size = nodes.spectra(pair, answers)
         plain = plan.filters[sensor].average
         length = 2 * size
@@ -154,7 +158,7 @@ def _of_columns(
         in_columns = spectra * root
         margin = (size - len(plain)) // 2
         in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
-        places = places_of(each.part for each, _ in found)
+        places = places_of(part for part, _ in found)
         left = in_residual - np.tensordot(x[places], in_columns, axes=1)
         # As in the rows: these columns contain the residual, whose noise has the other sign.
         in_columns[np.isin(places, layout.unit)] -= left / 3.0

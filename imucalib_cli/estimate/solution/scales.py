@@ -253,13 +253,13 @@ class Posterior:
     """(m,), how likely each is; their sum is 1."""
 
 
-def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
+def most_likely(problem: Problem, start: Floats | None = None, close: float = 0.02) -> Floats:
     """(k,), mode of the marginal likelihood within the bounds, by MacKay's fixed point.
 
     A scale's square is the mean square of its components, over the share that the log determines of
     them. It begins at the upper limits: at the lower one a scale holds its components and stays.
     Steps shrink by a factor for each scale, which the last two show: so the rest of the way is
-    known (Aitken's extrapolation).
+    known (Aitken's extrapolation). ``close`` is the last step, relative to each scale.
     """
     low, high = problem.bounds.T
     u = high if start is None else start
@@ -275,7 +275,7 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
         # A smaller share is rounding.
         share = np.maximum(sizes - members @ inverse.diagonal() * np.exp(-2.0 * u), 0.05)
         change = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high) - u
-        if np.abs(change).max() < 0.02:  # two per cent of each scale
+        if np.abs(change).max() < close:
             return np.asarray(u + change)
         shrinks = np.ones(len(u))
         np.divide(last_change - change, u - last_u, out=shrinks, where=u != last_u)
@@ -320,7 +320,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
     points, weights, log_likelihood = _weighted(problem, mode)
-    counts = weights > 1e-6  # others add nothing
+    counts = weights > 0.1 * weights.mean()  # the others have about a hundredth of the weight
     points, weights = points[counts], weights[counts] / weights[counts].sum()
     if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
         place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
