@@ -11,20 +11,12 @@ import numpy as np
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
-from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
-from imucalib_cli.estimate.model.state import Chain, State, mean_force_of_base
+from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.algebra import embedded
-from imucalib_cli.estimate.solution.normal_equations import (
-    Answer,
-    NormalEquations,
-    admitted,
-    prior_offset,
-)
-from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum, calibration
-from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
-from imucalib_cli.estimate.solution.scales import Problem, most_likely
+from imucalib_cli.estimate.solution.normal_equations import Answer, NormalEquations, admitted
+from imucalib_cli.estimate.solution.robust import residual_scales, window_weights
 from imucalib_cli.estimate.solution.solve import (
     SAME_ROTATION,
     Known,
@@ -35,29 +27,22 @@ from imucalib_cli.estimate.solution.solve import (
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
     Statistics,
-    band_frequencies,
     deviance,
     part_matrices,
     part_numbers,
-    statistics,
     turned,
 )
-from imucalib_cli.estimate.unknowns import LEAN, SCALES, Reading, Unknown
-from imucalib_cli.estimate.window_choice import (
-    SeenNoise,
-    kinematic_noise,
-    kinematic_variance,
-)
+from imucalib_cli.estimate.solution.step import Linearised, linearised, solved_step
+from imucalib_cli.estimate.unknowns import LEAN, SCALES, Unknown
+from imucalib_cli.estimate.window_choice import SeenNoise, kinematic_variance
 from imucalib_cli.robot.rotations import rotation_angle
-from imucalib_cli.signals.kernels import second_derivative_gain
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.windows import Windowing, WindowPlan
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.scales import Problem
 
 
 _FIRST_SCALES: Final = (0.05, 0.005)
@@ -69,8 +54,6 @@ _MORE: Final = 8
 _PASSES: Final = 8
 _ANEW: Final = 4
 """First passes, in which scales are learnt anew; later they might alternate between two splits."""
-_ROUGHLY: Final = 0.1
-"""Relative error of learnt scales on the way: the answer does not depend on where it began."""
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
 DISTRUST_SIGMAS: Final = 5.0
@@ -82,65 +65,6 @@ DETERMINED: Final = 0.05
 """m or rad: a component with a larger sigma counts as not determined."""
 MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
-
-
-@dataclass(frozen=True, eq=False)
-class Linearised:
-    """Whitened windows about a point of linearisation, from which normal matrices are summed."""
-
-    model: Model
-    at: State
-    """The point."""
-    centres: Indices
-    """(W,)."""
-    residuals: Residuals
-    """Their values are e."""
-    weights: Floats
-    """(W,), robust."""
-    scales: Floats
-    """(2,), of the residuals, for whitening: accelerometer m/s², gyroscope rad/s."""
-    noise: NoiseSpectrum
-    """Of the residuals."""
-
-    @property
-    def frequency(self) -> Floats:
-        """(bands,), Hz, middle of each band of its spectrum."""
-        windowing = self.model.windowing
-        return band_frequencies(windowing.plan, self.centres, windowing.grid.dt)
-
-    @property
-    def windows(self) -> float:
-        """Number of windows by their weights."""
-        return float(self.weights.sum()) / max(float(self.weights.max()), 1e-300)
-
-    def rows(self) -> Iterator[tuple[slice, Floats]]:
-        """[e J] of windows, (w, 6, n + 1), so weighted that every sample counts once."""
-        gains = self.model.windowing.plan.noise_gains / self.scales
-        root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
-        unit, values = self.model.layout.unit, self.residuals.values
-        for part, J in columns(self.model, self.at, self.centres):
-            # Residuals count in the unit of the readings: with smaller lengths and forces they
-            # would be smaller, and a small unit of length would seem to fit better.
-            J[:, :3, unit] += values[part, :3, None] / 3.0
-            rows = np.concatenate([values[part, :, None], J], axis=2)
-            rows *= root[part, :, None]
-            yield part, rows
-
-    def sums(self) -> tuple[Floats, Floats, Floats]:
-        """Calibrated sums over the windows.
-
-        Returns:
-            [e J]' [e J] (n + 1, n + 1), J'e of parts (PARTS, n), and noise (n,) in J'e.
-        """
-        matrices = part_matrices(self.centres, self.rows(), self.model.layout.size + 1)
-        total = matrices.sum(axis=0)
-        T, noise_score = self.calibration(total)
-        return turned(total, T), matrices[:, 1:, 0] @ T[1:, 1:].T, noise_score
-
-    def calibration(self, total: Floats) -> tuple[Floats, Floats]:
-        """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
-        weights = self.windows / self.scales**2
-        return calibration(self.model, self.at.x, self.noise, weights, total)
 
 
 @dataclass(frozen=True, eq=False)
@@ -420,6 +344,7 @@ def _fitted(
     seconds, clock = windowing.seconds, layout.part("time_offset")
     curvature = _curvature(layout, seconds)
     scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
+    noise, u = None, None
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
@@ -428,63 +353,32 @@ def _fitted(
         first = [start] if start and not turn else None
         plans = (windowing.plan, *others) if all_used else (windowing.plan,)
         residuals, *by_others = first or model.residuals(state, centres, plans)
-        # A log without noise is no reason to doubt the priors.
-        before, own = scales, residual_scales(residuals.values)
-        scales = np.maximum(own, SCALE_FLOOR)
-        least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
-        if not turn:  # poses that were computed with the IMU have less noise than its readings
-            of_readings = windowing.noise * np.sqrt(windowing.grid.refine)
-            noise = NoiseSpectrum.white(np.minimum(of_readings, scales / windowing.plan.gains))
-        falls = (scales / before).min() < 0.9  # a right model far less
         # An outlier of a first solution may show its error: no window is left out.
         sure = more > 1 or turn >= 2
-        weights = window_weights(residuals.values, residuals.motion, redescend=sure)
-        at = Linearised(model, state, centres, residuals, weights, scales, noise)
-        sums = statistics(windowing.plan, centres, at.rows(), at.windows, layout.size + 1)
-        offset, level = prior_offset(layout, options, state), 1.0
-        if turn < _ANEW:  # a wrong split between scales would stay
-            u = layout.bounds[:, 1]
-        of_gravity = _gravity_by_base(model, state, options)
-        for _ in range(2 if turn else 1):  # noise level and scales in turn; first roughly
-            at = replace(at, noise=noise)
-            stats = sums.calibrated(*at.calibration(sums.normal.sum(axis=(0, 1))))
-            A, b = stats.information / level + of_gravity[0], stats.score / level + of_gravity[1]
-            problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
-            u = most_likely(problem, u, _ROUGHLY)
-            free_step, inverse = problem.solve(u)
-            step = embedded(free_step, layout.free)
-            levels = stats.levels(step, embedded(inverse, layout.free) / level)
-            left = levels * ((scales / windowing.plan.noise_gains) ** 2)[:, None]
-            noise = NoiseSpectrum.of(model, state.x + step, at.frequency, left, stats.passed)
-            level = max(_level(stats, layout, levels, inverse), least_level)
-        std = np.sqrt(np.diag(inverse))
-        settled = _settles(free_step, std, curvature[layout.free])
+        at = linearised(model, state, centres, residuals, noise, redescend=sure)
+        falls, scales = (at.scales / scales).min() < 0.9, at.scales  # a right model far less
+        solved = solved_step(at, options, u if turn >= _ANEW else None, rounds=2 if turn else 1)
+        step, std = solved.step, np.sqrt(np.diag(solved.inverse))
+        settled = _settles(step, std, curvature[layout.free])
         enough = turn and settled and (more == 1 or all_used)
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
-        step[clock] = np.clip(step[clock], -seconds / 2.0, seconds / 2.0)
-        step, last_step = _shortened(step, last_step, curvature), step
-        state = admitted(state.moved(layout, step), layout, options)
+        noise, u, move = solved.at.noise, solved.u, embedded(step, layout.free)
+        move[clock] = np.clip(move[clock], -seconds / 2.0, seconds / 2.0)
+        move, last_step = _shortened(move, last_step, curvature), move
+        state = admitted(state.moved(layout, move), layout, options)
     known = std < DETERMINED
-    equations = NormalEquations(
-        layout=layout,
-        at=state,
-        information=_symmetric(stats.information + level * of_gravity[0]),
-        score=stats.score + level * of_gravity[1],
-        noise=_symmetric(stats.score_covariance(levels) + level**2 * of_gravity[0]),
-        level=level,
-        motion=_symmetric(_motion(model, stats, scales)),
-    )
+    equations = solved.equations
     return Fit(
         **vars(equations.solve(options)),
-        **vars(replace(at, noise=noise)),
+        **vars(solved.at),
         equations=equations,
-        statistics=stats,
-        levels=levels,
+        statistics=solved.statistics,
+        levels=solved.levels,
         by_other_windows=tuple(zip(others, by_others, strict=False)),
         runner_up_rise=rise,
-        settled=_settles(free_step[known], std[known], curvature[layout.free][known]),
-        of_gravity=of_gravity,
+        settled=_settles(step[known], std[known], curvature[layout.free][known]),
+        of_gravity=solved.of_gravity,
     )
 
 
@@ -517,46 +411,3 @@ def _shortened(step: Floats, last: Floats, curvature: Floats) -> Floats:
     step_bent, last_bent = step / curvature, last / curvature
     share = -float(step_bent @ last_bent) / max(float(last_bent @ last_bent), 1e-300)
     return np.asarray(step / (1.0 + min(max(share, 0.0), 1.0)))
-
-
-def _gravity_by_base(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
-    """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
-    layout = model.layout
-    base = Chain.of(model.windowing.trajectory, layout, state).base
-    if base is None or options.gravity_norm <= 0.0:
-        return np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-    placed = ((each.part, reading) for each, reading in layout.of_base(Reading))
-    off, change, std = mean_force_of_base(base, placed, layout.size, options.gravity_norm)
-    weight = 1.0 / (std**2 + options.gravity_std**2)
-    return weight * np.outer(change, change), weight * off * change
-
-
-def _symmetric(matrix: Floats) -> Floats:
-    """Its halves made equal, which rounding makes differ: only one is stored."""
-    return np.asarray(0.5 * (matrix + matrix.T))
-
-
-def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
-    """Information (n, n) for residuals of a common IMU, or their own if larger.
-
-    Noise in a regressor looks like motion: that of the measurements for the rotation, that of the
-    encoders for the lever arm. Twice its expected share is subtracted.
-    """
-    layout, windowing = model.layout, model.windowing
-    taken = np.maximum(scales, COMMON_IMU)
-    share, gains = (scales / taken) ** 2, windowing.plan.noise_gains
-    noise = np.zeros(layout.size)
-    noise[layout.part("rotation")] = 2.0 * share @ gains**2
-    rotation, _ = kinematic_noise(windowing.trajectory)
-    noise[layout.part("translation")] = (
-        second_derivative_gain(windowing.seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
-    )
-    seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
-    return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
-
-
-def _level(stats: Statistics, layout: Layout, levels: Floats, inverse: Floats) -> float:
-    """Level of the noise in the frequencies that inform the unknowns: one number for its colour."""
-    free = np.ix_(layout.free, layout.free)
-    B, A = stats.score_covariance(levels)[free], stats.information[free]
-    return float(np.sum(inverse * B) / np.sum(inverse * A)) if layout.free.any() else 1.0
