@@ -37,8 +37,9 @@ _POINTS: Final = (64, 256, 1024, 4096)
 many as the first move the mean by a tenth of sigma, and sigma by some per cent."""
 _COUNT: Final = 8.0
 """Equally likely points that they must be worth at least: eight give sigma to a quarter."""
-_KEPT: Final = 64
-"""Points at which the answer is computed."""
+_KEPT: Final = 128
+"""Points at which the answer is computed: if drawn from more, they move it by up to 0.02 sigma,
+half as many by 0.07."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
 """Where the likelihood of a scale's logarithm is evaluated: at best it is some tenths wide."""
 _FINE: Final = 200
