@@ -21,13 +21,16 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
     from pathlib import Path
 
-    from imucalib_cli.logs.streams import Progress
+    from imucalib_cli.arrays import Bytes, Indices
+    from imucalib_cli.logs.streams import Nanoseconds, Progress
 
 _BROKEN = (sqlite3.DatabaseError, MemoryError, UnicodeDecodeError)
 """What sqlite3 raises on damage. Some damage looks like a lack of memory, and messages that quote
 damaged bytes cannot be decoded."""
 _FETCH = 512
 """Rows read at a time: the allocator reuses the memory of so few."""
+_LONGEST = 1 << 32
+"""Bytes: SQLite has no longer values."""
 _COUNTED = 100
 """Topics counted in one pass: each needs three of SQLite's 2000 columns."""
 
@@ -137,18 +140,9 @@ class Db3File(LogFile):
         try:
             with self._database() as database:
                 for rows in self._rows(database, channels):
-                    alike: dict[tuple[int, int], list[tuple[int, int, bytes]]] = {}
-                    for arrival, (topic, log_ns, payload) in enumerate(rows, start=done):
-                        if type(topic) is int and type(log_ns) is int and type(payload) is bytes:
-                            same = alike.setdefault((topic, len(payload)), [])
-                            same.append((arrival, log_ns, payload))
-                    for (topic, size), found in alike.items():
-                        if topic not in channels:  # salvaged
-                            continue
-                        arrivals, times, payloads = zip(*found, strict=True)
-                        data = np.frombuffer(b"".join(payloads), dtype=np.uint8)
-                        data = data.reshape(len(found), size)
-                        sink.add(channels[topic], np.array(arrivals), np.array(times), data)
+                    for topic, places, times, data in _alike(rows):
+                        if topic in channels:  # else salvaged
+                            sink.add(channels[topic], done + places, times, data)
                     done += len(rows)
                     progress(min(1.0, done / total))
         except _BROKEN as error:
@@ -187,6 +181,24 @@ class Db3File(LogFile):
         if isinstance(last, int) and (last > -(1 << 63) or not done):
             keep = wanted if payload == "data" else ()
             yield from salvage(self._file, last, keep)
+
+
+def _alike(rows: Sequence[Any]) -> Iterator[tuple[int, Indices, Nanoseconds, Bytes]]:
+    """Messages of one topic and length: topic, places (n,), receive times (n,), payloads (n, L)."""
+    kinds = [int, int, bytes]
+    if [{*map(type, column)} for column in zip(*rows, strict=True)] != [{kind} for kind in kinds]:
+        rows = [row for row in rows if [*map(type, row)] == kinds]
+        if not rows:
+            return
+    topics, log_ns, payloads = zip(*rows, strict=True)
+    times, sizes = np.array(log_ns), np.array([*map(len, payloads)])
+    _, number = np.unique(np.array(topics), return_inverse=True)
+    _, first, group = np.unique(number * _LONGEST + sizes, return_index=True, return_inverse=True)
+    for index, one in enumerate(first.tolist()):
+        places = np.flatnonzero(group == index)
+        joined = b"".join([payloads[place] for place in places.tolist()])
+        data = np.frombuffer(joined, dtype=np.uint8).reshape(len(places), int(sizes[one]))
+        yield topics[one], places, times[places], data
 
 
 def _counted(database: sqlite3.Connection, numbers: Sequence[int]) -> dict[int, Tally] | None:
