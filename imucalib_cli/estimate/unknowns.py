@@ -142,8 +142,10 @@ class JointCurve:
     loaded: bool = False
     """Whether it is a function of the load."""
     every: bool = True
-    """For every joint that moves, and by load for those that stand still before the last of these;
-    else for those after the first that moves, without the last."""
+    """For every joint that moves, and by load for those that stand still; else for those after the
+    first that moves, without the last."""
+    at_rest: bool = False
+    """Also for joints after the first that moves that stand still: it is then a wrong zero."""
     sliding: bool = True
     """For sliding joints too."""
     followers: bool = False
@@ -611,7 +613,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
             unit="rad",
             scale=name,
             healthy=0.01,
-            effect=JointCurve(methodcaller("harmonic", doublings), sliding=False),
+            effect=JointCurve(methodcaller("harmonic", doublings), sliding=False, at_rest=True),
             words=f"joint error {how_often}",
         )
         for doublings, (name, how_often) in enumerate(
@@ -627,7 +629,7 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="1",
         scale="joint_gain",
         healthy=0.05,
-        effect=JointCurve(lambda m: m.position[None]),
+        effect=JointCurve(lambda m: m.position[None], at_rest=True),
         words="scale of a joint's reading (gear ratio): true over reported, less one",
     ),
     Unknown(

@@ -304,6 +304,16 @@ def test_zero_errors_of_still_joints_are_in_sigma(seed: int) -> None:
     assert exact.covered
 
 
+@pytest.mark.parametrize("seed", [1, *slow_after(0, (2, 4, 5, 6, 7))])
+def test_error_curves_of_still_joints_are_in_sigma(seed: int) -> None:
+    """A wrong gear ratio is a wrong zero where a joint stands still; joints that move show both."""
+    gains = 2e-3 * np.random.default_rng(seed).normal(size=6)
+    log = make_log(STILL_WRIST)
+    (track,) = log.path.tracks
+    found = solve(log.with_joints(values=track.values * (1.0 + gains)).noisy(seed, "industrial"))
+    assert found.covered
+
+
 def test_hidden_errors_keep_their_prior_sigma() -> None:
     found = solve(make_log(STILL_WRIST), robot=(1e-3, 5e-4))
     hidden = {"joint_zero": ("j2", "j3", "j4", "j5"), "origin": ("j4", "j5")}

@@ -319,8 +319,18 @@ def test_still_joint_is_treated_as_a_link() -> None:
     assert joint_names(joints["joint_zero"]) == ["j1", "j2", "j3", "j4", "j5"]
     # No log separates those of the last moving joint and behind it from the mount.
     assert layout.still == ("j5",)
-    hidden = [each.labels for each in layout.placed if each.hidden]
-    assert hidden == [("j4",), ("j5",), ("j5 x", "j5 y", "j5 z"), ("j5 x",)]
+    hidden = [(each.unknown.name, *each.labels) for each in layout.placed if each.hidden]
+    assert hidden == [
+        ("joint_zero", "j4"),
+        ("joint_zero", "j5"),
+        ("joint_harmonic", "j5 sin", "j5 cos"),
+        ("joint_second_harmonic", "j5 sin", "j5 cos"),
+        ("joint_fourth_harmonic", "j5 sin", "j5 cos"),
+        ("joint_gain", "j5"),
+        ("origin", "j5 x", "j5 y", "j5 z"),
+        ("joint_axis", "j5 x"),
+    ]
+    assert joint_names(joints["joint_gain"]) == ["j0", "j1", "j2", "j3", "j4", "j5"]
 
 
 def test_a_joint_that_only_glitches_is_still_to_fit_and_diagnosis_alike() -> None:

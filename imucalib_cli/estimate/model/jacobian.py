@@ -178,6 +178,11 @@ class _Nodes:
         turn, shift, force = (sum(each) for each in steps)
         return turn, shift, force
 
+    def twist_of_curve(self, joint: Joint, curve: JointCurve) -> tuple[Floats, ...]:
+        """As :meth:`twist`, by each component of an error of its position: (k, 3, M) each."""
+        basis = curve.basis(joint.of(self.motion, self.loads))[:, None]
+        return tuple(basis * along for along in self.twist(joint))
+
     def bent_by_payload(self) -> Floats:
         """(3, 4, 3, M): as :meth:`twist`, by a unit of each mass of the payload."""
         by_mass = self.chain.loads.by_payload_at(self.t)
@@ -251,9 +256,12 @@ class _Nodes:
 
     def as_mount(self, placed: Placed) -> Floats:
         """(k, 6), the change of the mount's translation and rotation by hidden components."""
-        joint = placed.joint
-        twist = self.twist_of_step(placed) if joint is None else self.twist(joint)[:2]
-        turn, shift = (each.reshape(-1, *self.p.shape)[..., 0] for each in twist)
+        joint, effect = placed.joint, placed.unknown.effect
+        if isinstance(effect, JointCurve) and joint is not None:
+            turn, shift, _ = self.twist_of_curve(joint, effect)
+        else:
+            turn, shift = self.twist_of_step(placed)
+        turn, shift = turn[..., 0], shift[..., 0]
         return np.hstack([shift @ self.R[..., 0], turn @ self.R[..., 0]])
 
 
@@ -379,9 +387,9 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
             turn, shift = np.sum(own, axis=0)[:, None]
             _add_twist(part, turn, shift, nodes, channels)
         case JointCurve() if placed.joint is not None:
-            curve = effect.basis(placed.joint.of(nodes.motion, nodes.loads))[:, None]
-            for name, along in zip(_OF_JOINTS, nodes.twist(placed.joint), strict=True):
-                channels[name].append((part, curve * along))
+            by_curve = nodes.twist_of_curve(placed.joint, effect)
+            for name, changes in zip(_OF_JOINTS, by_curve, strict=True):
+                channels[name].append((part, changes))
         case PayloadMass():
             for name, along in zip(_OF_JOINTS, nodes.bent_by_payload(), strict=True):
                 channels[name].append((part, along))

@@ -80,8 +80,8 @@ class Placed:
     R_joint: Floats = field(default_factory=lambda: np.eye(3))
     """(3, 3), of an origin: orientation of its joint's frame in the frame before."""
     hidden: bool = False
-    """Whether no log distinguishes it from the mount: errors of joints that stand still behind the
-    last that moves, and the zero of that one."""
+    """Whether no log distinguishes it from the mount: constant errors of joints that stand still
+    behind the last that moves, and the zero of that one."""
 
     @property
     def key(self) -> tuple[str, tuple[str, ...]]:
@@ -290,7 +290,8 @@ class _Chain:
         if isinstance(effect, JointCurve):
             for joint in self._shown(effect):
                 labels = _named(joint.name, unknown.labels)
-                hidden = min(joint.steps) >= self._last and not effect.every
+                still = joint.name not in self._moving and not effect.loaded
+                hidden = min(joint.steps) >= self._last and (still or not effect.every)
                 yield Placed(unknown, nowhere, labels, joint=joint, hidden=hidden)
         elif isinstance(effect, PayloadMass):
             if any(joint.name in self._moving and not joint.sliding for joint in self._joints):
@@ -327,10 +328,8 @@ class _Chain:
         for joint in (*self._joints, *followers):
             if not (curve.loaded or self._path.weighs(self._path.joint_steps[joint.steps[0]])):
                 continue  # of a base that may tilt
-            seen = (
-                joint.name in self._moving or (curve.loaded and max(joint.steps) < self._last)
-                if curve.every
-                else any(self._inside(step) for step in joint.steps)
+            seen = (curve.every and (curve.loaded or joint.name in self._moving)) or (
+                (curve.at_rest or not curve.every) and any(map(self._inside, joint.steps))
             )
             if seen and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
