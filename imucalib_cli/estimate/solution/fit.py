@@ -13,7 +13,7 @@ from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH, thinned
+from imucalib_cli.estimate.model.windows import COMMON_IMU, thinned
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import Answer, NormalEquations, admitted
 from imucalib_cli.estimate.solution.robust import residual_scales, window_weights
@@ -131,9 +131,10 @@ class Fit(Answer, Linearised):
         bias that walks or steps is no noise. It is not the robust scale: noise of stamps comes in
         bursts.
         """
-        apart, used = WINDOWS_PER_LENGTH, self.weights > 0.0
+        plan, used = self.model.windowing.plan, self.weights > 0.0
+        apart = round(plan.length / plan.hop)
         steps = self.centres[apart:] - self.centres[:-apart]
-        pairs = used[apart:] & used[:-apart] & (steps == apart * self.model.windowing.plan.hop)
+        pairs = used[apart:] & used[:-apart] & (steps == apart * plan.hop)
         rates = self.residuals.values[:, 3:]
         changes = ((rates[apart:] - rates[:-apart]) ** 2).mean(axis=1)
         nearer = np.minimum(changes[apart:], changes[:-apart])[pairs[apart:] & pairs[:-apart]]
