@@ -329,3 +329,11 @@ def test_length_scale_follows_the_stated_gravity() -> None:
     off = other.t_parent_imu / 3.0 - one.t_parent_imu
     assert np.all(np.abs(off) < 0.1 * one.sigma[:3])
     np.testing.assert_allclose(other.sigma / np.repeat([3.0, 1.0], 3), one.sigma, rtol=0.05)
+
+
+@pytest.mark.parametrize("seed", slow_after(1, range(3)))
+def test_white_noise_in_windows_of_five_samples_is_not_of_the_kinematics(seed: int) -> None:
+    """So short windows amplify what two estimates of one noise differ by."""
+    found = solve_exact(make_log(imu_rate=250.0).noisy(seed), window=WindowChoice(samples=5))
+    assert "window.noisy" not in found.codes
+    assert found.covered
