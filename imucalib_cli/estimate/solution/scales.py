@@ -254,13 +254,13 @@ class Posterior:
     """(m,), how likely each is; their sum is 1."""
 
 
-def most_likely(problem: Problem, start: Floats | None = None, close: float = 0.02) -> Floats:
+def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     """(k,), mode of the marginal likelihood within the bounds, by MacKay's fixed point.
 
     A scale's square is the mean square of its components, over the share that the log determines of
     them. It begins at the upper limits: at the lower one a scale holds its components and stays.
     Steps shrink by a factor for each scale, which the last two show: so the rest of the way is
-    known (Aitken's extrapolation). ``close`` is the last step, relative to each scale.
+    known (Aitken's extrapolation).
     """
     low, high = problem.bounds.T
     u = high if start is None else start
@@ -276,7 +276,7 @@ def most_likely(problem: Problem, start: Floats | None = None, close: float = 0.
         # A smaller share is rounding.
         share = np.maximum(sizes - members @ inverse.diagonal() * np.exp(-2.0 * u), 0.05)
         change = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high) - u
-        if np.abs(change).max() < close:
+        if np.abs(change).max() < 0.02:  # two per cent of each scale
             return np.asarray(u + change)
         shrinks = np.ones(len(u))
         np.divide(last_change - change, u - last_u, out=shrinks, where=u != last_u)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -34,9 +34,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.options import MatchedOptions
-
-_ROUGHLY: Final = 0.1
-"""Relative error of learnt scales on the way: the answer does not depend on where it began."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +169,7 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
         stats = sums.calibrated(*at.calibration(total))
         A, b = stats.information / level + of_gravity[0], stats.score / level + of_gravity[1]
         problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
-        u = most_likely(problem, u, _ROUGHLY)
+        u = most_likely(problem, u)
         step, inverse = problem.solve(u)
         move = embedded(step, layout.free)
         levels = stats.levels(move, embedded(inverse, layout.free) / level)
