@@ -175,10 +175,8 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
         levels = stats.levels(move, embedded(inverse, layout.free) / level)
         left = levels * to_power[:, None]
         noise = NoiseSpectrum.of(model, state.x + move, at.frequency, left, stats.passed)
-        at, level = (
-            replace(at, noise=noise),
-            max(_level(stats, layout, levels, inverse), least_level),
-        )
+        at = replace(at, noise=noise)
+        level = max(_level(stats, layout, levels, inverse), least_level)
     return Step(
         at=at,
         statistics=stats,
