@@ -321,7 +321,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
     points, weights, log_likelihood = _weighted(problem, mode)
-    counts = weights > 0.1 * weights.mean()  # the others have about a hundredth of the weight
+    counts = weights > 1e-6  # others add nothing; rare points of large scales add to sigma
     points, weights = points[counts], weights[counts] / weights[counts].sum()
     if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
         place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
