@@ -142,10 +142,9 @@ class JointCurve:
     loaded: bool = False
     """Whether it is a function of the load."""
     every: bool = True
-    """For every joint that moves, and by load for those that stand still; else for those after the
-    first that moves, without the last."""
+    """For every joint that moves, and by load for those that stand still."""
     at_rest: bool = False
-    """Also for joints after the first that moves that stand still: it is then a wrong zero."""
+    """For joints after the first that moves, moving or not: of one at rest it is a wrong zero."""
     sliding: bool = True
     """For sliding joints too."""
     followers: bool = False
@@ -602,7 +601,11 @@ _OWN: Final[tuple[Unknown, ...]] = (
         scale="joint_zero",
         healthy=0.02,
         effect=JointCurve(
-            lambda m: np.ones((1, len(m.position))), every=False, sliding=False, followers=True
+            lambda m: np.ones((1, len(m.position))),
+            every=False,
+            at_rest=True,
+            sliding=False,
+            followers=True,
         ),
         words="zero of a joint: true less reported position",
     ),

@@ -328,9 +328,8 @@ class _Chain:
         for joint in (*self._joints, *followers):
             if not (curve.loaded or self._path.weighs(self._path.joint_steps[joint.steps[0]])):
                 continue  # of a base that may tilt
-            seen = (curve.every and (curve.loaded or joint.name in self._moving)) or (
-                (curve.at_rest or not curve.every) and any(map(self._inside, joint.steps))
-            )
+            seen = curve.every and (curve.loaded or joint.name in self._moving)
+            seen |= curve.at_rest and any(map(self._inside, joint.steps))
             if seen and (curve.sliding or not joint.sliding) and curve.only in {None, joint.name}:
                 yield joint
 

@@ -132,15 +132,15 @@ def _of_columns(
             (of_base, windowing.base_noise, base),
         ),
     ):
-        pair = (nodes.second, nodes.first)[sensor]
-        responses = [
-            (each.part, effect.own_response(nodes.dt, grid.level[sensor]))
+        level = grid.level[sensor]
+        found = [
+            (each.part, response)
             for each, effect in errors
-            if effect.sensor == name
+            if effect.sensor == name and (response := effect.own_response(nodes.dt, level)).any()
         ]
-        found = [(part, response) for part, response in responses if response.any()]
         if not found:
             continue
+        pair = (nodes.second, nodes.first)[sensor]
         answers = np.concatenate([response for _, response in found])
         spectra, size = nodes.spectra(pair, answers)
         plain = plan.filters[sensor].average

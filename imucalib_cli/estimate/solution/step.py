@@ -51,6 +51,8 @@ class Linearised:
     """(W,), robust."""
     scales: Floats
     """(2,), of the residuals, for whitening: accelerometer m/s², gyroscope rad/s."""
+    least_level: float
+    """Of the noise, in these scales: a log without noise is no reason to doubt the priors."""
     noise: NoiseSpectrum
     """Of the residuals."""
 
@@ -105,13 +107,14 @@ def linearised(
     redescend: bool,
 ) -> Linearised:
     """Windows about a state, whose residuals are known; ``noise`` is None at the first one."""
-    windowing = model.windowing
-    scales = np.maximum(residual_scales(residuals.values), SCALE_FLOOR)
+    windowing, own = model.windowing, residual_scales(residuals.values)
+    scales = np.maximum(own, SCALE_FLOOR)
+    least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
     if noise is None:  # poses that were computed with the IMU have less noise than its readings
         of_readings = windowing.noise * np.sqrt(windowing.grid.refine)
         noise = NoiseSpectrum.white(np.minimum(of_readings, scales / windowing.plan.gains))
     weights = window_weights(residuals.values, residuals.motion, redescend=redescend)
-    return Linearised(model, state, centres, residuals, weights, scales, noise)
+    return Linearised(model, state, centres, residuals, weights, scales, least_level, noise)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,9 +163,6 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
     sums = statistics(model.windowing.plan, at.centres, at.rows(), at.windows, layout.size + 1)
     total = sums.normal.sum(axis=(0, 1))
     offset, level = prior_offset(layout, options, state), 1.0
-    # A log without noise is no reason to doubt the priors.
-    own = residual_scales(at.residuals.values)
-    least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
     of_gravity = _gravity_by_base(model, state, options)
     u = layout.bounds[:, 1] if u is None else u
     for _ in range(rounds):
@@ -176,7 +176,7 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
         left = levels * to_power[:, None]
         noise = NoiseSpectrum.of(model, state.x + move, at.frequency, left, stats.passed)
         at = replace(at, noise=noise)
-        level = max(_level(stats, layout, levels, inverse), least_level)
+        level = max(_level(stats, layout, levels, inverse), at.least_level)
     return Step(
         at=at,
         statistics=stats,
