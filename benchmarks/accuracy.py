@@ -9,9 +9,8 @@ filters. The published method starts at the true pose, and no sample is excluded
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+from msgspec.structs import replace
 from numpy.linalg import norm
 
 from benchmarks.common import table

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import structs
 
 from benchmarks.common import Scores, arguments, grade, parallel, rms, table
 from imucalib_cli.estimate.matched import calibrate_matched
@@ -134,7 +135,7 @@ def main() -> None:
             continue
         clean = clean_recording(case.system, case.physics)
         bound = cramer_rao(clean, *white_std(case.noise, clean.imu))
-        exact = replace(case.options, robot="exact", sensor_model="ideal", gravity_std=0.0)
+        exact = structs.replace(case.options, robot="exact", sensor_model="ideal", gravity_std=0.0)
         tried = replace(case, options=exact if asked.exact else case.options)
         trials = parallel(run_trial, [(tried, seed) for seed in range(asked.seeds)])
         scores = Scores()

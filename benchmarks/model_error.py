@@ -10,10 +10,10 @@ else: no data can show it.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from msgspec.structs import replace
 
 from benchmarks.common import Scores, grade, rms, table
 from imucalib_cli.estimate.matched import calibrate_matched

@@ -18,11 +18,12 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
+from msgspec import Struct, field
+from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, lfilter, lfilter_zi
@@ -62,8 +63,7 @@ EDGE = 0.5
 """s of rest of the arm at both ends of a log."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Robot:
+class Robot(Struct, frozen=True, kw_only=True, eq=False):
     """A chain of joints that turn about their z, perhaps on a tracked base."""
 
     origins: tuple[FixedStep, ...]
@@ -135,8 +135,7 @@ ROBOTS = {
 """UR10e by its DH parameters, Franka Panda by its modified ones, Kinova Gen3 on a cart."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """Sizes of the errors: 1 sigma unless stated otherwise; an exact robot by default."""
 
     noise: tuple[float, float] = (0.0, 0.0)  # densities of accelerometer and gyroscope
@@ -438,8 +437,7 @@ class Truth:
             yield pin.forwardKinematics(self._model, self._data, q, v, a)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
+class Case(Struct, frozen=True, kw_only=True, eq=False):
     """Input of an estimator, and the truth."""
 
     imu: ImuSamples

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
+from msgspec import structs
 from scipy.spatial.transform import Rotation
 
 from benchmarks.common import Scores, arguments, table
@@ -79,7 +80,7 @@ def walkers(count: int) -> Iterator[Row]:
                 continue
             own = log_statistics.equations.solve(log_statistics.options)
             covariance = own.pose_covariance + log_statistics.widened
-            alone = replace(
+            alone = structs.replace(
                 each.estimate,
                 R_parent_imu=own.state.R,
                 t_parent_imu=own.state.t,

@@ -7,11 +7,11 @@ option of the command line, the argument has the same name: ``--imu-topic`` is `
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import Struct
 from threadpoolctl import threadpool_limits
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
@@ -65,8 +65,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Calibration:
+class Calibration(Struct, frozen=True, kw_only=True, eq=False):
     """Pose of one IMU in its parent link, with all that is known of it."""
 
     result: Result

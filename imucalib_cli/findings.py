@@ -56,6 +56,10 @@ class Finding:
         values = dict(self.values)
         return partial(Finding, code=self.code, severity=self.severity, values=values), ()
 
+    def with_values(self, **values: Any) -> Finding:
+        """The same finding with further values, which come first; none of its own is changed."""
+        return Finding(code=self.code, severity=self.severity, values={**values, **self.values})
+
     @property
     def message(self) -> str:
         """The finding in words, one line without a full stop.

@@ -1,17 +1,16 @@
 """Motion of frames by pinocchio: truth that owes nothing to the package."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from msgspec import Struct
 
 from imucalib_cli.arrays import Floats
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class Motion(Struct, frozen=True, kw_only=True, eq=False):
     """A frame: pose in the world, rates and classical acceleration in its own axes."""
 
     R: Floats

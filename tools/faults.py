@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter
 
@@ -100,9 +101,11 @@ def misdescribed(recording: Recording, fault: Fault) -> EstimatorInputs:
     """
     imu, path = streams_of(recording)
     if fault.kind == "offset":
-        imu = replace(imu, t=imu.t + fault.size)
+        imu = structs.replace(imu, t=imu.t + fault.size)
     if fault.kind == "publishers":
-        path = replace(path, tracks=tuple(_two_publishers(t, fault.size) for t in path.tracks))
+        path = structs.replace(
+            path, tracks=tuple(_two_publishers(t, fault.size) for t in path.tracks)
+        )
     if recording.system.arm is None:
         return EstimatorInputs(imu=imu, path=_poses(path, fault.kind))
     robot, parent, tracks = robot_of(recording.system), recording.system.parent, path.tracks
@@ -114,7 +117,9 @@ def misdescribed(recording: Recording, fault: Fault) -> EstimatorInputs:
         case "order":
             tracks = tuple(_reordered(track, fault.names) for track in tracks)
         case "degrees":
-            tracks = tuple(replace(track, values=np.degrees(track.values)) for track in tracks)
+            tracks = tuple(
+                structs.replace(track, values=np.degrees(track.values)) for track in tracks
+            )
     return EstimatorInputs(imu=imu, path=joint_path(robot, parent, tracks), robot=robot)
 
 
@@ -125,13 +130,13 @@ def _mistaken(robot: Robot, fault: Fault) -> Robot:
         if joint.name not in fault.names:
             continue
         if fault.kind == "sign":
-            joints[index] = replace(joint, axis=-joint.axis)
+            joints[index] = structs.replace(joint, axis=-joint.axis)
         elif fault.kind == "zero":
             turn = matrix_from_rotvec(fault.size * joint.axis)
-            joints[index] = replace(joint, R_origin=joint.R_origin @ turn)
+            joints[index] = structs.replace(joint, R_origin=joint.R_origin @ turn)
         else:
-            joints[index] = replace(joint, p_origin=joint.p_origin * (1.0 + fault.size))
-    return replace(robot, joints=tuple(joints))
+            joints[index] = structs.replace(joint, p_origin=joint.p_origin * (1.0 + fault.size))
+    return structs.replace(robot, joints=tuple(joints))
 
 
 def _two_publishers(track: Track, apart: float) -> Track:
@@ -139,14 +144,14 @@ def _two_publishers(track: Track, apart: float) -> Track:
     values = track.values.copy()
     other = np.random.default_rng(len(values)).random(len(values)) < 0.5
     values[other, 0] += apart
-    return replace(track, values=values)
+    return structs.replace(track, values=values)
 
 
 def _reordered(track: Track, names: tuple[str, ...]) -> Track:
     """Names of joints exchanged; without names, sorted, as one well-known driver has them."""
     exchanged = dict(zip(names, names[::-1], strict=True))
     listed = [exchanged.get(name, name) for name in track.names] if names else sorted(track.names)
-    return replace(track, names=tuple(listed))
+    return structs.replace(track, names=tuple(listed))
 
 
 def _poses(path: KinematicPath, kind: str) -> KinematicPath:
@@ -163,7 +168,7 @@ def _poses(path: KinematicPath, kind: str) -> KinematicPath:
             q = conjugate
         case "millimetres":
             p = 1e3 * p
-    return replace(path, tracks=(replace(track, values=np.hstack([p, q])),))
+    return structs.replace(path, tracks=(structs.replace(track, values=np.hstack([p, q])),))
 
 
 def with_faulty_sensor(recording: Recording, fault: Fault) -> Recording:

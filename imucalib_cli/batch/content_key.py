@@ -7,12 +7,12 @@ import json
 import os
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli import __version__
 from imucalib_cli.batch.logs import absolute

@@ -6,10 +6,11 @@ import os
 import platform
 import time
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msgspec.structs import replace
 from threadpoolctl import threadpool_limits
 
 from imucalib_cli import __version__

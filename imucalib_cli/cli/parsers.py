@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -164,6 +163,8 @@ def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
 
     One of the two may be missing: it is taken from ``left_out``, by default without bound.
     """
+    from msgspec.structs import replace
+
     from imucalib_cli.results.requirement import Tolerance
 
     expected = "a length, an angle or both, such as 1mm,0.1deg"

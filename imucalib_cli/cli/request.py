@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from inspect import signature
 from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
 
 from imucalib_cli.cli.parsers import imu_name
 from imucalib_cli.errors import ChoiceError
@@ -156,8 +158,8 @@ def _published(estimator: EstimatorOptions) -> PaperOptions:
 
 
 def given_fields(options: object, kind: type[Any]) -> dict[str, Any]:
-    """Options that are given and that a dataclass calls by the same name."""
-    values = {each.name: getattr(options, each.name, None) for each in fields(kind)}
+    """Options that are given and that a type calls by the same name."""
+    values = {name: getattr(options, name, None) for name in signature(kind).parameters}
     return {name: value for name, value in values.items() if value is not None}
 
 

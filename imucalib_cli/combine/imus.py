@@ -7,10 +7,10 @@ the normal equations of the IMUs make one system, and the standard deviations ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.model.layout import Placed, with_priors
 from imucalib_cli.estimate.model.prior import Prior
@@ -40,8 +40,7 @@ nearly equal answers depends on errors that no covariance knows. Tuned."""
 _ORIGIN: Final = next(each for each in TABLE if isinstance(each.effect, Origin))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OnRobot:
+class OnRobot(Struct, frozen=True, kw_only=True, eq=False):
     """One IMU: its statistics, and the chain that carries it."""
 
     log: LogStatistics
@@ -78,8 +77,7 @@ class OnRobot:
         return bool(mine & others)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseChange:
+class PoseChange(Struct, frozen=True, kw_only=True, eq=False):
     """How far the pose of an IMU is from its own when it is solved with others."""
 
     translation: float
@@ -90,8 +88,7 @@ class PoseChange:
     """Root of the squared distance, in sigmas of the change that the others may cause."""
 
 
-@dataclass(frozen=True, eq=False)
-class JointAnswers:
+class JointAnswers(Struct, frozen=True, eq=False):
     """IMUs that agree on the errors of the robot, and those that do not."""
 
     answers: Mapping[int, Answer]
@@ -161,8 +158,7 @@ def _change(own: Answer, joint: Answer) -> PoseChange:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
+class Part(Struct, frozen=True, eq=False):
     """One IMU, n components, among the N free components of all IMUs."""
 
     log: LogStatistics
@@ -198,8 +194,7 @@ class Part:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class System:
+class System(Struct, frozen=True, eq=False):
     """The equations of several IMUs, errors of the robot in common."""
 
     parts: tuple[Part, ...]

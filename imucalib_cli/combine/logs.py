@@ -7,10 +7,11 @@ pose of each log may differ a little from the common one (combine/scatter.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.combine.scatter import Together, disagreeing, most_likely_together
 from imucalib_cli.estimate.checks import judge
@@ -47,8 +48,7 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     return answer, [*([] if wrong is None else [wrong]), *rest]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OwnValues:
+class OwnValues(Struct, frozen=True, kw_only=True, eq=False):
     """One of several logs solved together."""
 
     distance: Floats
@@ -71,8 +71,7 @@ class OwnValues:
         return np.asarray(np.linalg.norm(self.distance.reshape(2, 3), axis=1))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Combined:
+class Combined(Struct, frozen=True, kw_only=True, eq=False):
     """Several logs of one mount, solved together."""
 
     answer: Answer
@@ -152,8 +151,7 @@ def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> La
     return with_priors(places, options, logs[0].equations.layout.still)
 
 
-@dataclass(frozen=True, eq=False)
-class _Reduced:
+class _Reduced(Struct, frozen=True, eq=False):
     """The equations of one log, N components, reduced to the n shared components."""
 
     at: State

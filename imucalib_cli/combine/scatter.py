@@ -15,10 +15,11 @@ the two standard deviations: Gelman, Bayesian Analysis 1(3), 2006.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.solution.algebra import inverse_of, squared_distance
 from imucalib_cli.estimate.solution.scales import Problem, most_likely
@@ -40,8 +41,7 @@ _RARE: Final = 1e-3
 """One set of sound logs in a thousand has a log that is said to disagree."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Together:
+class Together(Struct, frozen=True, kw_only=True, eq=False):
     """The normal equations of K logs in the m components that they share, the pose first.
 
     Components of one log alone (biases, gravity, time offset) have been eliminated before.
@@ -191,8 +191,7 @@ class Together:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Reduced:
+class Reduced(Struct, frozen=True, eq=False):
     """Equations of K logs with their differences eliminated, at given scatters."""
 
     information: Floats

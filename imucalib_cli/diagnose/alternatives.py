@@ -7,11 +7,12 @@ well as a right model, together with all those that the log cannot distinguish f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, get_args
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.diagnose import edits
 from imucalib_cli.diagnose.hypotheses import (
@@ -90,8 +91,7 @@ def _zero(joint: str | None) -> Unknown:
     return replace(entry, std=1.0, scale=None, effect=replace(effect, only=joint))
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
+class Trial(Struct, frozen=True, eq=False, dict=True):
     """How well one model explains the IMU."""
 
     hypothesis: Hypothesis
@@ -100,13 +100,13 @@ class Trial:
     @cached_property
     def left(self) -> Floats:
         """(2,), residual of a window, m/s² and rad/s, trimmed root mean square."""
-        values = self.fit.residuals.values
+        values = self.fit.windows.residuals.values
         return np.array([trimmed_rms(values[:, :3]), trimmed_rms(values[:, 3:])])
 
     @cached_property
     def total(self) -> Floats:
         """(2,), what the kinematics say: acceleration without gravity, and rotation."""
-        moves = self.fit.residuals
+        moves = self.fit.windows.residuals
         return np.array([trimmed_rms(moves.acceleration), trimmed_rms(moves.rate)])
 
     @property
@@ -153,8 +153,7 @@ class Trial:
         return np.asarray(np.hypot(given.left, self.noise) / np.hypot(self.left, self.noise))
 
 
-@dataclass(frozen=True, eq=False)
-class Fitter:
+class Fitter(Struct, frozen=True, eq=False):
     """The liveliest stretch of an IMU, and the windows in which alternatives are fitted."""
 
     options: MatchedOptions

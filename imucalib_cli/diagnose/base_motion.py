@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.diagnose.alternatives import trimmed_rms
 from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_GYRO

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from imucalib_cli.diagnose.alternatives import alike, given_trial
 from imucalib_cli.diagnose.base_motion import find_still_imu
@@ -19,8 +20,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import ImuSamples
 
 
-@dataclass(frozen=True, kw_only=True)
-class Carriers:
+class Carriers(Struct, frozen=True, kw_only=True):
     """Which links may carry an IMU."""
 
     links: tuple[Carrier, ...] = ()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import structs
+from msgspec.structs import replace
 
 from imucalib_cli.diagnose.publishers import find_rival_publishers
 from imucalib_cli.errors import InputError

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, TypeVar
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
@@ -71,8 +73,7 @@ def label_of(name: str) -> str:
     return topic_of(name) if name.endswith("-> ?)") else name
 
 
-@dataclass(frozen=True, kw_only=True)
-class Carrier:
+class Carrier(Struct, frozen=True, kw_only=True):
     """A link, and those that do not move relative to it."""
 
     frame: str

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.diagnose import edits
 from imucalib_cli.estimate.solution.solve import cube_rotations
@@ -57,8 +58,7 @@ _LONGEST_ORIGIN: Final = 10.0
 """m, between two joints: no arm has longer links, so they are taken for millimetres."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoorFit:
+class PoorFit(Struct, frozen=True, kw_only=True, eq=False):
     """A poor fit, and what else the log and the URDF allow."""
 
     samples: ImuSamples
@@ -75,8 +75,7 @@ class PoorFit:
     """Kinematics of the parent against other IMUs of the log."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Hypothesis:
+class Hypothesis(Struct, frozen=True, kw_only=True, eq=False):
     """One thing that may be wrong, and the path or the readings that would be right."""
 
     kind: Kind

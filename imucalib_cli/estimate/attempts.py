@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from msgspec import structs
+from msgspec import Struct, structs
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
@@ -34,8 +34,7 @@ _SHORTEST: Final = 0.1
 """s: in shorter windows that noise drowns all else."""
 
 
-@dataclass(frozen=True, eq=False)
-class Attempt:
+class Attempt(Struct, frozen=True, eq=False):
     """One way to take the stamps, and the lean solution by it."""
 
     clean: CleanImu
@@ -52,7 +51,7 @@ class Attempt:
     @property
     def misfit(self) -> float:
         """Residual scale of both sensors: lower where stamps are taken better."""
-        return float(np.log(residual_scales(self.lean.residuals.values)).sum())
+        return float(np.log(residual_scales(self.lean.windows.residuals.values)).sum())
 
     @property
     def upside_down(self) -> bool:

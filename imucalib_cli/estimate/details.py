@@ -5,11 +5,12 @@ Nothing here decides anything; details are computed only on request.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.estimate.checks.segments import parts_of_log
 from imucalib_cli.estimate.model.layout import lay_out
@@ -36,8 +37,7 @@ _INSTANTS: Final = 20_000
 """About as many are drawn of a log, and at least its windows."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WindowSeries:
+class WindowSeries(Struct, frozen=True, kw_only=True, eq=False):
     """Measured readings and those predicted by the robot's motion, at W instants.
 
     Vectors are in the IMU's axes at the window's centre. Errors of sensor and robot are removed,
@@ -78,8 +78,8 @@ class WindowSeries:
         gaps = np.flatnonzero(steps > 2.5 * usual) + 1
         if not len(gaps):
             return self
-        columns = {each.name: getattr(self, each.name) for each in fields(self)}
-        filled = {name: np.insert(values, gaps, np.nan, axis=0) for name, values in columns.items()}
+        columns = asdict(self).items()
+        filled = {name: np.insert(values, gaps, np.nan, axis=0) for name, values in columns}
         middle = 0.5 * (self.t[gaps - 1] + self.t[gaps])
         return replace(self, **filled | {"t": np.insert(self.t, gaps, middle)})
 
@@ -94,8 +94,7 @@ class WindowSeries:
         return self.gyro_measured - self.gyro_predicted
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OffsetProfile:
+class OffsetProfile(Struct, frozen=True, kw_only=True, eq=False):
     """How much worse the log fits with another time offset and all else solved again."""
 
     seconds: Floats
@@ -104,8 +103,7 @@ class OffsetProfile:
     """(K,), square root of the rise of the chi-squared, in stated sigmas of the offset."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Details:
+class Details(Struct, frozen=True, kw_only=True, eq=False):
     """Series and curves behind an estimate by the matched method."""
 
     windows: WindowSeries
@@ -153,7 +151,7 @@ def window_series(fit: Fit, state: State) -> WindowSeries:
     """
     windowing, plan = fit.model.windowing, fit.model.windowing.plan
     # The step is a fraction of the fit's own.
-    wanted = max(_INSTANTS // max(len(fit.centres), 1), 1)
+    wanted = max(_INSTANTS // max(len(fit.windows.centres), 1), 1)
     parts = [n for n in range(1, plan.hop // plan.node + 1) if plan.hop % n == 0 and n <= wanted]
     finer = replace(plan, hop=plan.hop // max(parts, default=1))
     model = replace(fit.model, windowing=replace(windowing, plan=finer))
@@ -166,7 +164,7 @@ def window_series(fit: Fit, state: State) -> WindowSeries:
     R_world_parent, p_world_parent = frames[-1]
     if chain.base is not None:  # without the free fall of the base
         p_world_parent = p_world_parent - frames[chain.path.base_step + 1][1]
-    nearest = np.searchsorted(0.5 * (fit.centres[1:] + fit.centres[:-1]), centres)
+    nearest = np.searchsorted(0.5 * (fit.windows.centres[1:] + fit.windows.centres[:-1]), centres)
     force = np.einsum("wji,wj->wi", R_world_parent, residuals.acceleration - state.gravity)
     # Residuals are predicted less measured, in the parent's axes.
     accel, gyro = force @ state.R, residuals.rate @ state.R
@@ -176,7 +174,7 @@ def window_series(fit: Fit, state: State) -> WindowSeries:
         accel_predicted=accel,
         gyro_measured=gyro - residuals.values[:, 3:] @ state.R,
         gyro_predicted=gyro,
-        weight=fit.weights[nearest],
+        weight=fit.windows.weights[nearest],
         R_world_parent=R_world_parent,
         p_world_parent=p_world_parent,
     )
@@ -192,7 +190,7 @@ def spectra_of(fit: Fit) -> tuple[Spectrum, Spectrum]:
             own=noise * float(np.sqrt(2.0 * grid.dt * grid.refine)),
         )
         for frequency, power, noise in zip(
-            fit.noise.frequency, fit.noise.power, grid.noise, strict=True
+            fit.windows.noise.frequency, fit.windows.noise.power, grid.noise, strict=True
         )
     )
     return accel, gyro
@@ -216,7 +214,7 @@ def _misfit(fit: Fit, offset: float) -> float:
     options = replace(fit.options, time_offset=offset)
     layout = lay_out(fit.model.windowing.trajectory, options)
     model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
-    (residuals,) = model.residuals(state, fit.centres)
+    (residuals,) = model.residuals(state, fit.windows.centres)
     equations, square = fit.equations_in(layout, state, residuals)
     problem = equations.problem(layout, options)
     step, _ = problem.solve(fit.u)

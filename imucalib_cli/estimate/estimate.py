@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct, field
 
 from imucalib_cli.findings import reasons, status, warnings
 
@@ -23,8 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Residuals:
+class Residuals(Struct, frozen=True, kw_only=True, eq=False):
     """Root mean square per axis of the window residuals."""
 
     accel_rms: Floats
@@ -48,8 +48,7 @@ class Residuals:
     written to files."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Estimate:
+class Estimate(Struct, frozen=True, kw_only=True, eq=False):
     """Pose of the IMU in its parent link, with the evidence for it.
 
     Covariances are in the tangent of conventions.md: translation first, then rotation, both in

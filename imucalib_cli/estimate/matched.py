@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 import numpy as np
 from msgspec import UNSET
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.attempts import best_attempt, with_longer_windows
 from imucalib_cli.estimate.checks import judge
@@ -101,8 +101,10 @@ def calibrate_matched(
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
-    used, windowing = fit.weights > 0.0, fit.model.windowing
-    accel, gyro = rms = np.sqrt(np.mean(fit.residuals.values[used] ** 2, axis=0)).reshape(2, 3)
+    used, windowing = fit.windows.weights > 0.0, fit.model.windowing
+    accel, gyro = rms = np.sqrt(np.mean(fit.windows.residuals.values[used] ** 2, axis=0)).reshape(
+        2, 3
+    )
     own = own_noise(windowing)
     equivalent = np.sqrt(np.mean(rms**2, axis=1)) / windowing.white_gains
     return Residuals(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.arrays import Floats  # noqa: TC001 - files of statistics are read by the types
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
@@ -20,16 +21,14 @@ GRAVITY_STD = 0.02
 """m/s²: on the Earth's surface gravity runs from 9.764 to 9.834."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class WindowChoice:
+class WindowChoice(Struct, frozen=True, kw_only=True):
     """Window length in samples or in seconds; neither means automatic."""
 
     samples: int | None = None
     seconds: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PosePrior:
+class PosePrior(Struct, frozen=True, kw_only=True, eq=False):
     """What is known of T_parent_imu beforehand, from a drawing or an earlier result."""
 
     std: tuple[float, ...] = (math.inf,) * 6
@@ -40,8 +39,7 @@ class PosePrior:
     """(3,), m, likewise."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MatchedOptions:
+class MatchedOptions(Struct, frozen=True, kw_only=True, eq=False):
     """Options of the matched estimator.
 
     A prior's standard deviation of inf leaves the unknown free, 0 removes it (its value is 0).
@@ -155,8 +153,7 @@ class MatchedOptions:
         return std if math.isfinite(std) else 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PaperOptions:
+class PaperOptions(Struct, frozen=True, kw_only=True, eq=False):
     """Options of the published method (Sensors 2026, 26(6), 1788)."""
 
     window: WindowChoice = WindowChoice(samples=11)

@@ -15,12 +15,13 @@ the base. A URDF whose last link is wrong gives the pose that this URDF needs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from operator import methodcaller
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.robot.rotations import cross, skew
 
@@ -47,8 +48,7 @@ _BY_EACH: Final = np.einsum("gi,aj->gaji", np.eye(3), np.eye(3)).reshape(9, 3, 3
 """Each axis reads a share of each."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Samples:
+class Samples(Struct, frozen=True, kw_only=True, eq=False):
     """Readings of an IMU at evenly spaced instants, for the basis of a Reading."""
 
     accel: Floats
@@ -65,8 +65,7 @@ class Samples:
         return self.accel if sensor == "accel" else self.gyro
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
+class Reading(Struct, frozen=True, eq=False):
     """Error of a sensor's reading: measured = ideal + sum of value * error(measured, matrix)."""
 
     sensor: Sensor
@@ -108,8 +107,7 @@ class Reading:
         return (np.stack(found, axis=1) - np.moveaxis(basis(still), 1, 2)) / noise
 
 
-@dataclass(frozen=True, eq=False)
-class JointMotion:
+class JointMotion(Struct, frozen=True, eq=False, dict=True):
     """What is reported of a joint at M instants."""
 
     position: Floats
@@ -133,8 +131,7 @@ class JointMotion:
         return np.stack([sine, cosine])
 
 
-@dataclass(frozen=True, eq=False)
-class JointCurve:
+class JointCurve(Struct, frozen=True, eq=False):
     """Error of a joint's position: true = reported + value * basis."""
 
     basis: Callable[[JointMotion], Floats]
@@ -153,8 +150,7 @@ class JointCurve:
     """The one joint that it is for; None: all."""
 
 
-@dataclass(frozen=True)
-class Origin:
+class Origin(Struct, frozen=True):
     """A constant step of the chain, behind the first that moves: its translation or rotation.
 
     The rotation is about the origin of the frame behind the step.
@@ -165,8 +161,7 @@ class Origin:
     """Whether it is that of steps behind a pose stream, from its frame to the first joint."""
 
 
-@dataclass(frozen=True)
-class PoseStream:
+class PoseStream(Struct, frozen=True):
     """Error of a pose stream beside joints.
 
     Of the scale of its positions, true = reported * (1 + value); of their axes, which are turned
@@ -178,13 +173,11 @@ class PoseStream:
     what: Literal["scale", "turn", "age", "filter", "delay"]
 
 
-@dataclass(frozen=True)
-class PayloadMass:
+class PayloadMass(Struct, frozen=True):
     """Masses that the parent link carries beside the links: at its origin, and along its axes."""
 
 
-@dataclass(frozen=True)
-class Clock:
+class Clock(Struct, frozen=True):
     """Stamps: IMU stamp - robot stamp of the same instant = value * (shift + drift * age).
 
     With the age in seconds since the middle of the log, and shift and drift of each sensor.
@@ -194,22 +187,19 @@ class Clock:
     gyro: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Gravity:
+class Gravity(Struct, frozen=True):
     """Gravity in the world: its direction (rotation vector) or its magnitude."""
 
     what: Literal["direction", "magnitude"]
 
 
-@dataclass(frozen=True)
-class Mount:
+class Mount(Struct, frozen=True):
     """T_parent_imu: its translation or its rotation, in the parent frame."""
 
     what: Literal["translation", "rotation"]
 
 
-@dataclass(frozen=True, eq=False)
-class OfBase:
+class OfBase(Struct, frozen=True, eq=False):
     """The same error of the IMU that measures how the base moves.
 
     Its mount is its pose in its own link, its clock that of its accelerometer; the delay of its
@@ -230,8 +220,7 @@ _GROUPS: Final[dict[type, Group]] = {
 """Of effects, also of the base IMU; all others are the robot's."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Unknown:
+class Unknown(Struct, frozen=True, kw_only=True, eq=False):
     """One entry of the table."""
 
     name: str
@@ -287,8 +276,7 @@ class Unknown:
         return self.among or _GROUPS.get(type(self.of_either), "robot")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Scale:
+class Scale(Struct, frozen=True, kw_only=True):
     """A standard deviation that is learnt from the log, between two limits."""
 
     low: float

@@ -14,10 +14,10 @@ The variance of a second derivative over a window of T seconds of samples each d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.entries import WindowEntry
 from imucalib_cli.estimate.model.windows import COMMON_IMU, odd_length, shortest_length
@@ -114,8 +114,7 @@ def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float
     return noise / turning if turning > 0.0 else 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class SeenNoise:
+class SeenNoise(Struct, frozen=True, kw_only=True):
     """Noise of the kinematics' rotation that the gyroscope shows in a fit.
 
     Samples of the kinematics hide the noise of their stamps and, if they were smoothed or

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
 
 
-@dataclass(frozen=True, kw_only=True)
-class Applied:
+class Applied(Struct, frozen=True, kw_only=True):
     """A URDF with new origins, and how each result was used."""
 
     content: bytes | None

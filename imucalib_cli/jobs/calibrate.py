@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, Struct
+from msgspec.structs import replace
 
 from imucalib_cli import __version__
 from imucalib_cli.diagnose.diagnose import needs_diagnosis
@@ -56,8 +56,7 @@ _OF_UNIT: Final = frozenset(
 shows that the unit is right."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Calibrated:
+class Calibrated(Struct, frozen=True, kw_only=True, eq=False):
     """One IMU: its result, and what it was made of."""
 
     result: Result
@@ -67,8 +66,7 @@ class Calibrated:
     motion: Motion
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Outcome:
+class Outcome(Struct, frozen=True, kw_only=True, eq=False):
     """A result for each IMU that could be calibrated, an error for each other one."""
 
     recording: Recording
@@ -123,8 +121,7 @@ def calibrate_recording(
     return Outcome(recording=recording, calibrated=calibrated, failures=tuple(failures))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Alone:
+class _Alone(Struct, frozen=True, kw_only=True, eq=False):
     """The estimate of one IMU by itself."""
 
     imu: ImuStream

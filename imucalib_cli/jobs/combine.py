@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from msgspec import UNSET, structs
+from msgspec.structs import replace
 
 from imucalib_cli import __version__
 from imucalib_cli.combine.logs import combine_logs, solve_again

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import replace
 
 from imucalib_cli.diagnose.carrier import find_carriers
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
@@ -11,7 +12,7 @@ from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.diagnose.nominal import inverted_nominal
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.findings import Severity, untrusted
+from imucalib_cli.findings import untrusted
 from imucalib_cli.jobs.input.log_robot.mounts import possible_bases
 from imucalib_cli.jobs.input.motion import other_frames
 from imucalib_cli.robot.build import base_imu_path
@@ -87,7 +88,7 @@ def _suspected(estimate: Estimate, repaired: Repaired, motion: Motion) -> tuple[
     unread = motion.sources.unread
     if not suspects and unread:
         return (untrusted("cause.pose_unread", topics=unread, first=unread[0]),)
-    return tuple(replace(each, severity=Severity.UNTRUSTED) for each in suspects)
+    return tuple(untrusted(each.code, **each.values) for each in suspects)
 
 
 def _against(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
 from functools import partial
 from shlex import quote
 from typing import TYPE_CHECKING
 
-from msgspec import to_builtins
+from msgspec import Struct, to_builtins
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
@@ -55,8 +55,7 @@ _HEALTH = ("stream", "Hz", "jitter ms", "gaps", "longest s", "same", "bunched", 
 """Heads of the two tables."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Health:
+class Health(Struct, frozen=True, kw_only=True):
     """Stamps of one topic, or of one stream of it."""
 
     name: str
@@ -68,8 +67,7 @@ class Health:
     """Topic whose messages have a counter of ms in place of a header stamp."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImuFinding:
+class ImuFinding(Struct, frozen=True, kw_only=True):
     """One IMU: its values, and the link that carries it."""
 
     topic: str
@@ -101,8 +99,7 @@ class ImuFinding:
         return self.units.accel_unit == "m/s², no gravity"
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointFinding:
+class JointFinding(Struct, frozen=True, kw_only=True):
     """Joints of one publisher."""
 
     topic: str
@@ -111,8 +108,7 @@ class JointFinding:
     """Joints that are not in the URDF; None without a URDF."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PoseFinding:
+class PoseFinding(Struct, frozen=True, kw_only=True):
     """One edge of the frames' tree."""
 
     topic: str
@@ -121,8 +117,7 @@ class PoseFinding:
     is_static: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class Inspection:
+class Inspection(Struct, frozen=True, kw_only=True):
     """Everything known about a recording without calibrating."""
 
     files: tuple[str, ...]
@@ -149,7 +144,7 @@ class Inspection:
     def as_json(self) -> str:
         """Everything, as JSON-ready data."""
         imus = tuple(replace(imu, units=replace(imu.units, findings=())) for imu in self.imus)
-        content = asdict(replace(self, findings=(), imus=imus))
+        content = to_builtins(replace(self, findings=(), imus=imus))
         for topic, entry in zip(self.topics, content["topics"], strict=True):
             del entry["definition"]
             entry["columns"] = topic.columns and str(topic.columns)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
+
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.combine.imus import OnRobot, groups, solve_agreeing
 from imucalib_cli.estimate.checks import judge
@@ -54,7 +55,7 @@ def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> 
             found[places[each]] = _again(found[places[each]], logs[each], answer, finding)
         for each, change in solved.disagreeing.items():
             others = tuple(name for other, name in enumerate(names) if other != each)
-            finding = warning("imus.disagree", imu=names[each], others=others, **vars(change))
+            finding = warning("imus.disagree", imu=names[each], others=others, **asdict(change))
             alone = found[places[each]]
             found[places[each]] = replace(alone, findings=(*alone.findings, finding))
     return found

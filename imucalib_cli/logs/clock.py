@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.findings import Finding, note, warning, warnings
 
@@ -42,8 +42,7 @@ _STEP_ROWS = 10
 _NS = 1_000_000_000
 
 
-@dataclass(frozen=True, kw_only=True)
-class Clock:
+class Clock(Struct, frozen=True, kw_only=True):
     """Which stamps are used, and the origin of their seconds.
 
     One kind is used for all streams: header stamps of one and receive times of another would create
@@ -110,10 +109,9 @@ def choose_clock(
 
 def _handled(fault: Finding, then: str, others: Sequence[Finding] = (), **facts: str) -> Finding:
     """Add to a finding about stamps how it is handled, and the fault of the other kind."""
-    values = {**fault.values, "then": then, **facts}
     if others:
-        values["other"] = others[0].message
-    return replace(fault, values=values)
+        facts["other"] = others[0].message
+    return fault.with_values(then=then, **facts)
 
 
 def _stamps(stream: Stream, kind: Kind) -> Nanoseconds:
@@ -128,8 +126,7 @@ def _faults(streams: Sequence[Stream], kind: Kind) -> list[Finding]:
         if fault is None and kind == "header":
             fault = _step(stream)
         if fault is not None:
-            values = {"topic": stream.topic, "stamps": kind, **fault.values}
-            found[stream.topic] = replace(fault, values=values)
+            found[stream.topic] = fault.with_values(topic=stream.topic, stamps=kind)
     return list(found.values())
 
 

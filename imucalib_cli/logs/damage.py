@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, BinaryIO
+
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Integers
@@ -48,8 +49,7 @@ class Cursor:
         return str(self.take(self.number(4)), "utf-8", "replace")
 
 
-@dataclass
-class Tally:
+class Tally(Struct):
     """Number and time range of a channel's messages."""
 
     count: int = 0

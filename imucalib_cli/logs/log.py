@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import Finding, warning, warnings
@@ -33,8 +35,7 @@ _MAX_OVERLAP_SHARE = 0.1
 """Share of the shorter of two files with the same IMU: parts of one recording overlap less."""
 
 
-@dataclass(kw_only=True)
-class LogData:
+class LogData(Struct, kw_only=True):
     """The streams of the wanted topics, each by its topic."""
 
     imus: dict[str, ImuStream] = field(default_factory=dict)
@@ -86,8 +87,7 @@ class Log:
             more = len(file.losses) - len(losses)
             if more:
                 losses.append(warning("log.more_losses", count=more))
-            name = {"file": str(file.path)}
-            found += [replace(loss, values={**name, **loss.values}) for loss in losses]
+            found += [loss.with_values(file=str(file.path)) for loss in losses]
         return tuple(found)
 
     @property

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.streams import Stream
@@ -22,8 +23,7 @@ _STAMP = 1e8
 _NS = 1e9
 
 
-@dataclass(frozen=True, kw_only=True)
-class Part:
+class Part(Struct, frozen=True, kw_only=True):
     """From and to: seconds of the log, or stamps, s since 1970; None is the log's own end."""
 
     start: float | None = None
@@ -58,8 +58,8 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
             return stream
         t = clock.seconds(stream)
         kept = (t >= start) & (t <= end)
-        rows = {each.name: getattr(stream, each.name) for each in fields(stream)}
-        cut: dict[str, Any] = {n: x[kept] for n, x in rows.items() if isinstance(x, np.ndarray)}
+        rows = asdict(stream).items()
+        cut: dict[str, Any] = {name: x[kept] for name, x in rows if isinstance(x, np.ndarray)}
         return replace(stream, **cut)
 
     cut = replace(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
+from msgspec import Struct, field
 
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.messages.shapes import reading_of
@@ -31,8 +31,7 @@ HEAD = 4096
 """First bytes of a file, by which formats are recognised."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Topic:
+class Topic(Struct, frozen=True, kw_only=True):
     """A topic: messages of one type under one name, not yet decoded."""
 
     name: str
@@ -41,7 +40,7 @@ class Topic:
     encoding: str
     """``cdr``, ``ros1``, ``json``, ``protobuf`` or another name from the file; ``text`` where the
     format itself passes on numbers (:meth:`Sink.add_decoded`)."""
-    definition: str = field(default="", repr=False)
+    definition: str = ""
     """The type's definition, if the file embeds it: .msg, a JSON schema, or descriptors of protobuf
     (a character a byte)."""
     columns: JointColumns | None = None
@@ -63,15 +62,13 @@ class Topic:
         return {} if self.reading is None else self.reading.kinds
 
 
-@dataclass(frozen=True, kw_only=True)
-class Channel(Topic):
+class Channel(Topic, frozen=True, kw_only=True):
     """One publisher's messages on a topic, by the file's channel number."""
 
     number: int
 
 
-@dataclass
-class Catalogue:
+class Catalogue(Struct):
     """Channels and types by number, collected from records."""
 
     schemas: dict[int, tuple[str, str]] = field(default_factory=dict)
@@ -100,8 +97,7 @@ class Catalogue:
         return tuple(found)
 
 
-@dataclass(frozen=True, eq=False)
-class Piece:
+class Piece(Struct, frozen=True, eq=False):
     """Decoded rows of a topic that have all texts in common."""
 
     arrival: Integers
@@ -237,8 +233,7 @@ def cut_values(
     return values
 
 
-@dataclass(frozen=True, eq=False)
-class Located:
+class Located(Struct, frozen=True, eq=False):
     """Payloads of messages, (n,) each, by their offsets in a chunk's data."""
 
     starts: Integers

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
 from textwrap import shorten
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.messages.protobuf import EXTRA, is_installed
@@ -34,8 +36,7 @@ _LONGEST = 100
 """Most characters shown of a name; damage makes longer ones."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Selection:
+class Selection(Struct, frozen=True, kw_only=True):
     """Names of the topics to read."""
 
     imus: tuple[str, ...]

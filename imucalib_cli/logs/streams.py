@@ -7,8 +7,9 @@ Stamps are int64 nanoseconds here; they become float64 seconds when a clock is c
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct, field
 
 from imucalib_cli.arrays import Floats, Integers
 
@@ -20,8 +21,7 @@ Progress = Callable[[float], None]
 Nanoseconds = Integers
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Stream:
+class Stream(Struct, frozen=True, kw_only=True, eq=False):
     """Fields of all streams: the topic, and the stamps of each row."""
 
     topic: str
@@ -36,8 +36,7 @@ class Stream:
         return len(self.header_ns)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ImuStream(Stream):
+class ImuStream(Stream, frozen=True, kw_only=True, eq=False):
     """Readings of one IMU."""
 
     frame_id: str
@@ -66,8 +65,7 @@ class ImuStream(Stream):
         return self.shared or self.topic
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointStream(Stream):
+class JointStream(Stream, frozen=True, kw_only=True, eq=False):
     """Rows that carry the same set of joints (one publisher, usually)."""
 
     names: tuple[str, ...]
@@ -78,8 +76,7 @@ class JointStream(Stream):
     that the robot does not have."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseStream(Stream):
+class PoseStream(Stream, frozen=True, kw_only=True, eq=False):
     """Pose of ``child`` in ``parent`` (T_parent_child) over time, from any pose-like message."""
 
     parent: str

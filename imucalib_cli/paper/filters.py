@@ -6,11 +6,12 @@ and not at every step of the solver, with the same numbers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.entries import WindowEntry
@@ -33,8 +34,7 @@ _QUATERNION_PER_METRE = 10.0
 """1/m: their limit for quaternions, 1e-3, over the one for positions."""
 
 
-@dataclass(frozen=True, eq=False)
-class Instants:
+class Instants(Struct, frozen=True, eq=False, dict=True):
     """Both sides at N instants."""
 
     t: Floats
@@ -56,7 +56,7 @@ class Instants:
 
     def compared(self) -> Instants:
         """Only the kept instants."""
-        parts = {field.name: getattr(self, field.name)[self.kept] for field in fields(self)}
+        parts = {name: values[self.kept] for name, values in asdict(self).items()}
         return Instants(**parts)
 
     def accelerations(self, x: Floats, gravity_norm: float) -> tuple[Floats, Floats]:

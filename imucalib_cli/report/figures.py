@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.digits import with_std
 from imucalib_cli.report.chart import (
@@ -50,8 +51,7 @@ _WIDE = 8.0
 """Times the median error bar; the plot may cut off a part with a longer one."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Material:
+class Material(Struct, frozen=True, kw_only=True, eq=False):
     """The data from which the report of one IMU is drawn."""
 
     result: Result

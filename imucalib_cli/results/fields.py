@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.messages import REQUIREMENTS
@@ -35,8 +35,7 @@ _MANY = 3
 """Most directions that are listed one by one."""
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(Struct, frozen=True):
     """One statement as plain text; names in it may contain anything, so it must be escaped."""
 
     label: str
@@ -51,8 +50,7 @@ class Field:
         return f"{self.label}: {self.text}" if self.label else self.text
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(Struct, frozen=True):
     """At least one field, with a title."""
 
     title: str

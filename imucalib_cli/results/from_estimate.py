@@ -7,11 +7,11 @@ finite or null, so that the document is valid JSON.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from msgspec import UNSET
+from msgspec.structs import replace
 
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree

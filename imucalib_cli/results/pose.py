@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.robot.mount import fixed_transform
@@ -31,8 +32,7 @@ _ROUNDING = 1e-6
 """Of a correlation."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UncertainPose:
+class UncertainPose(Struct, frozen=True, kw_only=True, eq=False):
     """T_parent_child with its covariance, in the tangent space of docs/conventions.md."""
 
     parent: str
@@ -124,8 +124,7 @@ def orthogonal_complement(directions: ArrayLike) -> Floats:
     return np.asarray(rows[int((sizes > LEAST_COMPONENT).sum()) :])
 
 
-@dataclass(frozen=True, kw_only=True)
-class PoseError:
+class PoseError(Struct, frozen=True, kw_only=True):
     """Distance of an estimated pose from the true one, with the metric of the paper's authors."""
 
     translation: float

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.findings import untrusted
 from imucalib_cli.results.pose import PARTS
@@ -19,8 +20,7 @@ _WORTH_RECORDING = 100.0
 """Times the duration, beyond which a longer log is no advice."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Tolerance:
+class Tolerance(Struct, frozen=True, kw_only=True):
     """A bound on translation and on rotation; infinite where none is given."""
 
     translation: float = math.inf

@@ -9,11 +9,11 @@ import io
 import json
 import math
 import zipfile
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli import __version__
 from imucalib_cli.errors import ImucalibError, InputError
@@ -55,8 +55,7 @@ _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
 _SYMMETRIC: Final = ("information", "noise", "motion")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StoredLog:
+class StoredLog(Struct, frozen=True, kw_only=True, eq=False):
     """A result and the statistics from which it was solved."""
 
     name: str

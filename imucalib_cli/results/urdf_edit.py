@@ -8,9 +8,10 @@ joint.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
+
+from msgspec import Struct
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.names import numbered
@@ -43,8 +44,7 @@ class MissingJointError(InputError):
         super().__init__(message)
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointOrigin:
+class JointOrigin(Struct, frozen=True, kw_only=True):
     """A joint's name and its new origin."""
 
     joint: str

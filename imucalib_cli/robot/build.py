@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.frames import Edge, frame_path, has_motion_above
@@ -141,8 +142,7 @@ def moving_base_path(
     return replace(path, steps=merge_fixed(path.steps))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BaseImu:
+class BaseImu(Struct, frozen=True, kw_only=True, eq=False):
     """An IMU whose readings give the motion of the link that carries it."""
 
     track: Track

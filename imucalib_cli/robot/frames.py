@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.path import FixedStep, KinematicPath, PoseStep, Step, Track, merge_fixed
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Edge:
+class Edge(Struct, frozen=True, kw_only=True, eq=False):
     """Pose of ``child`` in ``parent`` (T_parent_child), over time or constant."""
 
     parent: str

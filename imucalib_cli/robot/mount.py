@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.shown import near_matches
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.urdf import Robot
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class NominalPose:
+class NominalPose(Struct, frozen=True, kw_only=True, eq=False):
     """Pose of an IMU in the URDF or in the log's frames."""
 
     joint: str
@@ -27,8 +26,7 @@ class NominalPose:
     """(3,), m."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mount:
+class Mount(Struct, frozen=True, kw_only=True, eq=False):
     """The parent link, the IMU's frame, and the frame's nominal pose in the link, if known."""
 
     parent: str

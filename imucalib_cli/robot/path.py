@@ -7,12 +7,13 @@ the same product; only the steps differ.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import compress
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.robot.rotations import matrix_from_quaternion
 
@@ -30,8 +31,7 @@ TrackKind = Literal["joints", "pose", "imu", "still"]
 """``still`` are joints that nobody reports: they do not move, but bend."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Track:
+class Track(Struct, frozen=True, kw_only=True, eq=False, dict=True, weakref=True):
     """Samples of one publisher on the chosen clock, which move a path."""
 
     name: str
@@ -57,8 +57,7 @@ class Track:
         return replace(self, values=self.values[:, sound], names=names)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FixedStep:
+class FixedStep(Struct, frozen=True, kw_only=True, eq=False):
     """A constant transform."""
 
     R: Floats
@@ -76,8 +75,7 @@ class FixedStep:
         return FixedStep(R=self.R.T.copy(), p=-self.R.T @ self.p)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointStep:
+class JointStep(Struct, frozen=True, kw_only=True, eq=False):
     """A joint's motion about or along its axis, after its origin (a FixedStep of its own)."""
 
     name: str
@@ -101,8 +99,7 @@ class JointStep:
     offset: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseStep:
+class PoseStep(Struct, frozen=True, kw_only=True, eq=False):
     """A pose track T_parent_child, or its inverse where the path runs from child to parent.
 
     Of an IMU it is the pose in a freely falling frame.
@@ -115,8 +112,7 @@ class PoseStep:
 Step = FixedStep | JointStep | PoseStep
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class KinematicPath:
+class KinematicPath(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """T_world_parent as a product of steps, a function of the tracks' values."""
 
     world: str

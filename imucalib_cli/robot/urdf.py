@@ -13,13 +13,13 @@ import logging
 import sys
 from collections import Counter, defaultdict
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cache, cached_property
 from io import BytesIO
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.expansion import expanded
@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 JointKind = Literal["fixed", "revolute", "continuous", "prismatic", "floating", "planar"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Mimic:
+class Mimic(Struct, frozen=True, kw_only=True):
     """Position = multiplier * position of ``joint`` + offset."""
 
     joint: str
@@ -46,8 +45,7 @@ class Mimic:
     offset: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Joint:
+class Joint(Struct, frozen=True, kw_only=True, eq=False):
     """A joint, its origin included: T_parent_child = origin * motion about or along the axis."""
 
     name: str
@@ -63,8 +61,7 @@ class Joint:
     mimic: Mimic | None = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Robot:
+class Robot(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """The tree of a URDF's links."""
 
     name: str

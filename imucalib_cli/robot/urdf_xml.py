@@ -6,9 +6,10 @@ at its start, before anything in it is expanded.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from xml.parsers import expat
+
+from msgspec import Struct, field
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.shown import as_word
@@ -23,8 +24,7 @@ ELEMENT_LIMIT = 200_000
 """Ten times the elements of a humanoid with all meshes; more would take seconds and memory."""
 
 
-@dataclass
-class Element:
+class Element(Struct):
     """One element, with its children down to those inside a link's <inertial>."""
 
     tag: str

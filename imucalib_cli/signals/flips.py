@@ -6,10 +6,10 @@ pose is fixed in the body, so the step back undoes the step away, however the bo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import (
@@ -48,8 +48,7 @@ _MOST = 0.05
 """If a larger share of the steps is so large, they are motion or noise. Tuned."""
 
 
-@dataclass(frozen=True, eq=False)
-class Flips:
+class Flips(Struct, frozen=True, eq=False):
     """What to leave out of a pose stream."""
 
     flipped: Bools

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.interpolate import lagrange
@@ -29,8 +29,7 @@ _ALWAYS_HELD = 1e5
 """Intervals of a grid that is always accepted, since it needs little memory."""
 
 
-@dataclass(frozen=True, eq=False)
-class ImuGrid:
+class ImuGrid(Struct, frozen=True, eq=False, dict=True):
     """IMU values at t0 + k dt; rows in gaps are not usable."""
 
     t0: float

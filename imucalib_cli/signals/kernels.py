@@ -13,11 +13,11 @@ exactly. Comparing the two has no truncation error at any window length.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 from numpy.lib.stride_tricks import sliding_window_view
 
 if TYPE_CHECKING:
@@ -94,8 +94,7 @@ def quadrature_weights(h: Floats, order: int) -> Floats:
     return weights
 
 
-@dataclass(frozen=True, eq=False)
-class MatchedFilter:
+class MatchedFilter(Struct, frozen=True, eq=False):
     """A derivative filter, and the weights that average a measurement in the same way."""
 
     derivative: Floats

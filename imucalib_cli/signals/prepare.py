@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
@@ -27,8 +28,7 @@ _SPIKE_FLOOR_GYRO = 0.02
 _MOST_REFINE = 10
 
 
-@dataclass(frozen=True, eq=False)
-class CleanImu:
+class CleanImu(Struct, frozen=True, eq=False, dict=True):
     """An IMU ready for the fit."""
 
     samples: ImuSamples

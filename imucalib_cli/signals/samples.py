@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats, Indices
@@ -17,8 +19,7 @@ Sensor = Literal["gyro", "accel"]
 SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ImuSamples:
+class ImuSamples(Struct, frozen=True, kw_only=True, eq=False):
     """One IMU on the clock of the log; stamps may jitter, repeat or have gaps."""
 
     t: Floats

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_quaternion
@@ -47,8 +48,7 @@ _TILTS = 1e-4
 """rad: rounding. On a base that drives on a plane, odometry reports no tilt."""
 
 
-@dataclass(frozen=True, eq=False)
-class CleanTrack:
+class CleanTrack(Struct, frozen=True, eq=False, dict=True):
     """One track in order of time; quaternions have one sign."""
 
     name: str
@@ -213,8 +213,7 @@ class TrackMotion(NamedTuple):
     """Of the rates."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
     """T_world_parent(t), interpolated in the values of each track."""
 
     path: KinematicPath

@@ -6,10 +6,11 @@ time offset, by a factor if units differ, and where one of the streams is held.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.noise import MAD_TO_STD
@@ -56,8 +57,7 @@ class RateRatio(NamedTuple):
     """Standard deviation of the value, for independent errors of the bins."""
 
 
-@dataclass(frozen=True, eq=False)
-class Turning:
+class Turning(Struct, frozen=True, eq=False):
     """Mean rates in bins: bin i is from t0 + i BIN to t0 + (i + 1) BIN on the robot's clock.
 
     The IMU's stamps are moved to that clock by the lag.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import product
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import structs
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.matched import calibrate_matched
@@ -193,7 +194,7 @@ def exact_system(gravity_norm: float) -> MatchedOptions:
 
 def pose_only(gravity_norm: float) -> MatchedOptions:
     """The matched method with the unknowns of the published method."""
-    return replace(
+    return structs.replace(
         exact_system(gravity_norm),
         time_offset=0.0,
         accel_bias_std=0.0,
@@ -219,8 +220,8 @@ METHODS = (*PUBLISHED, *OURS)
 def errors_of(found: Pose | None, truth: Pose) -> Row:
     """Columns of the errors of a pose; None in each if the method gave no answer."""
     if found is None:
-        return dict.fromkeys(part.name for part in fields(PoseError))
-    return asdict(pose_error(found.R, found.t, truth.R, truth.t))
+        return dict.fromkeys(PoseError.__struct_fields__)
+    return structs.asdict(pose_error(found.R, found.t, truth.R, truth.t))
 
 
 def calibrate_published(
@@ -232,7 +233,7 @@ def calibrate_published(
         InputError: As :func:`calibrate_paper`.
     """
     start = {"R_initial": guess.R, "t_initial": guess.t, "gravity_norm": gravity_norm}
-    return calibrate_paper(imu, path, replace(setting, **start))  # type: ignore[arg-type]
+    return calibrate_paper(imu, path, structs.replace(setting, **start))
 
 
 def run_methods(
@@ -258,10 +259,10 @@ def run_methods(
             found, failure = None, None
             try:
                 if setting is None:
-                    ours = replace(OURS[method](norm), window=window or WindowChoice())
+                    ours = structs.replace(OURS[method](norm), window=window or WindowChoice())
                     found = calibrate_matched(imu, path, ours)
                 else:
-                    theirs = replace(setting, residual=PUBLISHED[method])
+                    theirs = structs.replace(setting, residual=PUBLISHED[method])
                     found = calibrate_published(imu, path, theirs, guess, norm)
             except InputError as error:
                 failure = str(error)

@@ -14,10 +14,11 @@ orthogonality, needs no initial guess.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns

@@ -6,7 +6,7 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import asdict, replace
 from rosbags.highlevel import AnyReader
 
 from imucalib_cli.cli.extras import EXTRAS, write_extras
@@ -340,8 +341,8 @@ def few(arm: Outcome) -> Outcome:
     (one,) = arm.calibrated
     details = one.estimate.details
     assert details is not None
-    columns = {each.name: getattr(details.windows, each.name) for each in fields(details.windows)}
-    windows = replace(details.windows, **{name: each[::20] for name, each in columns.items()})
+    columns = asdict(details.windows).items()
+    windows = replace(details.windows, **{name: each[::20] for name, each in columns})
     estimate = replace(one.estimate, details=replace(details, windows=windows))
     return replace(arm, calibrated=(replace(one, estimate=estimate),))
 

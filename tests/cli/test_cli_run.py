@@ -3,13 +3,13 @@
 import hashlib
 import json
 import shlex
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from tests.cli.stand_in import ESTIMATE, SIDEWAYS, Estimator
@@ -43,7 +43,7 @@ def test_document_goes_to_stdout_and_warnings_to_stderr(
     samples, path, options = estimator.calls[0]
     assert len(samples.t) == 400
     assert path.parent == "hand"
-    assert vars(options) == vars(MatchedOptions())
+    assert asdict(options) == asdict(MatchedOptions())
     assert run_arm("-q").err == ""
     assert "is given twice" in run_arm(arm_log, code=2).err
     target = arm_urdf.with_name("result.json")

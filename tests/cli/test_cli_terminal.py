@@ -10,11 +10,11 @@ import termios
 import threading
 import time
 import tty
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
+from msgspec.structs import replace
 
 from imucalib_cli.cli.main import main
 from imucalib_cli.cli.output import deliver_blocks, say

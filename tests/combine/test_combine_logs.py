@@ -1,11 +1,11 @@
 """Answers from statistics alone: one log with other priors, and several logs together."""
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats

@@ -1,10 +1,10 @@
 """Gross faults of an arm whose joints bend: the bending does not hide them."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from benchmarks.robots import Case, make_case
 from imucalib_cli.estimate.options import MatchedOptions

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from imucalib_cli.diagnose.diagnose import needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import single_faults
@@ -199,7 +200,7 @@ def test_encoder_toggling_between_two_counts_is_one_publisher() -> None:
     (track,) = path.tracks
     count, values = 2.0 * np.pi / 4096.0, track.values.copy()
     values[:, 0] = count * (np.random.default_rng(1).random(len(values)) < 0.5)
-    undecided = replace(path, tracks=(replace(track, values=values),))
+    undecided = structs.replace(path, tracks=(structs.replace(track, values=values),))
     assert find_rival_publishers(undecided) is None
     values[:, 0] = 20.0 * values[:, 0] + track.values[:, 0]
     assert find_rival_publishers(undecided) is not None
@@ -241,14 +242,14 @@ def test_position_swapped_with_another_limb_is_found() -> None:
     described = misdescribed(clean(ARM), flawed("none"))
     (track,) = described.path.tracks
     values = np.insert(track.values, 0, 0.0, axis=1)
-    wide = replace(track, names=("a_joint", *track.names), values=values)
+    wide = structs.replace(track, names=("a_joint", *track.names), values=values)
     steps = tuple(
-        replace(step, column=step.column + 1) if isinstance(step, JointStep) else step
+        structs.replace(step, column=step.column + 1) if isinstance(step, JointStep) else step
         for step in described.path.steps
     )
-    poor = replace(
+    poor = structs.replace(
         described.poor_fit(judged(ARM, flawed("none")).plain, MatchedOptions()),
-        path=replace(described.path, steps=steps, tracks=(wide,)),
+        path=structs.replace(described.path, steps=steps, tracks=(wide,)),
         joints=(*track.names[::-1], "a_joint"),
     )
     orders = [each for each in single_faults(poor) if each.kind == "order"]

@@ -6,13 +6,14 @@ returns the estimate together with its error.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -57,8 +58,7 @@ BOTH_GRADES = pytest.mark.parametrize("grade", slow_after(1, GRADES))
 NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Moves:
+class Moves(Struct, frozen=True, kw_only=True):
     """Quintic moves from random posture to random posture, with pauses."""
 
     seed: int = 0
@@ -82,8 +82,7 @@ class Moves:
         return q, v, a
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mount:
+class Mount(Struct, frozen=True, kw_only=True, eq=False):
     """True pose of the IMU in the parent link."""
 
     R: Floats
@@ -148,8 +147,7 @@ def arm_path(
     return KinematicPath(world="base", parent="flange", steps=tuple(steps), tracks=(track,))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Flaws:
+class Flaws(Struct, frozen=True, kw_only=True):
     """Errors of an IMU, none by default. Each is exact, none is interpolated."""
 
     drift: float = 0.0
@@ -171,8 +169,7 @@ class Flaws:
     """Instant, s, from which the IMU sits elsewhere, and where."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Log:
+class Log(Struct, frozen=True, kw_only=True, eq=False):
     """Input of an estimator, and the truth."""
 
     imu: ImuSamples
@@ -289,8 +286,7 @@ def windowing_of(log: Log, seconds: float) -> Windowing:
     return Windowing(grid, trajectory, plan_windows(odd_length(seconds / grid.dt), 3, grid.dt))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Solved(Estimate):
+class Solved(Estimate, frozen=True, kw_only=True, eq=False):
     """An estimate and the truth of its log."""
 
     mount: Mount
@@ -369,8 +365,7 @@ class Solved(Estimate):
 
 def beside(estimate: Estimate, mount: Mount) -> Solved:
     """An estimate with the truth."""
-    known = {each.name: getattr(estimate, each.name) for each in fields(Estimate)}
-    return Solved(mount=mount, **known)
+    return Solved(**asdict(estimate) | {"mount": mount})
 
 
 @lru_cache(maxsize=64)

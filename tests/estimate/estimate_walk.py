@@ -4,10 +4,11 @@ Its motion is analytic, and the IMUs' readings are differences of it.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats

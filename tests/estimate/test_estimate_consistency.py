@@ -1,10 +1,10 @@
 """How well the parts of a log agree: the numbers against repeated and separate estimates."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

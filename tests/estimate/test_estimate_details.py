@@ -1,10 +1,10 @@
 """The data of a report, against pinocchio's readings, the noise put in, and the motion."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.details import Details
 from imucalib_cli.estimate.options import WindowChoice

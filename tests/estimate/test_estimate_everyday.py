@@ -4,13 +4,13 @@ Truth is that of benchmarks/robots.py: analytic motions and pinocchio's accelera
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, savgol_filter
 from scipy.spatial.transform import Rotation

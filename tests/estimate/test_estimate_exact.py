@@ -7,12 +7,12 @@ dt², so the tolerance is a micrometre at 500 Hz and grows with the interval squ
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError

@@ -4,12 +4,13 @@ Each fault is exact: the motion is evaluated at the instants at which the flawed
 """
 
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
 

@@ -4,10 +4,10 @@ Both are compared with a dense grid over these standard deviations.
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.scatter import USUAL, Together, most_likely_together

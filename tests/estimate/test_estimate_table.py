@@ -5,12 +5,12 @@ which other tests compare with pinocchio's truth.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats

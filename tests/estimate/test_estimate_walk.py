@@ -1,12 +1,12 @@
 """Robots without a fixed base, against their analytic motion: one IMU, and several together."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.linalg import inv
 from scipy.linalg import solve as solve_dense
 from scipy.signal import butter, sosfilt

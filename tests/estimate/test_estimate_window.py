@@ -1,11 +1,11 @@
 """Which window is used: the user's, or as long as the noise of the joints asks for."""
 
-from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.options import WindowChoice
 from imucalib_cli.estimate.window_choice import choose_window

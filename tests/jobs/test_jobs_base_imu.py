@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from msgspec import structs
 
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
@@ -47,7 +48,7 @@ def walk_with(folder: Path, asked: CalibrationRequest, change: Any, topic: str =
         for each in walk()
     )
     log = log_of(folder / "changed", TRUNK, LEG, "/joint_states", said=messages)
-    return replace(asked, logs=(log,))
+    return structs.replace(asked, logs=(log,))
 
 
 def test_imu_on_root_gives_motion_of_walking_robot(tmp_path: Path) -> None:
@@ -67,7 +68,7 @@ def test_any_imu_may_be_the_base_of_another(tmp_path: Path) -> None:
     urdf = tmp_path / "true.urdf"
     urdf.write_text(re.sub(origin, rf'\1 xyz="{xyz}" rpy="{rpy}"', ROBOT.urdf()))
     asked = request(tmp_path, base_imu=LEG, imu_topics=(TRUNK,))
-    (result,) = calibrate(replace(asked, urdf=urdf)).results
+    (result,) = calibrate(structs.replace(asked, urdf=urdf)).results
     assert_matches_truth(result, ON_TRUNK)
 
 
@@ -88,17 +89,17 @@ def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
 
 def test_joints_between_two_imus_need_the_urdf(tmp_path: Path, estimator: Estimator) -> None:
     """Taken for one body, a leg would be calibrated as if it were part of the trunk."""
-    asked = replace(request(tmp_path, base_imu=TRUNK), urdf=None)
+    asked = structs.replace(request(tmp_path, base_imu=TRUNK), urdf=None)
     assert not calibrate(asked).results
     assert not estimator.calls
-    (result,) = calibrate(replace(asked, parent="trunk_imu")).results
+    (result,) = calibrate(structs.replace(asked, parent="trunk_imu")).results
     assert result.parent == "trunk_imu"
 
 
 def test_unusable_joints_are_reported_without_a_urdf(tmp_path: Path) -> None:
     asked = walk_with(
         tmp_path,
-        replace(request(tmp_path, base_imu=TRUNK), urdf=None),
+        structs.replace(request(tmp_path, base_imu=TRUNK), urdf=None),
         lambda joints: replace(joints, position=joints.position[:-1]),
         "/joint_states",
     )
@@ -135,7 +136,7 @@ def test_unselected_imu_can_be_the_base(tmp_path: Path) -> None:
 def test_no_base_imu_is_used_if_base_motion_is_logged(tmp_path: Path) -> None:
     asked = request(tmp_path, TRUNK, LEG, "/joint_states", "/tf")
     assert read_recording(asked).sources.base is None
-    assert read_recording(replace(asked, base_imu=TRUNK)).sources.base is not None
+    assert read_recording(structs.replace(asked, base_imu=TRUNK)).sources.base is not None
 
 
 def test_inspect_shows_base_imu_and_command(tmp_path: Path) -> None:

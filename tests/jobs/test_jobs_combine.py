@@ -1,11 +1,11 @@
 """Several logs of one mount, solved together: their result, and which of them are missing."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from msgspec import structs
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2

@@ -1,11 +1,11 @@
 """A robot that drives on a plane: which components are unobservable, and the options for them."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior

@@ -1,10 +1,10 @@
 """From files to the cause of a poor fit: the user's command is answered with the right one."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.diagnose.diagnose import diagnose
 from imucalib_cli.diagnose.hypotheses import PoorFit

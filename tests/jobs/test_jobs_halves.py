@@ -1,10 +1,10 @@
 """Which halves are one IMU, and what is interpolated."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.jobs.input.halves import half_topics, joined

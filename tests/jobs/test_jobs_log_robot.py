@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import Severity
@@ -91,7 +92,7 @@ def test_bag_with_robot_description_needs_no_option(tmp_path: Path, suffix: str)
 def test_urdf_option_takes_precedence_over_description(
     tmp_path: Path, urdf: Path, estimator: Estimator
 ) -> None:
-    estimator.estimate = replace(ESTIMATE, findings=())
+    estimator.estimate = structs.replace(ESTIMATE, findings=())
     urdf.write_text(urdf.read_text().replace("rihibot", "mine"))
     result = only(run(log_of(tmp_path, robot_description=True), urdf=urdf))
     assert result.provenance.urdf is not None

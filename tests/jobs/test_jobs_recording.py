@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.writer import CompressionType
+from msgspec import structs
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.jobs.input.motion import find_motion
@@ -120,7 +121,7 @@ def test_imus_sharing_a_topic_are_distinguished(log_writer: LogWriter, arm_urdf:
     assert [imu.name for imu in both] == ["/imu/data:imu_link", "/imu/data:upper"]
     assert [np.abs(imu.gyro).max().round(1) for imu in both] == [0.5, 0.2]
     for name in ("/imu/data:upper", "/imu/data"):
-        asked = read_recording(replace(request, imu_topics=(name,))).imus
+        asked = read_recording(structs.replace(request, imu_topics=(name,))).imus
         assert [imu.name for imu in asked] == [i.name for i in both if i.name.startswith(name)]
     found = inspect(CalibrationRequest(logs=(log,), urdf=arm_urdf))
     assert [each.topic for each in found.imus] == [imu.name for imu in both]
@@ -172,7 +173,7 @@ def test_requested_imu_needs_samples_in_the_part(log_writer: LogWriter, arm_urdf
     log = log_writer.imu("/early", seconds=2.0).imu("/whole").joints().write()
     request = CalibrationRequest(logs=(log,), urdf=arm_urdf, part=Part(start=2.5, end=4.0))
     assert [imu.topic for imu in read_recording(request).imus] == ["/whole"]
-    named = replace(request, imu_topics=("/early", "/whole"))
+    named = structs.replace(request, imu_topics=("/early", "/whole"))
     with pytest.raises(ChoiceError, match="/early: has no samples between --from and --to"):
         read_recording(named)
 
@@ -185,7 +186,7 @@ def test_date_comes_from_stamps_or_receive_times_or_is_unknown(log_writer: LogWr
     assert recorded_at(recording, imu, 1.5) == start.replace(
         second=start.second + 1, microsecond=500_000
     )
-    clock = replace(recording.clock, origin_ns=77_000_000_000)
-    booted = replace(recording, sources=replace(recording.sources, clock=clock))
+    clock = structs.replace(recording.clock, origin_ns=77_000_000_000)
+    booted = structs.replace(recording, sources=structs.replace(recording.sources, clock=clock))
     assert recorded_at(booted, imu, 1.5) == start
-    assert recorded_at(booted, replace(imu, log_ns=imu.log_ns - START_NS), 1.5) is None
+    assert recorded_at(booted, structs.replace(imu, log_ns=imu.log_ns - START_NS), 1.5) is None

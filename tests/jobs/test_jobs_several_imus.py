@@ -1,11 +1,11 @@
 """The IMUs of one log: solved together by run, and alone again from their statistics."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Calibrated, Outcome, calibrate

@@ -10,6 +10,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import imucalib_cli as ic
 from imucalib_cli import layout
@@ -110,8 +111,8 @@ def test_unstamped_messages_use_receive_times_with_one_note(tmp_path: Path) -> N
     log = shapes.write_mcap(tmp_path / "log.mcap", shapes.stampless())
     one, expected = read(log, urdf=shapes.URDF), plain("log")
     (track,) = expected.path.tracks
-    rounded = replace(track, values=track.values.astype("f4").astype(float))
-    assert_same(one, expected._replace(path=replace(expected.path, tracks=(rounded,))))
+    rounded = structs.replace(track, values=track.values.astype("f4").astype(float))
+    assert_same(one, expected._replace(path=structs.replace(expected.path, tracks=(rounded,))))
     notes = entries(one.found, "stamps.none")
     assert [each.values["topics"] for each in notes] == [["/imu/data", "/arm"]]
 

@@ -1,10 +1,10 @@
 """The choice between header stamps and receive times."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.logs.clock import Kind, choose_clock
 from imucalib_cli.logs.streams import PoseStream, Stream

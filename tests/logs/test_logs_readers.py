@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.logs.log import Log
 from imucalib_cli.logs.reader import KEYS, Channel, LogFile, Piece, Sink

@@ -10,7 +10,6 @@ import subprocess
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from msgspec.structs import asdict
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.logs.log import LogData, open_log

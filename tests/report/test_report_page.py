@@ -1,11 +1,11 @@
 """The page as text: whole, small, safe, and true to what it was made from."""
 
 import re
-from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.details import Details
 from imucalib_cli.report.chart import plain, ranges, thinned

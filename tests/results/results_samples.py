@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from msgspec import structs
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats

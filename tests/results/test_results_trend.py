@@ -1,13 +1,13 @@
 """Whether, when and how far a mount moved, from random draws with known answer."""
 
 from copy import copy
-from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.findings import TEXT, untrusted

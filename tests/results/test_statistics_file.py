@@ -2,13 +2,13 @@
 
 import io
 import json
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from msgspec.structs import asdict
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.segments import parts_of_log
@@ -66,8 +66,7 @@ def test_statistics_read_back_equal(file: Path, content: bytes, calibrated: Cali
     for name in ("information", "score", "noise", "motion"):
         there, here = getattr(read.statistics.equations, name), getattr(before.equations, name)
         assert np.array_equal(there, here), name
-    for each in fields(before.options):
-        assert getattr(read.statistics.options, each.name) == getattr(before.options, each.name)
+    assert asdict(read.statistics.options) == asdict(before.options)
     few = read.statistics.parts
     joined = before.parts.reshape(len(few), -1, *few.shape[1:]).sum(axis=1)
     assert np.array_equal(np.triu(few), np.triu(joined))

@@ -1,11 +1,11 @@
 """Paths from joints, frames and a moving base; expected poses by scipy and by hand."""
 
 import time
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial import transform
 from scipy.spatial.transform import Rotation
 

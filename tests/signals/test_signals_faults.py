@@ -1,9 +1,8 @@
 """Faults put into readings of which all else is known, and values of no IMU."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError

@@ -1,11 +1,11 @@
 """Raw streams with faults put into them, through repair and the estimator; truth by pinocchio."""
 
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.arrays import Bools, Floats
 from imucalib_cli.errors import InputError

@@ -1,10 +1,10 @@
 """A link's pose over time, from quaternions of either sign and tracks with holes."""
 
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats

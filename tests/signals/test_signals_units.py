@@ -1,9 +1,8 @@
 """Units found at rest and by the ratio of two angular rates."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.imu.base import base_track

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
@@ -213,7 +214,9 @@ def test_continuously_rotating_free_body_is_refused() -> None:
 def test_non_overlapping_streams_are_refused(arm: Recording) -> None:
     imu, path = streams_of(arm)
     with pytest.raises(InputError, match="overlap"):
-        calibrate_gyro_first(replace(imu, t=imu.t + 100.0), path, GyroFirstOptions(time_offset=0.0))
+        calibrate_gyro_first(
+            structs.replace(imu, t=imu.t + 100.0), path, GyroFirstOptions(time_offset=0.0)
+        )
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from scipy.signal import butter, lfilter
 
 from imucalib_cli.arrays import Floats
@@ -501,7 +502,7 @@ def accel_sign(scene: Scene) -> Seen:
     """Turned about one point, an IMU on the other side of it reads the opposite."""
     t = np.arange(0.0, 20.0, 0.008)
     moving = parent_motion(Moves(seconds=20.0), t)
-    turning = replace(moving, acceleration=np.zeros_like(moving.acceleration))
+    turning = structs.replace(moving, acceleration=np.zeros_like(moving.acceleration))
     mount = Mount(t=np.array([0.05, -0.02, 0.08]), R=np.eye(3))
     gyro, accel = readings(turning, mount, np.array([0.0, 0.0, -9.80665]))
     noise = np.random.default_rng(1).normal(0.0, 1.0, (2, len(t), 3))

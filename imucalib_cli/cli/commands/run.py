@@ -1,6 +1,5 @@
 """``imucalib run``: a log and a URDF in, the pose of the IMU out."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,6 +54,8 @@ def run_command(
     verbose: options.Verbose = False,
 ) -> None:
     """Find the pose of every IMU of a recording on the robot."""
+    from msgspec.structs import replace
+
     from imucalib_cli.cli.answers import deliverable, report_findings, write_results
     from imucalib_cli.cli.extras import check_extras, write_extras
     from imucalib_cli.cli.progress import ProgressBar

@@ -1,6 +1,6 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import typer
@@ -45,6 +45,8 @@ def verify_command(
     verbose: options.Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
+    from msgspec.structs import replace
+
     from imucalib_cli.cli.answers import give_answers, named
     from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.cli.request import PLANAR, calibration_request

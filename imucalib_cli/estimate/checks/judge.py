@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
@@ -80,8 +80,7 @@ _SWAYS: Final = {
 """Unknowns by which the IMU moves: they may be the cause of motion that is not explained."""
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(Struct, frozen=True, eq=False):
     """All that is known when a result is judged."""
 
     fit: Fit
@@ -229,8 +228,8 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if not fit.settled:
         yield untrusted("fit.unsettled", longest=is_longest(evidence.attempt.window) or None)
-    turning = fit.residuals.turning
-    left = float(np.sqrt(np.mean(fit.residuals.values[:, 3:] ** 2)))
+    turning = fit.windows.residuals.turning
+    left = float(np.sqrt(np.mean(fit.windows.residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
     if turning > STANDSTILL_GYRO and left > UNEXPLAINED_GYRO * turning:
         # At the right time offset even a bad model has a high correlation of the rates.
@@ -242,7 +241,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             max_offset=evidence.fit.options.max_offset if far else None,
             tracked=_is_tracked(fit),
         )
-    force_left = float(np.sqrt(np.mean(fit.residuals.values[:, :3] ** 2)))
+    force_left = float(np.sqrt(np.mean(fit.windows.residuals.values[:, :3] ** 2)))
     if force_left > UNEXPLAINED_ACCEL:
         yield untrusted("fit.acceleration_unexplained", left=force_left)
 
@@ -270,17 +269,17 @@ def _residuals(evidence: Evidence) -> Iterator[Finding]:
 def _left_out(evidence: Evidence) -> Iterator[Finding]:
     """Windows that lost their weight, by how much of the motion and of the log they are."""
     fit = evidence.fit
-    lost = fit.weights <= 0.0
-    accel, gyro = np.linalg.norm(fit.residuals.values.reshape(-1, 2, 3), axis=2).T
+    lost = fit.windows.weights <= 0.0
+    accel, gyro = np.linalg.norm(fit.windows.residuals.values.reshape(-1, 2, 3), axis=2).T
     # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
     plain = (accel > 0.1) | (gyro > STANDSTILL_GYRO)
-    turning = (fit.residuals.rate**2).sum(axis=1)
+    turning = (fit.windows.residuals.rate**2).sum(axis=1)
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
     if share > 0.2:  # of the motion: the rest does not represent the log
         yield untrusted("windows.motion_left_out", share=share, tracked=_is_tracked(fit))
     if count > _FEW * len(lost):
-        when = fit.model.windowing.grid.t[fit.centres]
+        when = fit.model.windowing.grid.t[fit.windows.centres]
         first, last = np.percentile(when[lost], (4, 96))
         dense = lost[(when >= first) & (when <= last)].mean() > 0.5
         reach = 0.5 * fit.model.windowing.seconds
@@ -305,7 +304,7 @@ def _strikes(evidence: Evidence) -> Iterator[Finding]:
     bursts = stretches_of(((force > least) & grid.usable) | ringing.mask(len(force)))
     bursts = bursts.where(bursts.lengths * grid.dt < 0.1)
     in_burst = bursts.mask(len(force))
-    struck = ~all_hold(~in_burst, fit.centres - length // 2, length)
+    struck = ~all_hold(~in_burst, fit.windows.centres - length // 2, length)
     if struck.mean() > _FEW:
         yield note(
             "imu.strikes",
@@ -314,7 +313,7 @@ def _strikes(evidence: Evidence) -> Iterator[Finding]:
             largest=float(force[in_burst].max()),
             windows=int(struck.sum()),
             total=len(struck),
-            left_out=int((struck & (fit.weights <= 0.0)).sum()),
+            left_out=int((struck & (fit.windows.weights <= 0.0)).sum()),
         )
 
 
@@ -347,7 +346,7 @@ def _gaps(evidence: Evidence) -> Iterator[Finding]:
     gaps, length = (grid.gaps, windowing.trajectory.gaps), windowing.plan.length
     span = np.array(windowing.trajectory.span) + model.shifts(evidence.fit.state)[1][0]
     shared = float(np.ptp(np.clip(span, grid.t0, grid.t[-1])))
-    inside = np.minimum(np.diff(evidence.fit.centres), length).sum() + length
+    inside = np.minimum(np.diff(evidence.fit.windows.centres), length).sum() + length
     share = float(inside) * grid.dt / max(shared, grid.dt)
     if share < 0.5 and any(gaps):  # more is lost than used
         yield warning("windows.between_gaps", share=share, imu=gaps[0], robot=gaps[1])
@@ -411,7 +410,7 @@ def _only_part(fit: Fit, change: Change) -> Literal["before", "after", "none"] |
     Parts end and begin at whole seconds, as the message proposes them.
     """
     grid, reach = fit.model.windowing.grid, fit.model.windowing.seconds / 2.0
-    centres = grid.t0 + grid.dt * fit.centres
+    centres = grid.t0 + grid.dt * fit.windows.centres
     before = centres + reach <= np.floor(change.seconds - change.uncertainty)
     after = centres - reach >= np.ceil(change.seconds + change.uncertainty)
     enough = [int(np.count_nonzero(part)) >= MIN_WINDOWS for part in (before, after)]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
@@ -50,8 +50,7 @@ _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
 that drift have entries of their own; a mount that does so is told as a drift."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Consistency:
+class Consistency(Struct, frozen=True, kw_only=True, eq=False):
     """How well the parts of the log agree with each other."""
 
     folds: int
@@ -72,8 +71,7 @@ class Consistency:
     pass band of the filters; 1 is white."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Change:
+class Change(Struct, frozen=True, kw_only=True, eq=False):
     """An instant at which mount, clock or a bias changed, or a drift of the pose over the log."""
 
     kind: Kind
@@ -91,8 +89,7 @@ class Change:
     with the change less the pose without."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LogParts:
+class LogParts(Struct, frozen=True, kw_only=True, eq=False):
     """Parts of the log of equal duration, and what they say about the pose (tx .. rz)."""
 
     edges: Floats
@@ -109,8 +106,7 @@ class LogParts:
     """(F, 6), 1 sigma of the pose by the part alone."""
 
 
-@dataclass(frozen=True, eq=False)
-class PartSums:
+class PartSums(Struct, frozen=True, eq=False):
     """Equations of the p parts of a log about its solution, n free components."""
 
     A: Floats
@@ -159,7 +155,7 @@ class Segments:
         self._A, self._b, self._P, self._inverse = sums.A, sums.b, sums.P, sums.inverse
         self._empty = np.asarray(~sums.A.any(axis=(1, 2)))
         grid = fit.model.windowing.grid
-        first, last = (grid.t0 + grid.dt * fit.centres[[0, -1]]).tolist()
+        first, last = (grid.t0 + grid.dt * fit.windows.centres[[0, -1]]).tolist()
         self.edges: Floats = np.linspace(first, last, PARTS + 1)
         """(PARTS + 1,), s of the log."""
 

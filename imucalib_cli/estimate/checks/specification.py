@@ -11,11 +11,11 @@ Source: Hausman, Econometrica 46(6), 1978.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
 from imucalib_cli.estimate.model.windows import thinned
@@ -38,8 +38,7 @@ _MOST: Final = 4000
 """Windows, about four minutes: more of them cost time, and change the result little."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Dependence(WindowAnswer):
+class Dependence(WindowAnswer, frozen=True, kw_only=True, eq=False):
     """How the pose changes with the window."""
 
     difference: Floats
@@ -67,13 +66,13 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     own_answer = _solved(
         fit, fit.parts.sum(axis=0), fit.parts[:, 1:, 0], fit.statistics.noise_score
     )
-    used, found = fit.weights > 0.0, []
+    used, found = fit.windows.weights > 0.0, []
     for plan, residuals in fit.by_other_windows:
         if not _sound(fit, plan.length):
             continue
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fits = used & np.isin(fit.centres, model.centres(fit.at))
-        centres = thinned(fit.centres[fits], _MOST)
+        fits = used & np.isin(fit.windows.centres, model.centres(fit.windows.at))
+        centres = thinned(fit.windows.centres[fits], _MOST)
         if _lengths(centres, plan) >= _FEWEST_PARTS:
             found.append(_difference(fit, own_answer, model, centres, residuals))
     return found
@@ -94,14 +93,14 @@ def _difference(
     """Solve at another window; the covariance of the difference comes from how parts scatter."""
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
-    at = np.searchsorted(fit.centres, centres)
+    at = np.searchsorted(fit.windows.centres, centres)
     there = replace(
-        fit,
+        fit.windows,
         model=model,
         centres=centres,
         residuals=residuals.of(at),
-        weights=fit.weights[at],
-        scales=fit.scales * (plan.gains / fit.model.windowing.plan.gains),
+        weights=fit.windows.weights[at],
+        scales=fit.windows.scales * (plan.gains / fit.model.windowing.plan.gains),
     )
     step, influence, inverse = _solved(fit, *there.sums())
     own_step, own_influence, own_inverse = own

@@ -8,10 +8,10 @@ with it free and as stated, learnt scales integrated over in both.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.checks.observability import undetermined
 from imucalib_cli.estimate.checks.segments import DECISIVE
@@ -73,7 +73,7 @@ def contradicted(
 
 def contradicted_by_log(fit: Fit) -> Finding | None:
     """As :func:`contradicted`, for a fit with its log."""
-    stated = fit.model.shifts(fit.at)[1][0]
+    stated = fit.model.shifts(fit.windows.at)[1][0]
 
     def solve(freed: MatchedOptions) -> Answer:
         return whole_fit(lean_fit(fit.model.windowing, freed, stated), freed)
@@ -130,7 +130,7 @@ def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
     layout = lay_out(fit.model.windowing.trajectory, freed)
     if layout.size == fit.layout.size:
         return fit.equations
-    return fit.equations_in(layout, transferred(fit, layout, freed, fit.at))[0]
+    return fit.equations_in(layout, transferred(fit, layout, freed, fit.windows.at))[0]
 
 
 def _gain(equations: NormalEquations, stated: MatchedOptions, freed: MatchedOptions) -> float:

@@ -12,10 +12,10 @@ window's centre; a and w are the readings with the sensor's errors removed.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.model.state import Chain, less_errors
 from imucalib_cli.estimate.model.windows import blocks, in_windows, window_centres
@@ -37,8 +37,7 @@ _POINTS = 6
 """Samples whose polynomial gives a pose a little later, as between the robot's own samples."""
 
 
-@dataclass(frozen=True, eq=False)
-class Model:
+class Model(Struct, frozen=True, eq=False):
     """The two streams through their windows, with the layout of the unknowns."""
 
     windowing: Windowing
@@ -169,8 +168,7 @@ def _shifted(values: Floats, intervals: float, inner: slice) -> Floats:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(Struct, frozen=True, eq=False):
     """Residuals of windows, and how much the windows move."""
 
     values: Floats

@@ -8,11 +8,12 @@ instants. One mechanism makes columns from these changes.
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
@@ -77,8 +78,7 @@ def columns(model: Model, state: State, centres: Indices) -> Iterator[tuple[slic
         yield part, _block_columns(model, nodes, chain, state, centres[part])
 
 
-@dataclass(frozen=True, eq=False)
-class NodePlan:
+class NodePlan(Struct, frozen=True, eq=False):
     """The windows' filters on a coarser grid of nodes."""
 
     every: int
@@ -123,8 +123,7 @@ def plan_nodes(plan: WindowPlan, dt: float) -> NodePlan:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Nodes:
+class _Nodes(Struct, frozen=True, eq=False, dict=True):
     """The motion along a stretch of nodes, from which effects are computed.
 
     Nodes are the last axis: numpy's inner loops are then long.

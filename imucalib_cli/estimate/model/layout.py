@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.unknowns import (
@@ -46,8 +47,7 @@ _CONSTANT = 1e-8
 """Variance of a direction cosine below which a direction does not turn: rounding."""
 
 
-@dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(Struct, frozen=True, eq=False):
     """One reported joint position, and the steps that it drives (several with <mimic>)."""
 
     name: str
@@ -64,8 +64,7 @@ class Joint:
         return JointMotion(q, rate, change, loads.get(self.name, rate))
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
+class Placed(Struct, frozen=True, eq=False):
     """An entry of the table in this layout."""
 
     unknown: Unknown
@@ -116,8 +115,7 @@ class Placed:
         return "m" if slides else self.unknown.unit
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Layout(Prior):
+class Layout(Prior, frozen=True, kw_only=True, eq=False):
     """All components in one vector, with their priors."""
 
     placed: tuple[Placed, ...]

@@ -8,11 +8,11 @@ a tool, is a few more numbers, the same for all joints.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from msgspec import Struct, field
 
 from imucalib_cli.estimate.unknowns import JointCurve
 from imucalib_cli.robot.rotations import cross
@@ -41,8 +41,7 @@ _SMOOTH: Final = 11
 the load is then a thousandth of gravity."""
 
 
-@dataclass(frozen=True, eq=False)
-class Loads:
+class Loads(Struct, frozen=True, eq=False):
     """Torque about joints by weight and inertia, for each kg that they carry."""
 
     t: Floats
@@ -92,8 +91,7 @@ class Loads:
         return dict(zip(self.names, parts, strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class Payload:
+class Payload(Struct, frozen=True, eq=False):
     """Masses that the parent link carries, over that of all links that move.
 
     Their components tell how they bend the joints in the mean, as those of the joints do for the
@@ -123,8 +121,7 @@ class Payload:
         return cls(by_own * own, by_own, weights * sags / square)
 
 
-@dataclass(frozen=True, eq=False)
-class _Carried:
+class _Carried(Struct, frozen=True, eq=False):
     """How the mass of links and of a payload in each place moves with a joint's step."""
 
     lever: Floats

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.unknowns import SCALES
 
@@ -21,8 +21,7 @@ _COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prior:
+class Prior(Struct, frozen=True, kw_only=True, eq=False):
     """What is known of n components beforehand, and which of them share a learnt scale."""
 
     std: Floats

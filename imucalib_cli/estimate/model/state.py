@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.loads import Loads
 from imucalib_cli.estimate.unknowns import (
@@ -49,8 +50,7 @@ _AROUND = 5
 """Samples of an IMU beyond either end of a stretch: the reach of its polynomials."""
 
 
-@dataclass(frozen=True, eq=False)
-class State:
+class State(Struct, frozen=True, eq=False):
     """A value of every unknown."""
 
     R: Floats
@@ -84,8 +84,7 @@ class State:
         return State(matrix_from_rotvec(rotation) @ self.R, t, gravity, x, self.held_offset)
 
 
-@dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Struct, frozen=True, eq=False):
     """The parent link's motion with errors of its joints, origins and pose streams removed."""
 
     trajectory: Trajectory
@@ -254,8 +253,7 @@ def less_errors(
     return ideal
 
 
-@dataclass(frozen=True, eq=False)
-class ReckonedBase:
+class ReckonedBase(Struct, frozen=True, eq=False):
     """The IMU that measures how the base moves, its errors removed.
 
     Each stretch is reckoned by itself, from rest, so that long logs lose no digits.
@@ -354,8 +352,7 @@ def mean_force_of_base(
     return off, change, std
 
 
-@dataclass(frozen=True, eq=False)
-class BaseNodes:
+class BaseNodes(Struct, frozen=True, eq=False):
     """The IMU that measures how the base moves, along the nodes; world axes."""
 
     samples: Samples

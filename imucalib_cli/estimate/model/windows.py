@@ -11,10 +11,10 @@ R_c' as well, so that all residuals read in the parent frame.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.robot.rotations import vee
@@ -39,8 +39,7 @@ _FEWER_NODES = 9
 """The same of other windows, whose answers are compared: that needs columns to a tenth only."""
 
 
-@dataclass(frozen=True, eq=False)
-class WindowPlan:
+class WindowPlan(Struct, frozen=True, eq=False):
     """Which windows there are: length, filters, centres."""
 
     length: int
@@ -120,8 +119,7 @@ def window_centres(plan: WindowPlan, usable: Bools) -> Indices:
     return np.asarray(candidates[clean], dtype=np.intp)
 
 
-@dataclass(frozen=True, eq=False)
-class WindowRows:
+class WindowRows(Struct, frozen=True, eq=False):
     """Rows of the linear system, residual = rows @ x, for W windows."""
 
     centres: Indices
@@ -145,8 +143,7 @@ class WindowRows:
         return total
 
 
-@dataclass(frozen=True, eq=False)
-class Windowing:
+class Windowing(Struct, frozen=True, eq=False):
     """An IMU and a trajectory seen through the same windows."""
 
     grid: ImuGrid

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import columns as lean_columns
@@ -67,10 +67,11 @@ MIN_WINDOWS: Final = 12
 """Three lengths of the window, four windows each."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fit(Answer, Linearised):
+class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
     """The posterior and the windows it comes from."""
 
+    windows: Linearised
+    """About the point of the last step."""
     equations: NormalEquations
     """About the same point as the windows."""
     statistics: Statistics
@@ -85,6 +86,11 @@ class Fit(Answer, Linearised):
     """Whether the last step of all that is determined was small."""
     of_gravity: tuple[Floats, Floats]
     """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
+
+    @property
+    def model(self) -> Model:
+        """The model of its windows."""
+        return self.windows.model
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
         """From [e J] (n + 1, n + 1) and the noise (n,) in J'e, in units of the noise."""
@@ -121,7 +127,7 @@ class Fit(Answer, Linearised):
         windowing = self.model.windowing
         kinematic = kinematic_variance(windowing.seconds, windowing.trajectory)
         known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
-        return np.asarray(self.scales / np.maximum(known, COMMON_IMU))
+        return np.asarray(self.windows.scales / np.maximum(known, COMMON_IMU))
 
     @property
     def _rate_noise(self) -> float:
@@ -131,11 +137,11 @@ class Fit(Answer, Linearised):
         bias that walks or steps is no noise. It is not the robust scale: noise of stamps comes in
         bursts.
         """
-        plan, used = self.model.windowing.plan, self.weights > 0.0
-        apart = round(plan.length / plan.hop)
-        steps = self.centres[apart:] - self.centres[:-apart]
+        plan, windows = self.model.windowing.plan, self.windows
+        apart, used = round(plan.length / plan.hop), windows.weights > 0.0
+        steps = windows.centres[apart:] - windows.centres[:-apart]
         pairs = used[apart:] & used[:-apart] & (steps == apart * plan.hop)
-        rates = self.residuals.values[:, 3:]
+        rates = windows.residuals.values[:, 3:]
         changes = ((rates[apart:] - rates[:-apart]) ** 2).mean(axis=1)
         nearer = np.minimum(changes[apart:], changes[:-apart])[pairs[apart:] & pairs[:-apart]]
         # Of white noise on three axes the nearer is 1.27 times the variance, by simulation.
@@ -154,16 +160,17 @@ class Fit(Answer, Linearised):
         Parts in a row that lost most of their windows are not full of shocks but differ from the
         rest: their windows count again here, outliers held back.
         """
-        weights = self.weights.copy()
-        number = part_numbers(self.centres)
+        windows, weights = self.windows, self.windows.weights.copy()
+        number = part_numbers(windows.centres)
         lost = np.bincount(number, weights <= 0.0, PARTS) > 0.5 * np.bincount(number, None, PARTS)
         differs = lost & (np.append(lost[1:], False) | np.append(False, lost[:-1]))
         matrices = self.statistics.uncalibrated_parts
         if differs.any():
-            huber = window_weights(self.residuals.values, self.residuals.motion, redescend=False)
+            residuals = windows.residuals
+            huber = window_weights(residuals.values, residuals.motion, redescend=False)
             weights[differs[number]] = huber[differs[number]]
-            rows = replace(self, weights=weights).rows()
-            matrices = part_matrices(self.centres, rows, self.layout.size + 1)
+            rows = replace(windows, weights=weights).rows()
+            matrices = part_matrices(windows.centres, rows, self.layout.size + 1)
         return turned(matrices, self.statistics.calibration)
 
     def equations_in(
@@ -171,7 +178,8 @@ class Fit(Answer, Linearised):
     ) -> tuple[NormalEquations, float]:
         """Equations of its windows about a state of another layout, and e'e there."""
         model = replace(self.model, layout=layout)
-        there = replace(self, model=model, at=state, residuals=residuals or self.residuals)
+        residuals = residuals or self.windows.residuals
+        there = replace(self.windows, model=model, at=state, residuals=residuals)
         total, _, noise_score = there.sums()
         A, b = total[1:, 1:], total[1:, 0] - noise_score
         white = A * self.equations.level
@@ -182,13 +190,14 @@ class Fit(Answer, Linearised):
 
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model with as many unknowns."""
-        windows = min(len(self.centres), len(other.centres))
-        return windows * (other._deviance - self._deviance)
+        count = min(len(self.windows.centres), len(other.windows.centres))
+        return count * (other._deviance - self._deviance)
 
     @cached_property
     def _deviance(self) -> float:
         """Twice the negative Whittle log-likelihood of a window."""
-        return deviance(self.model.windowing.plan, self.centres, self.residuals.values)
+        windows = self.windows
+        return deviance(self.model.windowing.plan, windows.centres, windows.residuals.values)
 
 
 def lean_fit(
@@ -232,8 +241,8 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     windowing, rise = lean.model.windowing, lean.runner_up_rise
     layout = lay_out(windowing.trajectory, options, payload=False)
     # Where the lean residuals are known, which more unknowns do not change while they are zero.
-    state = transferred(lean, layout, options, lean.at)
-    others, start = windowing.other_plans, lean.residuals
+    state = transferred(lean, layout, options, lean.windows.at)
+    others, start = windowing.other_plans, lean.windows.residuals
     fit = _fitted(
         Model(windowing, layout), options, state, rise, more=_MORE, start=start, others=others
     )
@@ -241,7 +250,7 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
         return fit
     windowing = replace(windowing, trajectory=windowing.trajectory.on_soft_ground())
     layout = lay_out(windowing.trajectory, options)
-    state, every = transferred(fit, layout, options), len(fit.centres)
+    state, every = transferred(fit, layout, options), len(fit.windows.centres)
     # What bends upwards is the payload or the base, which were missing.
     state.x[layout.sags] = np.maximum(state.x[layout.sags], 0.0)
     return _fitted(Model(windowing, layout), options, state, rise, more=1, few=every, others=others)
@@ -371,8 +380,8 @@ def _fitted(
     known = std < DETERMINED
     equations = solved.equations
     return Fit(
-        **vars(equations.solve(options)),
-        **vars(solved.at),
+        **asdict(equations.solve(options)),
+        windows=solved.at,
         equations=equations,
         statistics=solved.statistics,
         levels=solved.levels,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.solution.algebra import embedded
@@ -20,8 +21,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.spectrum import Spectrum
 
 
-@dataclass(frozen=True, eq=False)
-class NormalEquations:
+class NormalEquations(Struct, frozen=True, eq=False):
     """Normal equations of a log about one point, and the noise in them."""
 
     layout: Layout
@@ -67,8 +67,7 @@ class NormalEquations:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(Struct, frozen=True, eq=False):
     """The posterior of every unknown."""
 
     layout: Layout
@@ -105,8 +104,7 @@ class Answer:
         return self.state.x[part], self.std[part]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WindowAnswer:
+class WindowAnswer(Struct, frozen=True, kw_only=True, eq=False):
     """The answer by another window."""
 
     seconds: float
@@ -115,8 +113,7 @@ class WindowAnswer:
     """(n,), of the layout's components: by the other window less by the one of the fit."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LogStatistics:
+class LogStatistics(Struct, frozen=True, kw_only=True, eq=False):
     """The normal equations of one IMU in one log, and other facts about its data."""
 
     equations: NormalEquations

@@ -6,10 +6,10 @@ It is in such a column and in the residual alike, as if the readings had more in
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.estimate.model.jacobian import plan_nodes
 from imucalib_cli.estimate.model.layout import places_of
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.windows import Windowing
 
 
-@dataclass(frozen=True, eq=False)
-class NoiseSpectrum:
+class NoiseSpectrum(Struct, frozen=True, eq=False):
     """Noise of each sensor's residuals, as the variance of white grid samples of that level."""
 
     frequency: tuple[Floats, Floats]

@@ -18,11 +18,12 @@ Rubin, J. Am. Stat. Assoc. 82(398), 1987; at even steps, Kitagawa, J. Comput. Gr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.solution.algebra import inverse_of
 
@@ -51,8 +52,7 @@ _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """The reduced normal equations and what is known beforehand."""
 
     information: Floats
@@ -149,8 +149,7 @@ class Problem:
         return np.array(steps), whole
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Reduced:
+class Reduced(Struct, frozen=True, kw_only=True, eq=False):
     """Normal equations of the l components with learnt scales; the others are eliminated once."""
 
     information: Floats
@@ -236,8 +235,7 @@ class Reduced:
         return found
 
 
-@dataclass(frozen=True, eq=False)
-class Posterior:
+class Posterior(Struct, frozen=True, eq=False):
     """Posterior of all components, learnt scales integrated over."""
 
     step: Floats

@@ -8,10 +8,11 @@ linear, the magnitude of gravity, is left open in this search.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model import columns
 from imucalib_cli.estimate.model.state import turned_about
@@ -40,8 +41,7 @@ _GENERATORS = skew(np.eye(3))
 """[e_x]x, [e_y]x, [e_z]x: d(exp([phi]x) R) = [e]x R."""
 
 
-@dataclass(frozen=True, eq=False)
-class Known:
+class Known(Struct, frozen=True, eq=False):
     """Priors of the lean system; a standard deviation of 0 holds, inf leaves free."""
 
     std: Floats
@@ -87,8 +87,7 @@ class Known:
         return replace(self, std=std, mean=mean)
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Struct, frozen=True, eq=False):
     """Where the cost is least; of a stack one by one."""
 
     x: Floats

@@ -9,10 +9,11 @@ mean response of the window's kernel, so the normal matrices of the bands are en
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.windows import runs
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR
@@ -39,8 +40,7 @@ _PASSED: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Spectrum:
+class Spectrum(Struct, frozen=True, kw_only=True, eq=False):
     """Density of one sensor's residuals, as noise of its samples."""
 
     frequency: Floats
@@ -105,8 +105,7 @@ class BandSums:
         return np.array([per_bin[band].sum() for band in self._bands])
 
 
-@dataclass(frozen=True, eq=False)
-class Statistics:
+class Statistics(Struct, frozen=True, eq=False):
     """Whitened normal matrices of [e J] about one point of linearisation."""
 
     normal: Floats

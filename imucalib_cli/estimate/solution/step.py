@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.state import Chain, mean_force_of_base
@@ -36,8 +37,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
 
 
-@dataclass(frozen=True, eq=False)
-class Linearised:
+class Linearised(Struct, frozen=True, eq=False):
     """Whitened windows about a point of linearisation, from which normal matrices are summed."""
 
     model: Model
@@ -63,7 +63,7 @@ class Linearised:
         return band_frequencies(windowing.plan, self.centres, windowing.grid.dt)
 
     @property
-    def windows(self) -> float:
+    def count(self) -> float:
         """Number of windows by their weights."""
         return float(self.weights.sum()) / max(float(self.weights.max()), 1e-300)
 
@@ -93,7 +93,7 @@ class Linearised:
 
     def calibration(self, total: Floats) -> tuple[Floats, Floats]:
         """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
-        weights = self.windows / self.scales**2
+        weights = self.count / self.scales**2
         return calibration(self.model, self.at.x, self.noise, weights, total)
 
 
@@ -117,8 +117,7 @@ def linearised(
     return Linearised(model, state, centres, residuals, weights, scales, least_level, noise)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Step:
+class Step(Struct, frozen=True, kw_only=True, eq=False):
     """The noise, the learnt scales and the step by linearised windows."""
 
     at: Linearised
@@ -160,7 +159,7 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
     """
     model, layout, state = at.model, at.model.layout, at.at
     to_power = (at.scales / model.windowing.plan.noise_gains) ** 2
-    sums = statistics(model.windowing.plan, at.centres, at.rows(), at.windows, layout.size + 1)
+    sums = statistics(model.windowing.plan, at.centres, at.rows(), at.count, layout.size + 1)
     total = sums.normal.sum(axis=(0, 1))
     offset, level = prior_offset(layout, options, state), 1.0
     of_gravity = _gravity_by_base(model, state, options)

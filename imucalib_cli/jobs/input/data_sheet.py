@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.entries import ImuModelEntry, SensorCheckEntry
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS

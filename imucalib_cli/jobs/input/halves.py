@@ -6,11 +6,11 @@ other sensor is zero or NaN. The slower half is interpolated onto the stamps of 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.findings import note, untrusted, warning
@@ -46,8 +47,7 @@ _MOST_LISTED = 12
 """Names of joints in a sentence."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Sources:
+class Sources(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """Everything in a log that can describe the motion of a robot, on the chosen clock."""
 
     clock: Clock
@@ -83,8 +83,7 @@ class Sources:
         return tuple(dict.fromkeys(self.topics[track.name] for track in tracks))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class Motion(Struct, frozen=True, kw_only=True, eq=False):
     """Motion of one IMU's parent, and the nominal mount."""
 
     path: KinematicPath

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from functools import partial
 from threading import Thread
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warnings
@@ -50,8 +51,7 @@ _FIRST_DATE_NS = 946_684_800 * 10**9
 """Stamps from the year 2000 on are dates: no device has been running for thirty years."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Recording:
+class Recording(Struct, frozen=True, kw_only=True, eq=False):
     """Contents of the files that a calibration needs."""
 
     imus: tuple[ImuStream, ...]

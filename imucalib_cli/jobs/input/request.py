@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import asdict
 
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.logs.part import Part
@@ -39,8 +40,7 @@ def unheard(_words: str, _share: float | None) -> None:
     """The progress where nobody listens."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExpectedImu:
+class ExpectedImu(Struct, frozen=True, kw_only=True):
     """The model of IMU that the user names."""
 
     model: ImuModel
@@ -59,8 +59,7 @@ def part_asked(start: float | None, end: float | None) -> Part | None:
     return None if start is None and end is None else Part(start=start, end=end)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CalibrationRequest:
+class CalibrationRequest(Struct, frozen=True, kw_only=True, eq=False):
     """One recording and how to calibrate the IMUs in it."""
 
     logs: tuple[LogPath, ...]
@@ -177,8 +176,7 @@ def recorded_options(request: CalibrationRequest) -> dict[str, Scalar]:
 def recorded_estimator(options: MatchedOptions | PaperOptions) -> dict[str, Scalar]:
     """Every option of a method, by its name in code."""
     written: dict[str, Scalar] = {}
-    for name in (each.name for each in fields(options)):
-        value = getattr(options, name)
+    for name, value in asdict(options).items():
         match value:
             case WindowChoice(samples=None):
                 written[name] = "auto" if value.seconds is None else f"{value.seconds:g}s"
@@ -193,8 +191,8 @@ def recorded_estimator(options: MatchedOptions | PaperOptions) -> dict[str, Scal
             case tuple() | np.ndarray():
                 written[name] = _numbers(value)
             case _:  # a group of values, such as a prior of the pose
-                for part in fields(value):
-                    written[f"{name}.{part.name}"] = _numbers(getattr(value, part.name))
+                for part, numbers in asdict(value).items():
+                    written[f"{name}.{part}"] = _numbers(numbers)
     written.pop("either_sign", None)  # recorded as accel_sign
     return written
 

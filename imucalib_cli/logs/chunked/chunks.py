@@ -9,10 +9,10 @@ import io
 import zlib
 from abc import abstractmethod
 from contextlib import suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, BinaryIO, ClassVar
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.chunked.inflate import Inflated, Scratch, inflate, inflate_file, runs_of

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
+
+from msgspec import Struct, field
 
 from imucalib_cli.arrays import Integers
 from imucalib_cli.logs.reader import Catalogue
@@ -17,8 +18,7 @@ Index = dict[int, Integers]
 """Channel to the receive times (ns) and the offsets in the chunk of its messages, (n, 2)."""
 
 
-@dataclass(kw_only=True)
-class Chunk:
+class Chunk(Struct, kw_only=True):
     """Position of a group of messages in the file."""
 
     start: int
@@ -49,8 +49,7 @@ class Chunk:
         return known is None or not known.keys().isdisjoint(channels)
 
 
-@dataclass(frozen=True)
-class ChunkHead:
+class ChunkHead(Struct, frozen=True):
     """The head of a chunk's record, before its messages."""
 
     start: int
@@ -74,8 +73,7 @@ class ChunkHead:
         return self.compression in {"", "none"}
 
 
-@dataclass(frozen=True)
-class Record:
+class Record(Struct, frozen=True):
     """One record of a file, as a scan finds it."""
 
     kind: Literal["chunk", "message", "other", "end"]
@@ -87,8 +85,7 @@ class Record:
     log_ns: int = 0
 
 
-@dataclass
-class Contents:
+class Contents(Struct):
     """Contents of a file, from its index or a scan."""
 
     chunks: list[Chunk] = field(default_factory=list)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, Literal, cast
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.decoding.slow import decode_one
@@ -59,8 +60,7 @@ class TooMuchError(Exception):
     """A file unpacks to more than any log."""
 
 
-@dataclass(eq=False)
-class TopicData:
+class TopicData(Struct, eq=False):
     """Everything decoded of one topic."""
 
     topic: str
@@ -73,8 +73,7 @@ class TopicData:
     """About rows that its streams leave out."""
 
 
-@dataclass(eq=False)
-class _Block:
+class _Block(Struct, eq=False):
     channel: Channel
     into: TopicData
     arrival: list[Integers] = field(default_factory=list)

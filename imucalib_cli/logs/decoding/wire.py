@@ -12,10 +12,10 @@ counted from after it; ROS 1 neither aligns nor ends strings with NUL.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
+from msgspec import Struct, field
 
 from imucalib_cli.arrays import Bools, Bytes, Floats, Indices
 from imucalib_cli.logs.messages import table as messages
@@ -47,8 +47,7 @@ class WireError(Exception):
     """A payload does not fit its type."""
 
 
-@dataclass(frozen=True, eq=False)
-class Element:
+class Element(Struct, frozen=True, eq=False):
     """Rows of a stream that have all texts in common."""
 
     rows: Indices
@@ -63,8 +62,7 @@ _NOTHING = Element(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.int64), {}, 
 """Result of a sequence without elements."""
 
 
-@dataclass
-class _Place:
+class _Place(Struct):
     """Positions of one element's values in the payload."""
 
     texts: Labels

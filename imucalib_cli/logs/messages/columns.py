@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 NO_JOINT = "-"
 """In place of a joint's name: that number is none."""
@@ -14,8 +15,7 @@ _COLUMNS = re.compile(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class JointColumns:
+class JointColumns(Struct, frozen=True, kw_only=True):
     """``TOPIC:FIELD[start:stop]=name,...``."""
 
     topic: str

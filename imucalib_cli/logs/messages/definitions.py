@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct, field
 
 from imucalib_cli.logs.messages.table import (
     NUMBER_TYPES,
@@ -62,8 +63,7 @@ def fields_of(type_name: str, encoding: str, definition: str) -> tuple[Field, ..
     return spell(type_name, definition, _Spelling(is_cdr=encoding == "cdr"))
 
 
-@dataclass
-class _Spelling:
+class _Spelling(Struct):
     """State of spelling out a definition, with a limit for one that refers to itself."""
 
     is_cdr: bool

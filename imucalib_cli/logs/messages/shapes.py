@@ -7,10 +7,12 @@ looked for, also in messages in JSON and protobuf.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.logs.messages import definitions
 from imucalib_cli.logs.messages.table import (
@@ -40,8 +42,7 @@ _ENCODINGS = BINARY | {"json", "protobuf"}
 """Encodings that can be decoded, beside ``text``: the format's reader provides numbers itself."""
 
 
-@dataclass(frozen=True)
-class _Shape:
+class _Shape(Struct, frozen=True):
     """Fields that make a message one of a kind."""
 
     kind: Kind
@@ -202,8 +203,7 @@ def _standard(type_name: str, encoding: str) -> str:
     return store.generate_msgdef(full_name, ros_version=1 if encoding == "ros1" else 2)[0]
 
 
-@dataclass
-class _Found:
+class _Found(Struct):
     """The kinds of a message type, and the fields that are read."""
 
     kinds: dict[Kind, int]

@@ -10,9 +10,10 @@ unitree_go and unitree_hg are of unitree_ros2, at commit eea2719.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
+
+from msgspec import Struct, field
 
 from imucalib_cli.logs.messages.unitree import JOINTS_GO, JOINTS_HG, PELVIS, TORSO, TRUNK
 
@@ -29,15 +30,13 @@ Labels = dict[str, str | tuple[str, ...]]
 """Texts of a message, by name."""
 
 
-@dataclass(frozen=True)
-class Sequence:
+class Sequence(Struct, frozen=True):
     """The counter of a std_msgs/Header, which only ROS 1 has."""
 
     path: str
 
 
-@dataclass(frozen=True)
-class Stamp:
+class Stamp(Struct, frozen=True):
     """Seconds and nanoseconds."""
 
     path: str
@@ -45,15 +44,13 @@ class Stamp:
     """False for that of a part of the message."""
 
 
-@dataclass(frozen=True)
-class Tick:
+class Tick(Struct, frozen=True):
     """A uint32 of milliseconds that begins anew after 2^32: the stamp where there is no other."""
 
     path: str
 
 
-@dataclass(frozen=True)
-class Text:
+class Text(Struct, frozen=True):
     """One string."""
 
     path: str
@@ -63,8 +60,7 @@ class Text:
     """Whether it is the name of something, which has no line breaks."""
 
 
-@dataclass(frozen=True)
-class Texts:
+class Texts(Struct, frozen=True):
     """A sequence of strings."""
 
     path: str
@@ -72,8 +68,7 @@ class Texts:
     """Name of the texts; empty if they are skipped."""
 
 
-@dataclass(frozen=True)
-class Numbers:
+class Numbers(Struct, frozen=True):
     """So many values of one type, of any structs; without a ``count`` a sequence of numbers."""
 
     path: str
@@ -83,8 +78,7 @@ class Numbers:
     type: NumberType = "f8"
 
 
-@dataclass(frozen=True)
-class Structs:
+class Structs(Struct, frozen=True):
     """A sequence of structs of one element, or an array of ``count``; values are joined."""
 
     path: str
@@ -92,8 +86,7 @@ class Structs:
     count: int | None = None
 
 
-@dataclass(frozen=True)
-class Interfaces:
+class Interfaces(Struct, frozen=True):
     """control_msgs/InterfaceValue of each joint: names of quantities, and as many float64.
 
     Values called ``position`` are taken; joints without one are left out of the names.
@@ -105,8 +98,7 @@ class Interfaces:
     values: str
 
 
-@dataclass(frozen=True)
-class Repeat:
+class Repeat(Struct, frozen=True):
     """A sequence of structs; each becomes an element."""
 
     path: str
@@ -123,8 +115,7 @@ def header(path: str, name: str = "", *, is_stamp: bool = False) -> tuple[Field,
     return Sequence(f"{prefix}seq"), stamp, Text(f"{prefix}frame_id", name)
 
 
-@dataclass(frozen=True, eq=False)
-class MessageType:
+class MessageType(Struct, frozen=True, eq=False):
     """The kinds of streams that a message type becomes, and its fields on the wire."""
 
     kinds: Mapping[Kind, int]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
+
+from msgspec import Struct
 
 from imucalib_cli.logs.remote.url import protocol_of
 from imucalib_cli.shown import without_secrets
@@ -31,8 +32,7 @@ class NoRangesError(Exception):
     """Parts of the file cannot be read, only the whole."""
 
 
-@dataclass
-class Traffic:
+class Traffic(Struct):
     """Amounts read over the network."""
 
     bytes: int = 0

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 import re
 from array import array
-from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from msgspec import Struct, field
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import warning
@@ -79,8 +79,7 @@ _EARLIEST = ((10**16, "ns"), (10**13, "us"), (10**10, "ms"))
 """Times since 1970 above these limits are in these units: in a larger one they are after 2286."""
 
 
-@dataclass(eq=False)
-class _Group:
+class _Group(Struct, eq=False):
     """The columns of one stream, and the values of its rows."""
 
     kind: Kind

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from msgspec import UNSET
+from msgspec import UNSET, Struct
 
 from imucalib_cli.digits import decimals, figures, fixed, with_std
 from imucalib_cli.results.comparison import answers
@@ -43,8 +42,7 @@ _NOTHING = 1e-9
 """m or rad, 1 sigma of an ignored component: far below any tolerance."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Part:
+class Part(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """The translation or the rotation of a difference, with its numbers in words."""
 
     kind: Kind
@@ -131,8 +129,7 @@ class Part:
         return fixed(value * self.scale, decimals(sigma * self.scale) if sigma > 0.0 else 3)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PoseComparison:
+class PoseComparison(Struct, frozen=True, kw_only=True, eq=False):
     """The second pose minus the first, in the first pose's parent frame."""
 
     vector: Floats

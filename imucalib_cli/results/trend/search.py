@@ -11,12 +11,13 @@ are, which recordings are odd, and whether a line or steps explain more.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from operator import attrgetter
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.checks.segments import DECISIVE, MEDIAN_CHI2
 
@@ -42,8 +43,7 @@ _SETTLED = 1e-3
 """Relative change of a variance that ends its iteration."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Series:
+class Series(Struct, frozen=True, kw_only=True, eq=False):
     """Poses as small vectors about a common reference, in the order of recording."""
 
     values: Floats
@@ -73,8 +73,7 @@ class Series:
         return float(self.values.shape[1] * math.log(self.values.size) + DECISIVE)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Mounts:
+class Mounts(Struct, frozen=True, kw_only=True, eq=False):
     """Recordings with the same number have the same pose; a recording that is alone is odd."""
 
     numbers: Indices
@@ -102,8 +101,7 @@ class Mounts:
         return mean[self.numbers], covariance[self.numbers]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Line:
+class Line(Struct, frozen=True, kw_only=True, eq=False):
     """A pose that changes at a constant rate; some recordings are odd."""
 
     odd: Indices
@@ -146,8 +144,7 @@ Model = TypeVar("Model", Mounts, Line)
 """A mean of every recording that is linear in the unknowns."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Explained(Generic[Model]):
+class Explained(Struct, Generic[Model], frozen=True, kw_only=True, eq=False):
     """A model with the scatter between recordings that fits it best."""
 
     model: Model

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
 from itertools import permutations, product
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.checks.segments import DECISIVE
@@ -49,8 +50,7 @@ _SURE = 0.99
 """Probability from which the place of a change is reported without its probability."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Seen:
+class _Seen(Struct, frozen=True, kw_only=True, eq=False):
     """What the recordings show; nothing where there are fewer than two."""
 
     recordings: Sequence[answers.TrendRecording] = ()
@@ -195,8 +195,7 @@ def _start(result: Result) -> float:
     return 0.0 if result.recorded_at is None else result.recorded_at.timestamp()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Vectors:
+class _Vectors(Struct, frozen=True, kw_only=True, eq=False):
     """Poses as vectors (translation, rotation) from a reference, of the estimated components."""
 
     reference: UncertainPose

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec.structs import replace
 
 from imucalib_cli.robot.path import Track
 from imucalib_cli.signals.imu.checks import refuse_impossible

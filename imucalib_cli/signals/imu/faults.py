@@ -7,10 +7,11 @@ jump at its end. A flat top at the end of the range may also be the motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.noise import quantum, white_noise
@@ -75,8 +76,7 @@ _CUT = 0.985
 flat top is from the sensor and not from the motion. Tuned."""
 
 
-@dataclass(frozen=True, eq=False)
-class Fault:
+class Fault(Struct, frozen=True, eq=False):
     """Stretches of one kind in which a sensor must not be used."""
 
     sensor: Sensor
@@ -341,8 +341,7 @@ def _limits_gyro(top: FlatTop, t: Floats, suspected: Floats, turning: Turning | 
     return measured < _CUT * usual * derived
 
 
-@dataclass(frozen=True, eq=False)
-class FlatTop:
+class FlatTop(Struct, frozen=True, eq=False):
     """A flat top of one axis."""
 
     axis: str

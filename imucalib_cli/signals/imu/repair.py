@@ -6,10 +6,11 @@ is a finding. Data that cannot be repaired safely are refused.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, gravest_first, untrusted, warning
@@ -50,8 +51,7 @@ _MOST_LEAPS = 0.05
 """If more than this share of messages jumps, it is motion or noise. Tuned."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Repaired:
+class Repaired(Struct, frozen=True, kw_only=True, eq=False):
     """Streams ready for an estimator, and the repairs so far."""
 
     samples: ImuSamples

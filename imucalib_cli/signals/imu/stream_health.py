@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
@@ -32,8 +32,7 @@ _MISSED = 0.1
 """Share of the log missing from a stream above which it is reported. Tuned."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class StampHealth:
+class StampHealth(Struct, frozen=True, kw_only=True):
     """Statistics of the stamps of one topic, in the order of the log."""
 
     count: int

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.findings import Finding, Severity, untrusted, warning, warnings
@@ -91,8 +91,7 @@ GyroUnit = Literal["auto", "rad/s", "deg/s"]
 AccelSign = Literal["auto", "up", "down"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Units:
+class Units(Struct, frozen=True, kw_only=True):
     """Units of an IMU, as far as the user states them; sensor_msgs/Imu has m/s2, rad/s, up."""
 
     accel: AccelUnit = "auto"
@@ -101,8 +100,7 @@ class Units:
     """Direction of the accelerometer at rest: up, as in ROS, or down."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Factor:
+class Factor(Struct, frozen=True, kw_only=True):
     """Factor for one sensor's values, and the reason."""
 
     unit: str
@@ -213,8 +211,7 @@ def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Facto
     return Factor(unit="m/s2", value=1.0, finding=finding)
 
 
-@dataclass(frozen=True, kw_only=True)
-class UnitGuess:
+class UnitGuess(Struct, frozen=True, kw_only=True):
     """Units suggested by the calmest part of a recording."""
 
     accel_at_rest: float = 0.0

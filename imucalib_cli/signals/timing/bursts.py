@@ -8,11 +8,12 @@ delay is never negative. The shortest delay becomes part of the time offset.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from numpy.lib.stride_tricks import sliding_window_view
 
 from imucalib_cli.signals.noise import MAD_TO_STD
@@ -99,8 +100,7 @@ class Stretch(NamedTuple):
     """Stamp of its first sample, s."""
 
 
-@dataclass(frozen=True, eq=False)
-class BurstTiming:
+class BurstTiming(Struct, frozen=True, eq=False):
     """Sampling times of a stream stamped in bursts, as if the shortest delay were none."""
 
     t: Floats
@@ -262,8 +262,7 @@ def _evenly_sampled(t: Floats, values: Floats, period: float) -> bool:
     return everywhere > 0.0 and float(np.mean(power[short])) > _SAME_STEP * everywhere
 
 
-@dataclass(frozen=True, eq=False)
-class _Units:
+class _Units(Struct, frozen=True, eq=False):
     """Units of arrival: batches, or single messages."""
 
     arrival: Floats

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
 
 
-@dataclass(frozen=True, kw_only=True)
-class Lag:
+class Lag(Struct, frozen=True, kw_only=True):
     """Shift at which two series agree best."""
 
     samples: int

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from msgspec import Struct
 from numpy.lib.stride_tricks import sliding_window_view
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ _WHITE_JITTER = -0.25
 Tuned."""
 
 
-@dataclass(frozen=True, eq=False)
-class TidyRows:
+class TidyRows(Struct, frozen=True, eq=False):
     """The usable rows of a stream, in order."""
 
     rows: Indices
@@ -164,8 +163,7 @@ def sample_interval(t: Floats) -> float:
     return float(np.mean(intervals[near])) if near.any() else median
 
 
-@dataclass(frozen=True, eq=False)
-class Ticks:
+class Ticks(Struct, frozen=True, eq=False):
     """The constant-rate clock behind jittered stamps."""
 
     t: Floats

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.findings import Finding, note, warning
@@ -37,8 +39,7 @@ _SHOWN = 12
 """Joints listed in an error."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Named:
+class Named(Struct, frozen=True, kw_only=True, eq=False):
     """A log whose joints and frames have the names of its robot."""
 
     data: LogData
