@@ -215,8 +215,8 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
     )
 
 
-class _NoMeshes(ModuleType):
-    """Placeholder for trimesh's types in yourdfpy's annotations."""
+class _Unopened(ModuleType):
+    """Placeholder for a package; all its names, here those of annotations, are ``object``."""
 
     def __getattr__(self, name: str) -> type:
         return object
@@ -224,24 +224,25 @@ class _NoMeshes(ModuleType):
 
 @cache
 def _yourdfpy() -> Any:
-    # Import a private copy of yourdfpy with a stand-in for trimesh that has only its
-    # transformations: meshes and scenes are not used, and importing them takes 0.5 s and 70 MB.
-    # sys.modules is restored, so that other users of yourdfpy in this process get all of it.
-    ours = ("yourdfpy", "trimesh")
+    # Import private copies of yourdfpy.urdf, and of the trimesh.transformations that it uses,
+    # without the rest of the two packages: meshes and scenes are not used, and importing them takes
+    # 0.5 s and 70 MB. sys.modules is restored, so that other users of yourdfpy in this process get
+    # all of it.
+    packages = ("yourdfpy", "trimesh")
 
     def taken_out() -> dict[str, ModuleType]:
-        names = [name for name in sys.modules if name.partition(".")[0] in ours]
+        names = [name for name in sys.modules if name.partition(".")[0] in packages]
         return {name: sys.modules.pop(name) for name in names}
 
     with _quiet():
-        spec = importlib.util.find_spec("trimesh")
+        specs = {name: importlib.util.find_spec(name) for name in packages}
         before = taken_out()
-        if spec is not None:
-            standing_in = _NoMeshes("trimesh")
-            standing_in.__path__ = list(spec.submodule_search_locations or ())
-            sys.modules["trimesh"] = standing_in
         try:
-            return importlib.import_module("yourdfpy")
+            for name, spec in specs.items():
+                if spec is not None:
+                    sys.modules[name] = unopened = _Unopened(name)
+                    unopened.__path__ = list(spec.submodule_search_locations or ())
+            return importlib.import_module("yourdfpy.urdf")
         finally:
             taken_out()
             sys.modules.update(before)

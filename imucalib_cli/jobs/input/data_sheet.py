@@ -13,7 +13,6 @@ from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.estimate.unknowns import SENSORS
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
-from imucalib_cli.signals.imu.data_sheet import imu_assumptions
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.timing.stamps import tidy_rows
 
@@ -118,6 +117,8 @@ def _check(
 
 
 def _noise(check: ImuModelEntry, model: ImuModel) -> Iterator[Finding]:
+    from imucalib_cli.signals.imu.data_sheet import imu_assumptions
+
     factor = imu_assumptions().noise_factor
     for sensor, found in zip(SENSORS, (check.accel, check.gyro), strict=True):
         values = {
