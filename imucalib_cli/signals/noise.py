@@ -52,5 +52,9 @@ def deviation_from_neighbours(values: Floats) -> Floats:
     """
     beyond = ((2, 2), (0, 0))[: values.ndim]
     padded = np.pad(values, beyond, mode="reflect", reflect_type="odd")
-    near, far = padded[1:-3] + padded[3:-1], padded[:-4] + padded[4:]
-    return np.asarray(values - (4.0 * near - far) / 6.0)
+    # In place, for a long log is large: values less (4 near - far) / 6.
+    cubic = padded[1:-3] + padded[3:-1]
+    cubic *= 4.0
+    cubic -= padded[:-4] + padded[4:]
+    cubic /= 6.0
+    return np.subtract(values, cubic, out=cubic)

@@ -176,12 +176,13 @@ def continuous(kind: TrackKind, values: Floats) -> Floats:
         flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
         values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
         return values
-    jumps = np.diff(values, axis=0)
-    within = np.ptp(values, axis=0) < _TURN + _SLACK if len(values) else False
-    wraps = np.where((np.abs(jumps) > _LEAST_JUMP) & within, np.sign(jumps), 0.0)
-    if wraps.any():
-        values = values.copy()
-        values[1:] -= _TURN * np.cumsum(wraps, axis=0)
+    read = values
+    for place, joint in enumerate(read.T):  # one by one, for a long log is large
+        jumps = np.diff(joint)
+        wraps = np.where(np.abs(jumps) > _LEAST_JUMP, np.sign(jumps), 0.0)
+        if wraps.any() and np.ptp(joint) < _TURN + _SLACK:
+            values = values.copy() if values is read else values
+            values[1:, place] -= _TURN * np.cumsum(wraps)
     return values
 
 
@@ -196,9 +197,12 @@ def changes(values: Floats) -> Indices:
     if len(values) < 4 * reach:
         return everything
     far = np.zeros(len(values))
-    far[reach:-reach] = np.abs(values[2 * reach :] - values[: -2 * reach]).max(axis=1)
+    same = np.arange(len(values)) > 0
+    for channel in values.T:  # one by one, for a long log is large
+        distance = np.abs(channel[2 * reach :] - channel[: -2 * reach])
+        np.maximum(far[reach:-reach], distance, out=far[reach:-reach])
+        same[1:] &= channel[1:] == channel[:-1]
     fast = far > 0.5 * np.percentile(far, 95)
-    same = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=1)])
     if far.max() <= 0.0 or same[fast].mean() < _HELD:
         return everything
     return np.flatnonzero(~same)

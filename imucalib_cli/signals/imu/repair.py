@@ -102,6 +102,10 @@ def repair(
     return replace(repaired, findings=gravest_first(repaired.findings))
 
 
+def _scaled(values: Floats, factor: float) -> Floats:
+    return values if factor == 1.0 else values * factor  # a long log is not copied
+
+
 def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: float) -> Repaired:
     imu, findings = repaired.samples, list(repaired.findings)
     suspects = list(dead_in_motion(imu, turning))
@@ -115,7 +119,11 @@ def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: fl
     sign = -1.0 if units.sign == "down" else 1.0
     return replace(
         repaired,
-        samples=replace(imu, gyro=imu.gyro * gyro.value, accel=imu.accel * (sign * accel.value)),
+        samples=replace(
+            imu,
+            gyro=_scaled(imu.gyro, gyro.value),
+            accel=_scaled(imu.accel, sign * accel.value),
+        ),
         turning=turning.scaled(gyro.value),
         findings=tuple(findings),
         gyro_unit=gyro.unit,
