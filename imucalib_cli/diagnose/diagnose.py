@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from msgspec import structs
 from msgspec.structs import replace
 
 from imucalib_cli.diagnose.publishers import find_rival_publishers
@@ -103,5 +102,5 @@ def explained(estimate: Estimate, causes: tuple[Finding, ...]) -> Estimate:
 
 def _without_advice(estimate: Estimate) -> Estimate:
     """Without advice on the motion: it determines nothing while the model is wrong."""
-    left = tuple(structs.replace(each, motion=_AFTER) for each in estimate.unobservable)
+    left = tuple(replace(each, motion=_AFTER) for each in estimate.unobservable)
     return replace(estimate, unobservable=left)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
@@ -109,9 +109,7 @@ def _windowing(
             break
         # Too few windows fit into the log or between its gaps.
         length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
-        window = structs.replace(
-            window, reason="automatic: shortened to fit the log and between its gaps"
-        )
+        window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
         windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     return windowing, window
 

@@ -101,10 +101,9 @@ def calibrate_matched(
 
 
 def _residuals(fit: Fit, spikes: int) -> Residuals:
-    used, windowing = fit.windows.weights > 0.0, fit.model.windowing
-    accel, gyro = rms = np.sqrt(np.mean(fit.windows.residuals.values[used] ** 2, axis=0)).reshape(
-        2, 3
-    )
+    windows, windowing = fit.windows, fit.model.windowing
+    used = windows.weights > 0.0
+    accel, gyro = rms = np.sqrt(np.mean(windows.residuals.values[used] ** 2, axis=0)).reshape(2, 3)
     own = own_noise(windowing)
     equivalent = np.sqrt(np.mean(rms**2, axis=1)) / windowing.white_gains
     return Residuals(

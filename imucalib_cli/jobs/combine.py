@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from msgspec import UNSET, structs
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from imucalib_cli import __version__
@@ -141,9 +141,7 @@ def _of_imu(
         nominal=first.nominal,
         provenance=_provenance(logs, options[0]),
     )
-    return structs.replace(
-        result, diagnostics=structs.replace(result.diagnostics, combined=combined, **kept)
-    )
+    return replace(result, diagnostics=replace(result.diagnostics, combined=combined, **kept))
 
 
 def _is_copy(log: StoredLog, other: StoredLog) -> bool:
@@ -450,7 +448,7 @@ def _provenance(logs: Sequence[StoredLog], options: MatchedOptions) -> tree.Prov
             imu_rate=recordings[0].imu_rate,
             motion_samples=sum(each.motion_samples for each in recordings),
         )
-    return structs.replace(
+    return replace(
         first,
         version=__version__,
         files=[file for source in sources for file in source.files],

@@ -228,8 +228,8 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     if not fit.settled:
         yield untrusted("fit.unsettled", longest=is_longest(evidence.attempt.window) or None)
-    turning = fit.windows.residuals.turning
-    left = float(np.sqrt(np.mean(fit.windows.residuals.values[:, 3:] ** 2)))
+    residuals, turning = fit.windows.residuals, fit.windows.residuals.turning
+    left = float(np.sqrt(np.mean(residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
     if turning > STANDSTILL_GYRO and left > UNEXPLAINED_GYRO * turning:
         # At the right time offset even a bad model has a high correlation of the rates.
@@ -241,7 +241,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             max_offset=evidence.fit.options.max_offset if far else None,
             tracked=_is_tracked(fit),
         )
-    force_left = float(np.sqrt(np.mean(fit.windows.residuals.values[:, :3] ** 2)))
+    force_left = float(np.sqrt(np.mean(residuals.values[:, :3] ** 2)))
     if force_left > UNEXPLAINED_ACCEL:
         yield untrusted("fit.acceleration_unexplained", left=force_left)
 
@@ -269,11 +269,11 @@ def _residuals(evidence: Evidence) -> Iterator[Finding]:
 def _left_out(evidence: Evidence) -> Iterator[Finding]:
     """Windows that lost their weight, by how much of the motion and of the log they are."""
     fit = evidence.fit
-    lost = fit.windows.weights <= 0.0
-    accel, gyro = np.linalg.norm(fit.windows.residuals.values.reshape(-1, 2, 3), axis=2).T
+    residuals, lost = fit.windows.residuals, fit.windows.weights <= 0.0
+    accel, gyro = np.linalg.norm(residuals.values.reshape(-1, 2, 3), axis=2).T
     # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
     plain = (accel > 0.1) | (gyro > STANDSTILL_GYRO)
-    turning = (fit.windows.residuals.rate**2).sum(axis=1)
+    turning = (residuals.rate**2).sum(axis=1)
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
     if share > 0.2:  # of the motion: the rest does not represent the log

@@ -66,13 +66,13 @@ def window_dependence(fit: Fit) -> list[Dependence]:
     own_answer = _solved(
         fit, fit.parts.sum(axis=0), fit.parts[:, 1:, 0], fit.statistics.noise_score
     )
-    used, found = fit.windows.weights > 0.0, []
+    windows, found = fit.windows, []
     for plan, residuals in fit.by_other_windows:
         if not _sound(fit, plan.length):
             continue
         model = replace(fit.model, windowing=replace(windowing, plan=plan))
-        fits = used & np.isin(fit.windows.centres, model.centres(fit.windows.at))
-        centres = thinned(fit.windows.centres[fits], _MOST)
+        fits = (windows.weights > 0.0) & np.isin(windows.centres, model.centres(windows.at))
+        centres = thinned(windows.centres[fits], _MOST)
         if _lengths(centres, plan) >= _FEWEST_PARTS:
             found.append(_difference(fit, own_answer, model, centres, residuals))
     return found
@@ -93,14 +93,14 @@ def _difference(
     """Solve at another window; the covariance of the difference comes from how parts scatter."""
     plan = model.windowing.plan
     parts = PARTS if _lengths(centres, plan) >= PARTS else _FEWEST_PARTS
-    at = np.searchsorted(fit.windows.centres, centres)
+    windows, at = fit.windows, np.searchsorted(fit.windows.centres, centres)
     there = replace(
-        fit.windows,
+        windows,
         model=model,
         centres=centres,
         residuals=residuals.of(at),
-        weights=fit.windows.weights[at],
-        scales=fit.windows.scales * (plan.gains / fit.model.windowing.plan.gains),
+        weights=windows.weights[at],
+        scales=windows.scales * (plan.gains / fit.model.windowing.plan.gains),
     )
     step, influence, inverse = _solved(fit, *there.sums())
     own_step, own_influence, own_inverse = own
