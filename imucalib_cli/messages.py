@@ -409,7 +409,7 @@ MESSAGES: Messages = {
     "mount moves between recordings; give more logs, or run on {log} alone",
     "logs.missing": "{missing} of the {logs} logs give no result for this IMU: the result is from "
     "the other {used}; run on each alone to see why",
-    "logs.twice": "among the logs are other copies of the same recording ({count}): each counts "
+    "logs.twice": "some of the logs have the same samples as others ({count}): the longest counts "
     "once",
     "logs.few": "{logs} logs are too few to estimate how far the mount scatters between "
     "recordings (up to {translation:mm.2g} and {rotation:deg.2g}): sigma includes this scatter; "

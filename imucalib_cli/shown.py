@@ -29,6 +29,11 @@ def as_word(path: object) -> str:
     return quote(f"./{text}" if is_like_an_option else text)
 
 
+def path_text(path: object) -> str:
+    """A path as text: bytes that are not UTF-8 become question marks."""
+    return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 _COMPARED = 200
 """Letters of a name; the time to compare names grows with the square of their lengths."""
 _HIDDEN = re.compile(r"[?#](?!…(?:\W|$))")

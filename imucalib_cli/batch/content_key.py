@@ -18,11 +18,11 @@ from imucalib_cli import __version__
 from imucalib_cli.batch.logs import absolute
 from imucalib_cli.batch.record import FileStamp
 from imucalib_cli.errors import InputError
-from imucalib_cli.jobs.input.recording import path_text
 from imucalib_cli.logs.remote.file import RemoteFile
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.results.atomic import sha256_of
 from imucalib_cli.results.overwrite_checks import files_read
+from imucalib_cli.shown import path_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

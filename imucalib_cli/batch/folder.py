@@ -22,10 +22,10 @@ from imucalib_cli.batch.record import FileStamp, Record
 from imucalib_cli.batch.tables import csv_table
 from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
-from imucalib_cli.jobs.input.recording import path_text
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.results.atomic import clear_partial, lock, sha256_of, write_whole
 from imucalib_cli.results.names import collision_key, log_name
+from imucalib_cli.shown import path_text
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Mapping

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
-from imucalib_cli.jobs.input.recording import path_text
 from imucalib_cli.logs.open import files_below, holds_log, is_own_output, kinds_of_table
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.results.atomic import identity
+from imucalib_cli.shown import path_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
 """Files that count as logs in a folder whatever they hold, so that damaged ones are reported."""
-_PART = re.compile(r"(.+)_(\d+)((?:\.\w+)+)")
+_PART = re.compile(r"(.+)_(0|[1-9]\d*)((?:\.\w+)+)")
 """Name of a part of a split recording, as ``ros2 bag record`` numbers them from 0."""
 
 

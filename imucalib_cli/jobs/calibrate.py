@@ -18,13 +18,14 @@ from imucalib_cli.jobs.input.data_sheet import checked, contradicted, with_prior
 from imucalib_cli.jobs.input.log_robot.mounts import named_parent, with_carriers
 from imucalib_cli.jobs.input.log_robot.upright import upright_component
 from imucalib_cli.jobs.input.motion import Motion, find_motion
-from imucalib_cli.jobs.input.recording import path_text, read_recording, recorded_at
+from imucalib_cli.jobs.input.recording import read_recording, recorded_at
 from imucalib_cli.jobs.input.request import recorded_options, unheard
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.logs.select import check_joint_topics
 from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
+from imucalib_cli.shown import path_text
 from imucalib_cli.signals.imu.checks import refuse_dead
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of

@@ -41,7 +41,14 @@ if TYPE_CHECKING:
 
 _OF_ONE_LOG: Final = OF_ANSWER.keys() - {"prior.contradicted"}
 """Codes of findings that make one log untrusted, but not several logs together."""
-_SHARED: Final = ("robot", "sensor_model", "pose", "sensor_scale_most", "sensor_axes_most")
+_SHARED: Final = (
+    "robot",
+    "base_std",
+    "sensor_model",
+    "pose",
+    "sensor_scale_most",
+    "sensor_axes_most",
+)
 """Options about what logs share."""
 _SAME_POSE: Final = 1e-8
 """m and rad: poses of two recordings differ by more, even if they begin at the same time."""
@@ -58,7 +65,8 @@ def combine(
 ) -> tuple[list[tree.Result], list[ImucalibError]]:
     """Solve the logs of each IMU together; an IMU with one log is solved again.
 
-    The same log twice counts once; ``asked`` counts also the logs that could not be used.
+    Of logs that share samples only the longest counts; ``asked`` counts also the logs that could
+    not be used.
 
     Returns:
         A result for each IMU, and why others have none: their logs are of different robots, none
@@ -109,10 +117,7 @@ def _of_imu(
     logs: Sequence[StoredLog], change: Change, tolerance: Tolerance | None, asked: int
 ) -> tree.Result:
     given = len(logs)
-    every: list[StoredLog] = []
-    for log in logs:
-        if not any(_is_copy(log, other) for other in every):
-            every.append(log)
+    every = _distinct(logs)
     logs, left_out = _usable(every)
     twice = given - len(logs) - len(left_out)
     _require_one_robot(logs)
@@ -144,11 +149,19 @@ def _of_imu(
     return replace(result, diagnostics=replace(result.diagnostics, combined=combined, **kept))
 
 
-def _is_copy(log: StoredLog, other: StoredLog) -> bool:
-    """Whether two logs are one recording, whatever the names and the formats of their files."""
+def _distinct(logs: Sequence[StoredLog]) -> list[StoredLog]:
+    """Those with samples of their own; of logs that share samples the one with the most windows."""
+    kept: list[StoredLog] = []
+    for log in sorted(logs, key=lambda each: -each.result.diagnostics.windows_used):
+        if not any(_shares_samples(log, other) for other in kept):
+            kept.append(log)
+    return [log for log in logs if any(log is each for each in kept)]
+
+
+def _shares_samples(log: StoredLog, other: StoredLog) -> bool:
+    """Whether logs are of one recording, whatever the names and the formats of their files."""
     one, same = log.result, other.result
-    files = [each.result.provenance.log_identity or (each.name,) for each in (log, other)]
-    if files[0] == files[1]:
+    if log.name == other.name or one.provenance.shares_data_with(same.provenance):
         return True
     if one.recorded_at is None or one.provenance.recording != same.provenance.recording:
         return False
@@ -276,7 +289,7 @@ def _several(
     }
     for name in ("time_offset", "accel_bias", "gyro_bias"):
         own_stds = [getattr(log.result, name).std for log in logs]
-        known = [np.square(np.atleast_1d(std)) for std in own_stds if std is not None]
+        known = [np.square(np.array(std, float)) for std in own_stds if std is not None]
         between = np.array([own[name] for own in values]).var(axis=0, ddof=1)
         common[f"{name}_std"] = np.sqrt(between + np.mean(known, axis=0)) if known else None
     estimate = estimate_of(

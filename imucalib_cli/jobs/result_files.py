@@ -13,7 +13,7 @@ from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
-from imucalib_cli.shown import as_word, natural_key, without_secrets
+from imucalib_cli.shown import as_word, natural_key, path_text, without_secrets
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -121,7 +121,7 @@ def results_of(found: Sequence[Named], imus: Sequence[str]) -> list[Named]:
 
 def display_name(name: str) -> str:
     """Name of an argument in messages."""
-    return "standard input" if name == "-" else without_secrets(name)
+    return "standard input" if name == "-" else path_text(without_secrets(name))
 
 
 def read_text(name: str, expected: str = "a result of imucalib run") -> str:

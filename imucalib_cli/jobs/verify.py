@@ -15,6 +15,7 @@ from imucalib_cli.jobs.result_files import read_result_files
 from imucalib_cli.results.comparison.verdicts import verify
 from imucalib_cli.results.result import SourceFile
 from imucalib_cli.robot.mount import nominal_pose
+from imucalib_cli.shown import path_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -86,7 +87,7 @@ def verify_results(
             f"with --imu-topic: {', '.join(known)}"
         )
     robot = robot_of(urdf)
-    source = SourceFile(path=str(urdf), sha256=robot.sha256)
+    source = SourceFile(path=path_text(urdf), sha256=robot.sha256)
     answers: list[VerifyAnswer] = []
     for name, result in found:
         try:

@@ -96,9 +96,9 @@ def plain(values: Floats, digits: int = _FIGURES) -> list[float | None]:
 
 
 def thinned(series: Floats, bins: int = _BINS) -> Indices:
-    """Places of the samples to draw of (N, C): least and greatest of each column in each bin.
+    """Places of the samples to draw of (N, C): least, greatest and missing of each column and bin.
 
-    So peaks of a single sample stay. All bins have the same number of samples.
+    So peaks of a single sample stay, and so do gaps. All bins have the same number of samples.
     """
     count = len(series)
     size = max(math.ceil(count / bins), 1)
@@ -107,7 +107,12 @@ def thinned(series: Floats, bins: int = _BINS) -> Indices:
     whole = count // size * size
     blocks = series[:whole].reshape(-1, size, series.shape[1])
     first = size * np.arange(len(blocks))[:, None]
-    found = [first + blocks.argmin(axis=1), first + blocks.argmax(axis=1)]
+    missing = np.isnan(blocks)
+    found = [
+        first + np.where(missing, np.inf, blocks).argmin(axis=1),
+        first + np.where(missing, -np.inf, blocks).argmax(axis=1),
+        (first + missing.argmax(axis=1))[missing.any(axis=1)],
+    ]
     places = np.concatenate([each.ravel() for each in found])
     return np.unique(np.concatenate([[0], places, np.arange(whole, count)]))
 

@@ -87,7 +87,9 @@ def test_tables_that_need_each_other_are_one_recording(tmp_path: Path, motion: s
 
 def test_numbered_parts_in_a_folder_are_one_recording(tmp_path: Path) -> None:
     made(tmp_path, "r_0.mcap", "r_1.mcap", "r_10.bag", "day_1.mcap", "day_2.mcap", "s_0.bag")
-    parts = [["day_1.mcap"], ["day_2.mcap"], ["r_0.mcap", "r_1.mcap"], ["r_10.bag"], ["s_0.bag"]]
+    made(tmp_path, "r_00.mcap")
+    parts = [["day_1.mcap"], ["day_2.mcap"], ["r_0.mcap", "r_1.mcap"], ["r_00.mcap"], ["r_10.bag"]]
+    parts += [["s_0.bag"]]
     assert sorted(found(tmp_path, tmp_path)) == parts
     # named one by one each is its own
     assert found(tmp_path, tmp_path / "r_?.mcap") == [["r_0.mcap"], ["r_1.mcap"]]

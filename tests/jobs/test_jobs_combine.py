@@ -95,6 +95,21 @@ def test_duplicate_log_counts_once_and_untrusted_log_is_excluded(logs: list[Stor
     assert isinstance(failure, UntrustedError)
 
 
+def test_parts_that_overlap_count_once(logs: list[StoredLog]) -> None:
+    """Their samples are no evidence twice: the longest counts; parts that do not overlap all do."""
+
+    def part(name: str, log: StoredLog, start: float, end: float) -> StoredLog:
+        """As if it were this part of the first log."""
+        found = structs.replace(logs[0].result.provenance, part=(start, end))
+        return replace(log, name=name, result=structs.replace(log.result, provenance=found))
+
+    apart = [part("begin", logs[0], 0.0, 5.0), part("end", logs[1], 5.0, 15.0)]
+    (result,), _ = combine(apart, as_it_was)
+    assert "logs.twice" not in codes(result)
+    (result,), _ = combine([*apart, part("middle", logs[2], 4.0, 6.0)], as_it_was)
+    assert "logs.twice" in codes(result)
+
+
 def test_converted_copy_counts_once(logs: list[StoredLog]) -> None:
     """Its bytes are others, as if the MCAP file had become a bag; begin and length say nothing."""
     first, *_ = (log.result.provenance for log in logs)

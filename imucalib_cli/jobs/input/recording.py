@@ -28,7 +28,7 @@ from imucalib_cli.results.atomic import sha256_of
 from imucalib_cli.results.result import RemoteEntry, SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
-from imucalib_cli.shown import listed
+from imucalib_cli.shown import listed, path_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -334,8 +334,3 @@ def _source_file(path: LogPath) -> SourceFile:
     sha256 = None if path.copy is None else sha256_of(path.copy)
     remote = RemoteEntry(bytes=path.size, version=path.version or None)
     return SourceFile(path=path_text(path), sha256=sha256, remote=remote)
-
-
-def path_text(path: LogPath | str) -> str:
-    """A path as text: bytes that are not UTF-8 become question marks."""
-    return str(path).encode("utf-8", "surrogateescape").decode("utf-8", "replace")

@@ -145,12 +145,13 @@ def _usable(
     """Results that determine the mount, each log once; and why the others cannot be used."""
     used: list[Named] = []
     left_out = []
-    usual = Counter(_held(result) for _, result in given if result.covariance is not None)
-    held = usual.most_common(1)[0][0] if usual else ()
+    reasons = [next(_against(result, since), "") for _, result in given]
+    sound = [result for (_, result), why in zip(given, reasons, strict=True) if not why]
+    held = Counter(map(_held, sound)).most_common(1)
     logs: dict[tuple[str, ...], str] = {}
-    for name, result in given:
+    for (name, result), of_its_own in zip(given, reasons, strict=True):
         log = result.provenance.log_identity
-        why = next(_against(result, held, since), "")
+        why = of_its_own or _unlike(result, held[0][0])
         if not why and log and log in logs:
             why = f"it is of the same log as {logs[log]}"
         if why:
@@ -161,7 +162,7 @@ def _usable(
     return used, left_out
 
 
-def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> Iterator[str]:
+def _against(result: Result, since: datetime | None) -> Iterator[str]:
     """Reasons why a result cannot be used, the first counts."""
     covariance, when = result.uncertain_pose.covariance, result.recorded_at
     if since is not None and (when is None or when < since):
@@ -179,9 +180,14 @@ def _against(result: Result, held: tuple[bool, ...], since: datetime | None) -> 
     free = np.diag(covariance) > 0.0
     if np.linalg.eigvalsh(correlation(covariance[free][:, free])[1])[0] <= _ROUNDING:
         yield "its covariance is singular"
-    if _held(result) != held:
-        names = [name for name, is_held in zip(POSE_NAMES, _held(result), strict=True) if is_held]
-        yield f"--fix holds {', '.join(names) or 'nothing of it'}, unlike most of the others"
+
+
+def _unlike(result: Result, usual: tuple[bool, ...]) -> str:
+    """Why a result cannot be compared with those that hold the usual components, if so."""
+    held = _held(result)
+    names = [name for name, is_held in zip(POSE_NAMES, held, strict=True) if is_held]
+    differs = f"--fix holds {', '.join(names) or 'nothing of it'}, unlike most of the others"
+    return "" if held == usual else differs
 
 
 def _held(result: Result) -> tuple[bool, ...]:
