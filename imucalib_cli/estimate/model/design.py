@@ -11,7 +11,6 @@ window's centre; a and w are the readings with the sensor's errors removed.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,8 +32,6 @@ if TYPE_CHECKING:
 
 BLOCK = 256
 """Windows computed at once: they stay in the processor's cache."""
-_POINTS = 6
-"""Samples whose polynomial gives a pose a little later, as between the robot's own samples."""
 
 
 class Model(Struct, frozen=True, eq=False):
@@ -143,29 +140,10 @@ class Model(Struct, frozen=True, eq=False):
         Over a span of the grid; their stamps have each a shift, s, and a drift.
         """
         grid, near = self.windowing.grid, self.windowing.trajectory.nearest_covered
-        later = (accel[0] - gyro[0]) / grid.dt if accel[1] == gyro[1] else 0.0
-        beyond = math.ceil(abs(later)) + _POINTS // 2 if later else 0
-        stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start - beyond, span.stop + beyond))
+        stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start, span.stop))
         R, p = chain.poses(near(self.robot_times(stamps, accel)))
-        if gyro == accel:
-            return R, p, R
-        inner = slice(beyond, len(p) - beyond)
-        if later:
-            return R[inner], p[inner], _shifted(R, later, inner)
-        return R, p, chain.poses(near(self.robot_times(stamps, gyro)))[0]
-
-
-def _shifted(values: Floats, intervals: float, inner: slice) -> Floats:
-    """Evenly spaced samples (N, ...) within ``inner``, some intervals later, by polynomials."""
-    whole = math.floor(intervals)
-    places = np.arange(_POINTS) - (_POINTS // 2 - 1)
-    itself = np.eye(_POINTS, dtype=bool)
-    away = np.where(itself, 1.0, intervals - whole - places)
-    weights = np.prod(away / np.where(itself, 1.0, places[:, None] - places), axis=1)
-    found = np.zeros_like(values[inner])
-    for weight, step in zip(weights.tolist(), (places + whole).tolist(), strict=True):
-        found += weight * values[inner.start + step : inner.stop + step]
-    return found
+        R_gyro = R if gyro == accel else chain.poses(near(self.robot_times(stamps, gyro)))[0]
+        return R, p, R_gyro
 
 
 class Residuals(Struct, frozen=True, eq=False):

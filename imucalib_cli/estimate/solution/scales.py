@@ -18,7 +18,6 @@ Rubin, J. Am. Stat. Assoc. 82(398), 1987; at even steps, Kitagawa, J. Comput. Gr
 from __future__ import annotations
 
 import math
-from functools import cached_property
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
@@ -30,7 +29,7 @@ from imucalib_cli.estimate.solution.algebra import inverse_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.model.prior import Prior
 
 _POINTS: Final = (64, 256, 1024, 4096)
@@ -81,28 +80,30 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
             noise=None if self.noise is None else self.noise[np.ix_(kept, kept)],
         )
 
-    @cached_property
-    def reduced(self) -> Reduced:
-        """Of the components with learnt scales alone."""
-        return Reduced.of(self)
-
     def precision(self, u: Floats) -> Floats:
         """(n,), P's diagonal."""
         return 1.0 / self.prior.std_at(u) ** 2
 
+    def equations(self, u: Floats) -> tuple[Floats, Floats]:
+        """H (n, n), and the gradient (n,), at logarithms of the scales (k,)."""
+        P = self.precision(u)
+        H = self.information.copy()
+        H.flat[:: len(H) + 1] += P
+        return H, self.score + P * self.offset
+
     def likelihood(self, u: Floats) -> float:
         """Log marginal likelihood of the scales."""
-        H, gradient = self.reduced.equations(u)
+        H, gradient = self.equations(u)
         unit = 1.0 / np.sqrt(H.diagonal())
         # The last row of this factor is the gradient over that of H: one factor serves for both.
         bordered = np.empty((len(unit) + 1,) * 2)
         bordered[:-1, :-1] = H * unit * unit[:, None]
         bordered[-1, :-1], bordered[-1, -1] = unit * gradient, _HUGE
         root = np.linalg.cholesky(bordered)
-        half, log_P = root[-1, :-1], -2.0 * u[self.reduced.scale]
-        fit = half @ half - np.exp(log_P) @ self.reduced.offset**2
+        half, P = root[-1, :-1], self.precision(u)
+        fit = half @ half - P @ self.offset**2
         log_det = 2.0 * np.log(root.diagonal()[:-1] / unit).sum()
-        return self.reduced.constant + 0.5 * float(fit - log_det + log_P.sum())
+        return 0.5 * float(fit - log_det + np.log(P).sum())
 
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """Log marginal likelihoods of each scale's tried values (v,), the others as in ``u``.
@@ -110,10 +111,10 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         Up to a constant of each scale. The likelihood changes by the mean, over the posterior, of
         the ratio of the new prior to the old. Only the few components that share the scale count.
         """
-        step, inverse = self.reduced.solve(u)
-        mean, found = self.reduced.offset + step, []
+        step, inverse = self.solve(u)
+        mean, found = self.offset + step, []
         for index, (at, values) in enumerate(zip(u, tried, strict=True)):
-            members = np.flatnonzero(self.reduced.scale == index)
+            members = np.flatnonzero(self.prior.scale == index)
             variances, turn = np.linalg.eigh(inverse[np.ix_(members, members)])
             # By rounding it may be more than the prior's, which cannot be.
             variances = np.clip(variances, 0.0, np.exp(2.0 * at))
@@ -126,113 +127,26 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
-        step, inverse = self.reduced.solve(u)
-        return self.reduced.whole(step), self.reduced.whole_inverse(inverse)
+        H, gradient = self.equations(u)
+        inverse = inverse_of(H)
+        return -(inverse @ gradient), inverse
 
     def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """Steps (m, n) to the mean at each of m points (m, k), and the mean covariance (n, n).
 
         That of one step is (A + P)^-1 (B + P) (A + P)^-1.
         """
-        reduced = self.reduced
-        steps, inverse = [], np.zeros((len(reduced.scale),) * 2)
+        steps, whole = [], np.zeros_like(self.information)
         for u, weight in zip(points, weights, strict=True):
-            step, there = reduced.solve(u)
-            steps.append(reduced.whole(step))
-            inverse += weight * there
-        whole = reduced.whole_inverse(inverse)
+            step, inverse = self.solve(u)
+            steps.append(step)
+            whole += weight * inverse
         if self.noise is not None:
             # One product with the mean, not the mean of products: an estimate takes 3 % less, and
             # sigma of the sample log differs by 0.8 %.
             more = whole @ (self.noise - self.information) @ whole
             whole = whole + 0.5 * (more + more.T)
         return np.array(steps), whole
-
-
-class Reduced(Struct, frozen=True, kw_only=True, eq=False):
-    """Normal equations of the l components with learnt scales; the others are eliminated once."""
-
-    information: Floats
-    """(l, l)."""
-    score: Floats
-    """(l,)."""
-    offset: Floats
-    """(l,)."""
-    scale: Indices
-    """(l,), as in :class:`Prior`."""
-    learnt: Indices
-    """(l,), which of the components these are."""
-    given: Indices
-    """(g,), the others."""
-    still: Floats
-    """(g,), step of the others where these do not move."""
-    moved: Floats
-    """(g, l), their step for a step of these."""
-    inverse: Floats
-    """(g, g), covariance of the others where these are known."""
-    constant: float
-    """Of the logarithm of the likelihood."""
-
-    @classmethod
-    def of(cls, problem: Problem) -> Reduced:
-        """Eliminate the components whose prior is given."""
-        learnt = np.flatnonzero(problem.prior.scale >= 0)
-        given = np.flatnonzero(problem.prior.scale < 0)
-        A, b = problem.information, problem.score
-        P = 1.0 / problem.prior.std[given] ** 2
-        given_offset = problem.offset[given]
-        own, across = A[np.ix_(given, given)] + np.diag(P), A[np.ix_(given, learnt)]
-        gradient = b[given] + P * given_offset
-        unit = 1.0 / np.sqrt(np.diag(own))
-        # A Cholesky factor keeps the digits that a difference with an inverse would lose.
-        root = np.linalg.cholesky(own * np.outer(unit, unit)) / unit[:, None]
-        sides = np.linalg.solve(root, np.column_stack([across, gradient, np.eye(len(P))]))
-        size = across.shape[1]
-        halves, half, inverse_root = sides[:, :size], sides[:, size], sides[:, size + 1 :]
-        fit = half @ half - P @ given_offset**2
-        log_det = 2.0 * np.log(np.diag(root)).sum()
-        return cls(
-            information=A[np.ix_(learnt, learnt)] - halves.T @ halves,
-            score=b[learnt] - halves.T @ half,
-            offset=problem.offset[learnt],
-            scale=problem.prior.scale[learnt],
-            learnt=learnt,
-            given=given,
-            still=-inverse_root.T @ half,
-            moved=-inverse_root.T @ halves,
-            inverse=inverse_root.T @ inverse_root,
-            constant=0.5 * float(fit - log_det + np.log(P).sum()),
-        )
-
-    def equations(self, u: Floats) -> tuple[Floats, Floats]:
-        """H (l, l), and the gradient (l,), at logarithms of the scales (k,)."""
-        P = np.exp(-2.0 * u)[self.scale]
-        H = self.information.copy()
-        H.flat[:: len(H) + 1] += P
-        return H, self.score + P * self.offset
-
-    def solve(self, u: Floats) -> tuple[Floats, Floats]:
-        """As :meth:`Problem.solve`, of these components alone."""
-        H, gradient = self.equations(u)
-        inverse = inverse_of(H)
-        return -(inverse @ gradient), inverse
-
-    def whole(self, step: Floats) -> Floats:
-        """(n,), step of all components."""
-        found = np.empty(len(self.learnt) + len(self.given))
-        found[self.learnt], found[self.given] = step, self.still + self.moved @ step
-        return found
-
-    def whole_inverse(self, inverse: Floats) -> Floats:
-        """(n, n), covariance of all components, exactly symmetric."""
-        across = self.moved @ inverse
-        given = self.inverse + across @ self.moved.T
-        found = np.empty((len(self.learnt) + len(self.given),) * 2)
-        found[np.ix_(self.given, self.given)] = 0.5 * (given + given.T)
-        found[np.ix_(self.given, self.learnt)] = across
-        found[np.ix_(self.learnt, self.given)] = across.T
-        found[np.ix_(self.learnt, self.learnt)] = 0.5 * (inverse + inverse.T)
-        return found
 
 
 class Posterior(Struct, frozen=True, eq=False):
@@ -264,13 +178,12 @@ def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
     u = high if start is None else start
     if not len(u):
         return u
-    reduced = problem.reduced
-    members = (reduced.scale == np.arange(len(u))[:, None]).astype(float)
+    members = (problem.prior.scale == np.arange(len(u))[:, None]).astype(float)
     sizes = members.sum(axis=1)
     last_u, last_change = u, np.zeros(len(u))
     for _ in range(25):
-        step, inverse = reduced.solve(u)
-        sums = members @ (reduced.offset + step) ** 2
+        step, inverse = problem.solve(u)
+        sums = members @ (problem.offset + step) ** 2
         # A smaller share is rounding.
         share = np.maximum(sizes - members @ inverse.diagonal() * np.exp(-2.0 * u), 0.05)
         change = np.clip(0.5 * np.log(np.maximum(sums, 1e-300) / share), low, high) - u
