@@ -36,10 +36,15 @@ def edited(path: KinematicPath, kind: type[S], change: Callable[[S], S]) -> Kine
 
 
 def with_zero(path: KinematicPath, joint: str, zero: float) -> KinematicPath:
-    """The same path with a constant, rad, added to the reported position of a joint."""
+    """The same path with a constant, rad, added to the position of a joint.
+
+    Joints that follow it move too.
+    """
 
     def change(step: JointStep) -> JointStep:
-        return step.with_zero(zero) if path.reported(step) == joint else step
+        if path.reported(step) == joint:
+            return step.moved(step.multiplier * zero)
+        return step.moved(zero) if step.name == joint else step
 
     return edited(path, JointStep, change)
 

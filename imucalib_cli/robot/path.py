@@ -92,11 +92,11 @@ class JointStep(Struct, frozen=True, kw_only=True, eq=False):
     multiplier: float = 1.0
     """With offset: position = multiplier * value + offset, as in <mimic>."""
 
-    def with_zero(self, zero: float) -> JointStep:
-        """The step with a constant added to its reported position, rad or m."""
-        return replace(self, offset=self.offset + self.multiplier * zero)
-
     offset: float = 0.0
+
+    def moved(self, by: float) -> JointStep:
+        """The step with a constant, rad or m, added to its position."""
+        return replace(self, offset=self.offset + by)
 
 
 class PoseStep(Struct, frozen=True, kw_only=True, eq=False):

@@ -166,15 +166,16 @@ def continuous(kind: TrackKind, values: Floats) -> Floats:
 
     Quaternions get one sign. Joint positions are unwrapped, if the channel stays within one turn.
     Positions in degrees, or of a joint that counts its turns, are unchanged. The first row of the
-    values, (N, 7) or (N, J), stays; so does the array if no joint jumps.
+    values, (N, 7) or (N, J), stays; so does the array if nothing jumps.
     """
     if kind == "imu":
         return values
     if kind == "pose":
-        values = values.copy()
         q = values[:, 3:]
         flips = np.sum(q[1:] * q[:-1], axis=1) < 0  # q and -q are one rotation
-        values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+        if flips.any():
+            values = values.copy()
+            values[1:, 3:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
         return values
     read = values
     for place, joint in enumerate(read.T):  # one by one, for a long log is large

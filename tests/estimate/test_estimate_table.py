@@ -304,9 +304,9 @@ def test_zero_of_a_joint_that_follows_another_is_its_own() -> None:
     assert found.covered
     zero: Any
     (zero,) = (each for each in found.parameters if each.label == "mimic")
-    # In the position of the joint that it follows, of which it makes minus a half.
-    assert zero.value == pytest.approx(0.01, abs=4.0 * zero.std)
-    assert zero.std < 2e-3
+    # In its own position, not in that of the joint that it follows.
+    assert zero.value == pytest.approx(-5e-3, abs=4.0 * zero.std)
+    assert zero.std < 1e-3
 
 
 def test_still_joint_is_treated_as_a_link() -> None:

@@ -56,7 +56,7 @@ class Joint(Struct, frozen=True, eq=False):
     steps: tuple[int, ...]
     sliding: bool
     follows: bool = False
-    """Whether it is a step by itself that follows another joint: in that one's position."""
+    """Whether it is a step by itself that follows another joint."""
 
     def of(self, motion: TrackMotion, loads: Mapping[str, Floats]) -> JointMotion:
         """Its part of the motion of all tracks."""

@@ -171,7 +171,7 @@ def _corrected_steps(path: KinematicPath, layout: Layout, x: Floats) -> tuple[St
     for each, _ in layout.of(JointCurve):
         if each.joint is not None and each.joint.follows:
             (index,), (zero,) = each.joint.steps, x[each.part]
-            steps[index] = path.joint_steps[index].with_zero(zero)
+            steps[index] = path.joint_steps[index].moved(zero)
     for each, mount in layout.of_base(Mount):
         step, size = steps[each.index], x[each.part]
         if isinstance(step, FixedStep) and size.any():

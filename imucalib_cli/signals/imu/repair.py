@@ -289,7 +289,7 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
         findings.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
     read = tidy.of(track.values)
     values = continuous(track.kind, read)
-    if track.kind == "joints" and values is not read:
+    if values is not read:
         whole = track.values.copy()  # the diagnosis of rival publishers uses them too
         whole[tidy.rows] = values
         track = replace(track, values=whole)
