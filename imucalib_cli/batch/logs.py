@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from dataclasses import dataclass, field
 from glob import glob, has_magic
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from imucalib_cli.findings import Finding, note
-from imucalib_cli.logs.open import files_below, holds_log, is_own_output, kinds_of_table
+from imucalib_cli.logs.open import (
+    files_below,
+    holds_log,
+    is_own_output,
+    kinds_of_table,
+    recordings_of,
+)
 from imucalib_cli.logs.remote.file import RemoteFile, path_or_url
 from imucalib_cli.results.atomic import identity
 from imucalib_cli.shown import path_text
@@ -23,8 +28,6 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".bag", ".db3", ".mcap")
 """Files that count as logs in a folder whatever they hold, so that damaged ones are reported."""
-_PART = re.compile(r"(.+)_(0|[1-9]\d*)((?:\.\w+)+)")
-"""Name of a part of a split recording, as ``ros2 bag record`` numbers them from 0."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,7 @@ def _inside(folder: Path, left_out: Path | None) -> Iterator[tuple[Path, ...]]:
         if _are_parts(logs) and sum(map(_is_readable, paths)) > 1:
             yield (place,)
         else:
-            yield from _joined(logs)
+            yield from recordings_of(logs)
     yield from ((path,) for path in unreadable)
 
 
@@ -151,20 +154,6 @@ def _are_parts(tables: Sequence[Path]) -> bool:
     kinds = [kinds_of_table(each) for each in tables]
     complete = any(each is None or ("imu" in each and len(each) > 1) for each in kinds)
     return {"imu"} in kinds and not complete
-
-
-def _joined(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
-    """Files of one folder, with the parts of a split recording (NAME_0, NAME_1, ...) together."""
-    parts: dict[object, dict[int, Path]] = {}
-    for path in paths:
-        match = _PART.fullmatch(path.name)
-        group, number = ((match[1], match[3]), int(match[2])) if match else (path, 0)
-        parts.setdefault(group, {})[number] = path
-    for numbered in parts.values():
-        if sorted(numbered) == list(range(len(numbered))):
-            yield tuple(numbered[number] for number in sorted(numbered))
-        else:
-            yield from ((path,) for path in numbered.values())
 
 
 def _identity(path: LogPath) -> object:

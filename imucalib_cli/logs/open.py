@@ -18,10 +18,9 @@ from imucalib_cli.logs.remote.file import RemoteFile, in_bytes
 from imucalib_cli.logs.remote.store import NoRangesError
 from imucalib_cli.logs.text.csv_file import CsvFile
 from imucalib_cli.logs.text.tum_euroc import EurocTable, TumFile
-from imucalib_cli.shown import natural_key
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from imucalib_cli.logs.messages.table import Kind
     from imucalib_cli.logs.reader import LogFile, LogPath
@@ -60,6 +59,8 @@ _MARKS = (b"imucalib run --debug-mcap", b"time_s,stamp_ns,accel_x_measured_m_s2"
 """The library of our debugging MCAP, and the columns of our table: files beside a result, which
 read as logs. One of these stands in their first _MARKED bytes."""
 _MARKED = 128
+_PART = re.compile(r"(.+)_(0|[1-9]\d*)((?:\.\w+)+)")
+"""Name of a part of a split recording, as ``ros2 bag record`` numbers them from 0."""
 
 
 def open_files(
@@ -311,8 +312,22 @@ def _guessed(folder: Path, readers: Readers) -> list[Path]:
             tables.append(path)
     if not logs:
         return tables  # tables: one for each sensor, of any name
-    recordings = {re.sub(r"(_\d+)?(\.\w+)*$", "", each.name) for each in logs}
-    if len(recordings) > 1:
+    first, *others = recordings_of(logs)
+    if others:
         names = ", ".join(each.name for each in logs)
         raise ChoiceError(f"{folder} holds several recordings, name one of them: {names}")
-    return sorted(logs, key=lambda each: natural_key(each.name))
+    return list(first)
+
+
+def recordings_of(paths: Iterable[Path]) -> Iterator[tuple[Path, ...]]:
+    """Files of one folder, with the parts of a split recording (NAME_0, NAME_1, ...) together."""
+    parts: dict[object, dict[int, Path]] = {}
+    for path in paths:
+        match = _PART.fullmatch(path.name)
+        group, number = ((match[1], match[3]), int(match[2])) if match else (path, 0)
+        parts.setdefault(group, {})[number] = path
+    for numbered in parts.values():
+        if sorted(numbered) == list(range(len(numbered))):
+            yield tuple(numbered[number] for number in sorted(numbered))
+        else:
+            yield from ((path,) for path in numbered.values())

@@ -77,7 +77,7 @@ def part_of(data: LogData, clock: Clock, part: Part) -> tuple[LogData, tuple[flo
                 "part in between"
             )
     stamps = np.concatenate([clock.seconds(imu) for imu in _imus(cut)])
-    return cut, (float(stamps.min()), float(stamps.max()))
+    return cut, (float(stamps.min()), float(stamps.max())) if len(stamps) else (start, end)
 
 
 def _imus(data: LogData) -> list[Stream]:

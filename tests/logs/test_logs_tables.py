@@ -209,6 +209,9 @@ WIDE = lines(STAMPS, np.hstack((VALUES, VALUES, VALUES)))
             "",
             r"imu\.csv.*200 s apart.*t_ns, t_us, t_ms or t_s",
         ),
+        # a count of milliseconds, which reads as seconds of 1 Hz
+        (imu_rows(TIMED, range(50)), "", r"imu\.csv.* 1 s apart.*t_ns, t_us, t_ms or t_s"),
+        ("time [ticks],gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n", "", "times are in 'ticks'"),
         (imu_rows(f",{SENSORS}"), "", NO_TIME),
         (imu_rows(f"timeTick,{SENSORS}"), "", NO_TIME),
         (lines(STAMPS, VALUES), "", WITHOUT_HEADER),
@@ -224,6 +227,9 @@ WIDE = lines(STAMPS, np.hstack((VALUES, VALUES, VALUES)))
         # the values of one of them are wrong, and nothing tells which
         ("t_ns,a,b,a\n1,0,0,0\n", "", TWO_COLUMNS),
         (f"{IMU_HEADER},joint.a,joint.a\n1{',0' * 8}\n", "", TWO_COLUMNS),
+        (f"{IMU_HEADER},gyro_x\n1{',0' * 7}\n", "", r"imu\.csv: two columns name the same"),
+        (f"{IMU_HEADER},joint.a[deg]\n1{',0' * 7}\n", "", r"imu\.csv: a is in 'deg'"),
+        ("t_ns,x[mm],y,z,qx,qy,qz,qw\n1,0,0,0,0,0,0,1\n", "", r"imu\.csv: x is in 'mm'"),
     ],
 )
 def test_refused_table_is_explained(text: str, columns: str, says: str, tmp_path: Path) -> None:

@@ -58,11 +58,23 @@ _PLACES = {
 }
 _UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 """Nanoseconds."""
+_UNIT_WORDS = {
+    word: unit
+    for unit, words in {
+        "ns": "nsec nanoseconds",
+        "us": "µs usec microseconds",
+        "ms": "msec milliseconds",
+        "s": "sec seconds",
+    }.items()
+    for word in (unit, *words.split())
+}
+_OF_ROBOTS = frozenset({"", "-", "1", "m", "rad"})
+"""Units of joints and poses that are read as they are; of IMUs the values show the unit."""
 _TIME = re.compile(r"(?:t|time|stamp|timestamp)(?:_(ns|us|ms|s))?")
 _JOINT = re.compile(r"joint[.:/](.+)")
 _LONGEST_STEP_S = 1.0
-"""Rows further apart, if the unit of their times is assumed, show that it is another one: IMUs,
-encoders and trackers send at 1 Hz or more."""
+"""Rows as far apart, if the unit of their times is assumed, show that it is another one: IMUs,
+encoders and trackers send at more than 1 Hz, and a count of milliseconds has this step."""
 _SHORTEST_STEP_S = 1e-4
 """Rows nearer to each other in a unit show that it is another one: no IMU sends at over 10 kHz."""
 _MORE = "..."
@@ -161,8 +173,7 @@ class CsvFile(LogFile):
                 raise InputError(f"{path}: its columns are not known: {NAMES}")
             time, named_unit, self._groups = layout
             self.guessed = () if any(each.named for each in self._groups) else tuple(names)
-            for group in self._groups:
-                self._check_joints(group.joints)
+            self._check_columns(names, time)
             self._take(lines, separator, time, named_unit or unit)
 
     @classmethod
@@ -290,11 +301,30 @@ class CsvFile(LogFile):
             values = {"row": row, "text": line.strip()[:_SHOWN], "comma": comma}
             self.losses.append(warning("log.row_unreadable", **values))
 
-    def _check_joints(self, joints: Sequence[str]) -> None:
-        """Refuse two columns of a joint: which one is right is not known."""
-        twice = next((name for name in joints if joints.count(name) > 1), None)
-        if twice is not None:
-            raise InputError(f"{self.path}: two columns name the joint {twice}: remove one")
+    def _check_columns(self, names: Sequence[str], time: int) -> None:
+        """Refuse two columns of one quantity, since either may be right, and units not read."""
+        cells = [_name_and_unit(each) for each in names]
+        unit = cells[time][1]
+        if unit and unit not in _UNIT_WORDS:
+            raise InputError(
+                f"{self.path}: its times are in {unit!r}, which is not known: name their column "
+                "t_ns, t_us, t_ms or t_s"
+            )
+        known = [_PLACES.get(name.lower()) for name, _ in cells]
+        for group in self._groups:
+            for place, (name, unit) in enumerate(cells[each] for each in group.columns):
+                alike = known.count(_PLACES.get(name.lower()))
+                if group.joints:
+                    name = group.joints[place]  # noqa: PLW2901 - without its prefix
+                    alike = group.joints.count(name)
+                if alike > 1:
+                    what = "the joint" if group.joints else "the same as"
+                    raise InputError(f"{self.path}: two columns name {what} {name}: remove one")
+                if group.kind != "imu" and unit not in _OF_ROBOTS:
+                    raise InputError(
+                        f"{self.path}: {name} is in {unit!r}: joints and poses are read in rad "
+                        "and m, so convert it"
+                    )
 
     def _check_unit(self, unit: str) -> None:
         """Take a smaller unit if only that one gives the rates of sensors; refuse unclear ones.
@@ -305,7 +335,7 @@ class CsvFile(LogFile):
         filled = [each for each in self._groups if len(each.times) > 1]
         steps = [float(np.median(np.diff(each.times))) * 1e-9 for each in filled]
         longest = max(steps, default=0.0)
-        if longest <= _LONGEST_STEP_S:
+        if longest < _LONGEST_STEP_S:
             return
         sound = [
             ratio
@@ -350,8 +380,8 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
 
     None if there is no time column, or nothing but time.
     """
-    cells = [each.removeprefix("field.").replace("(", "[").partition("[") for each in names]
-    bare = [each[0].strip() for each in cells]
+    cells = [_name_and_unit(each) for each in names]
+    bare = [name for name, _ in cells]
     times = {k: known for k, name in enumerate(bare) if (known := _TIME.fullmatch(name.lower()))}
     places: dict[tuple[str, int], int] = {}
     for k, name in enumerate(bare):
@@ -375,8 +405,14 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
     if not times or not groups:
         return None
     time, known = next(iter(times.items()))
-    unit = known[1] or cells[time][2].rstrip(")] ")
-    return time, unit if unit in _UNITS else "", groups
+    unit = known[1] or _UNIT_WORDS.get(cells[time][1], "")
+    return time, unit, groups
+
+
+def _name_and_unit(column: str) -> tuple[str, str]:
+    """Of ``field.NAME [UNIT]`` or ``NAME (UNIT)``; the unit is empty where none is given."""
+    name, _, unit = column.removeprefix("field.").replace("(", "[").partition("[")
+    return name.strip(), unit.rstrip(")] ").strip()
 
 
 def _columns(quantity: str, places: Mapping[tuple[str, int], int]) -> tuple[int, ...]:
