@@ -46,8 +46,8 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
     instants = every.compared()
     if len(instants.t) < max(window.samples, _FEWEST):
         raise InputError(
-            f"{len(instants.t)} of {len(every.t)} samples are left after starts and stops are "
-            "excluded: raise --exclude or use --method matched"
+            f"{len(instants.t)} of {len(every.t)} samples are left after starts, stops and gaps "
+            f"({gaps}) are excluded: raise --exclude, shorten --window or use --method matched"
         )
 
     def residuals(x: Floats) -> Floats:

@@ -254,9 +254,9 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
             f"{robot.source}: the log has no joint states for {listed}: record them, or give the "
             "parent's pose with --pose-topic"
         )
-    affix, hint, there = _affix(missing, known), near_matches(missing[0], known), ""
-    if affix is not None:
-        hint = f", {affix}"
+    prefix, hint, there = _prefix(missing, known), near_matches(missing[0], known), ""
+    if prefix:
+        hint = f", whose names differ by '{prefix}': give --joint-prefix {prefix}"
     elif similar_names(missing[0], known):
         there = f" The log has: {', '.join(known[:12])}"
     raise InputError(
@@ -264,20 +264,12 @@ def _raise_missing(robot: Robot, missing: list[str], tracks: Sequence[Track]) ->
     )
 
 
-def _affix(missing: list[str], known: tuple[str, ...]) -> str | None:
-    """In words, the prefix or suffix by which the log's joint names differ from the URDF's."""
-    for name in filter(None, known):
-        is_added = len(name) > len(missing[0])
-        whole, part = (name, missing[0]) if is_added else (missing[0], name)
-        for what, end, add, take in (
-            ("prefix", whole.removesuffix(part), "{1}{0}".format, str.removeprefix),
-            ("suffix", whole.removeprefix(part), "{0}{1}".format, str.removesuffix),
-        ):
-            logged = add if is_added else take
-            if end not in {"", whole} and all(logged(each, end) in known for each in missing):
-                has, remedy = ("with", "give it to") if is_added else ("without", "take it off")
-                return (
-                    f"which has them {has} the {what} '{end}' ('{name}'): {remedy} the URDF's "
-                    "joints (xacro: its prefix argument), or choose another --joint-topic"
-                )
-    return None
+def _prefix(missing: list[str], known: tuple[str, ...]) -> str:
+    """The prefix by which the log's joint names differ from the URDF's; empty if there is none."""
+    for name in known:
+        whole, part = sorted((missing[0], name), key=len, reverse=True)
+        end = whole.removesuffix(part)
+        fits = (end + each in known or each.removeprefix(end) in known for each in missing)
+        if end not in {"", whole} and all(fits):
+            return end
+    return ""

@@ -136,13 +136,6 @@ def test_a_joint_without_encoder_is_as_if_not_logged() -> None:
     assert_path_is(mimic, shift(0.4, 0, 0) * turn("y", SHOULDER))
 
 
-def test_joint_names_differing_by_suffix_are_reported() -> None:
-    track = joints("/joint_states", shoulder_a=T, slide_a=T)
-    told = "no position of joints .* with the suffix '_a'.*--joint-topic$"
-    with pytest.raises(InputError, match=told):
-        joint_path(ROBOT, "plate", [track], world="tail")
-
-
 def test_floating_joint_in_path_asks_for_a_pose_stream() -> None:
     floating = parse_robot(ARM.replace('"prismatic"', '"floating"').encode(), "arm.urdf")
     with pytest.raises(InputError, match=r"joint 'slide' is floating.*--pose-topic"):

@@ -226,11 +226,6 @@ def arm_messages(
     return scene.run(log.write(), *arguments)
 
 
-def prefix_extra(scene: Scene) -> Seen:
-    scene.urdf(lambda text: text.replace('joint name="', 'joint name="left'))
-    return arm_messages()(scene)
-
-
 def prefixed(scene: Scene) -> Seen:
     """The arm's log with names that the URDF has without prefixes."""
     return scene.run(scene.log(noisy(), joint_prefix="left_", frame_prefix="robot1/"))
@@ -336,7 +331,6 @@ CHOICES: dict[str, Provocation] = {
     "no-joint-states": lambda scene: scene.run(scene.writer().imu().tf("map", "base_link").write()),
     "joint-missing": arm_messages(names=(*NAMES[:5], "wrist_4_joint")),
     "joint-prefix-missing": arm_messages(names=tuple(f"left{name}" for name in NAMES)),
-    "joint-prefix-extra": prefix_extra,
     "joint-prefix": prefixed,
     "joint-prefix-unsure": arm_messages(
         names=tuple(f"{arm}_{name}" for arm in ("left", "right") for name in NAMES)
