@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, ValidationError, convert
+from msgspec.structs import asdict
 from threadpoolctl import threadpool_limits
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
@@ -19,7 +20,13 @@ from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrio
 from imucalib_cli.jobs.calibrate import calibrate_recording
 from imucalib_cli.jobs.input.from_arrays import streams_of
 from imucalib_cli.jobs.input.recording import read_recording, recording_of
-from imucalib_cli.jobs.input.request import CalibrationRequest, ExpectedImu, part_asked, unheard
+from imucalib_cli.jobs.input.request import (
+    CalibrationRequest,
+    ClockChoice,
+    ExpectedImu,
+    part_asked,
+    unheard,
+)
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.remote.file import path_or_url
 from imucalib_cli.logs.unpacked import removing_copies
@@ -40,7 +47,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.details import Details, WindowSeries
     from imucalib_cli.estimate.estimate import Estimate
     from imucalib_cli.jobs.input.recording import Recording
-    from imucalib_cli.jobs.input.request import ClockChoice, Progress
+    from imucalib_cli.jobs.input.request import Progress
     from imucalib_cli.logs.messages.columns import JointColumns
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.signals.samples import Sensor
@@ -370,6 +377,10 @@ def _request(
     _check_type("estimator", estimator, (MatchedOptions, PaperOptions))
     _check_type("require", given["require"], (Tolerance,))
     options = estimator or MatchedOptions()
+    _check_values("clock", given["clock"], ClockChoice)
+    for name, group in (("units", units), ("estimator", options)):
+        if group is not None:
+            _check_values(name, asdict(group), type(group))
     return CalibrationRequest(
         urdf=None if urdf is None else _path_or_url("urdf", urdf),
         units=units or Units(),
@@ -410,6 +421,14 @@ def _check_type(name: str, value: object, kinds: tuple[type, ...]) -> None:
     if value is not None and not isinstance(value, kinds):
         wanted = " or ".join(kind.__name__ for kind in kinds)
         raise ChoiceError(f"{name} is of the type {type(value).__name__}: give {wanted}")
+
+
+def _check_values(name: str, value: object, kind: Any) -> None:
+    """Raise ChoiceError where an argument, or a field of one, is not one of its type's values."""
+    try:
+        convert(value, kind)
+    except ValidationError as error:
+        raise ChoiceError(f"{name}: {error}") from error
 
 
 def _joint_columns(text: str) -> JointColumns:

@@ -169,6 +169,10 @@ def test_untrusted_pose_needs_force_to_render(arm: ic.Calibration) -> None:
         ({"units": "mm"}, None),
         ({"estimator": "paper"}, None),
         ({"estimator": ic.MatchedOptions}, None),
+        # values that their types do not have
+        ({"estimator": ic.MatchedOptions(gravity="up")}, r"estimator: .*'up'.*gravity"),  # type: ignore[arg-type]
+        ({"estimator": ic.MatchedOptions(degree=0)}, "estimator: .*degree"),
+        ({"units": ic.Units(accel="feet")}, "units: .*'feet'.*accel"),  # type: ignore[arg-type]
         ({"require": "1mm,0.1deg"}, None),
         ({"t": np.ma.masked_less(np.arange(100.0), 3.0)}, None),
         ({"gyro": np.zeros((100, 3), dtype=complex)}, None),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from imucalib_cli.arrays import Floats  # noqa: TC001 - files of statistics are read by the types
@@ -46,8 +46,8 @@ class MatchedOptions(Struct, frozen=True, kw_only=True, eq=False):
     """
 
     window: WindowChoice = WindowChoice()
-    degree: int = 3
-    """Degree of the Savitzky-Golay polynomial, at least 2."""
+    degree: Annotated[int, Meta(ge=2)] = 3
+    """Degree of the Savitzky-Golay polynomial."""
     time_offset: float | None = None
     """IMU stamp - robot stamp, s; None estimates it."""
     max_offset: float = 1.0
@@ -157,7 +157,7 @@ class PaperOptions(Struct, frozen=True, kw_only=True, eq=False):
     """Options of the published method (Sensors 2026, 26(6), 1788)."""
 
     window: WindowChoice = WindowChoice(samples=11)
-    degree: int = 3
+    degree: Annotated[int, Meta(ge=2)] = 3
     exclusion_threshold: float | None = None
     """Second difference of the derived position above which a sample is dropped, m/s²;
     None takes the method's default, 0 drops nothing."""

@@ -315,7 +315,7 @@ class Legged(Jointed):
         carried = {joint.child: number for number, joint in enumerate(self.joints)}
         numbers: list[int] = []
         link = foot.link
-        while link in carried:
+        while link in carried and len(numbers) < 4:  # one more than a leg has
             numbers.insert(0, carried[link])
             link = self.joints[numbers[0]].parent
         joints = [self.joints[number] for number in numbers]
@@ -401,10 +401,18 @@ class SystemConfig:
         if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:
             raise ValueError("rates and duration must be positive")
         if isinstance(mover, Jointed):
+            roots = {joint.parent for joint in mover.joints} - {j.child for j in mover.joints}
+            if len(roots) > 1:
+                raise ValueError(
+                    f"joints: their links make one tree, and {', '.join(sorted(roots))} are "
+                    "children of none of them"
+                )
             n, drives = len(mover.joints), mover.drives
             lists = [drives.stiffness, drives.damping, drives.rotor_inertia]
             if isinstance(mover, Arm):
                 lists += [mover.start_deg, *(move.to_deg for move in mover.moves)]
+                if min(move.seconds for move in mover.moves) <= 0.0:
+                    raise ValueError("moves: their seconds must be positive")
             if any(len(values) != n for values in lists):
                 raise ValueError(f"drives, start_deg and to_deg need {n} numbers, one a joint")
         for what in ("link", "topic"):

@@ -117,6 +117,8 @@ def record(
         _positive(chosen[key], key.replace("imu", "IMU").replace("_", " "))
         for key in ("duration", "imu_rate", "robot_rate", "step")
     )
+    if not 0.0 <= chosen["gravity"] < np.inf:
+        raise ChoiceError(f"gravity {chosen['gravity']:g}: must be zero or positive")
     groups = _publishers(system, options.publishers)
     R_parent_imu, t_parent_imu = matrix_from_rpy(chosen["mount_rpy"]), np.array(chosen["mount_xyz"])
     R_level_world = matrix_from_rotvec([*options.base_tilt, 0.0])

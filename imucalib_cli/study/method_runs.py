@@ -66,7 +66,7 @@ class Condition:
     biases: bool = False
     """Whether the biases of the grade and their walks are simulated."""
     noise: NoiseOptions = field(default_factory=NoiseOptions)
-    """Noise options in addition to the grade; they have priority."""
+    """Noise options in addition to the grade; those that are not zero have priority."""
     seeds: int | None = None
     """Number of seeds; None takes the study's."""
 

@@ -15,7 +15,6 @@ from tests.cli.stand_in import ANSWERS, answers
 from tests.conftest import Imucalib
 from tests.results.results_samples import UP, make_result
 
-ROOT = Path(__file__).parents[2]
 SMALL = np.diag([1e-8] * 3 + [1e-10] * 3)
 HERE = np.array([0.1, 0.2, 0.3])
 

@@ -19,7 +19,6 @@ import typer
 from rich.markup import render
 
 from imucalib_cli import __version__
-from imucalib_cli.cli.exit_codes import worst
 from imucalib_cli.cli.help import GUIDES
 from imucalib_cli.cli.main import COMMANDS, app_of, main
 from imucalib_cli.process import INTERRUPTIONS
@@ -101,29 +100,6 @@ def test_unexpected_error_is_one_line(monkeypatch: pytest.MonkeyPatch, imucalib:
     monkeypatch.setenv("IMUCALIB_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
         main(["inspect", "x.mcap"])
-
-
-def test_interrupt_exits_130(
-    failing: mock.Mock, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
-) -> None:
-    """Also where it was lost in an import, which then looks like a missing package."""
-    monkeypatch.setattr("imucalib_cli.cli.main.was_interrupted", lambda: True)
-    assert imucalib("inspect", "x.mcap", code=130).err == ""
-    monkeypatch.undo()
-    failing.side_effect = KeyboardInterrupt
-    monkeypatch.setattr("imucalib_cli.jobs.inspect.open_requested", failing)
-    assert imucalib("inspect", "x.mcap", code=130).err == ""
-
-
-def test_last_words_are_printed_on_immediate_exit() -> None:
-    program = (
-        "import sys; from imucalib_cli.cli import interruption\n"
-        "for kept in ('first', 'second'):\n"
-        "    with interruption.last_words(lambda: sys.stderr.write(kept)):\n"
-        "        if kept == 'second': interruption.leave(0, None)\n"
-    )
-    done = python("-c", program)
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "second")
 
 
 def test_closed_pipe_is_silent() -> None:
@@ -318,14 +294,6 @@ def test_unwritable_output_is_reported_before_computing(
     assert err.count("\n") == 1
 
 
-def test_failure_outranks_untrusted_result() -> None:
-    assert worst([]) == 0
-    assert worst([0, 3]) == 3
-    assert worst([3, 2]) == 2
-    assert worst([3, 1, 2]) == 1
-    assert worst([3, 1, 4, 2]) == 4
-
-
 def test_help_shows_brackets_and_no_types_of_arguments_and_flags(imucalib: Imucalib) -> None:
     for name in COMMANDS:
         shown = imucalib(name, "--help").out
@@ -409,34 +377,11 @@ def test_commands_do_not_import_each_other() -> None:
         assert "imucalib_cli.cli.commands" not in path.read_text("utf-8"), path.name
 
 
-@pytest.mark.skipif(
-    tuple(map(int, typer.__version__.split(".")[:2])) < (0, 24),
-    reason="older versions import them for the words of an option",
-)
-def test_help_of_a_command_needs_no_tables_of_typer() -> None:
-    """To import and draw them takes as long as all the rest."""
-    program = (
-        "import sys; from imucalib_cli.cli.main import main; code = main(['run', '--help'])\n"
-        "print('FOUND', code, {'typer.rich_utils', 'rich.markdown'} & set(sys.modules))"
-    )
-    assert python("-c", program).stdout.splitlines()[-1] == "FOUND 0 set()"
-
-
 def test_imu_option_selects_imu_not_model(imucalib: Imucalib) -> None:
     """It selects an IMU by frame or topic; a model name gets a hint to --imu-model."""
     for arguments in (["run", "x.mcap"], ["simulate", "barbot", "-o", "x.mcap"]):
         said = imucalib(*arguments, "--imu", "bmi088", code=2)
         assert "--imu-model says which kind of IMU it is" in said.err
-
-
-def test_command_proposed_by_inspect_runs(
-    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
-) -> None:
-    log = log_writer.imu(accel=0.01).joints().text().write()
-    out = imucalib("inspect", log, "--urdf", arm_urdf).out
-    assert "/chatter" in out
-    assert "carried by hand, moved in base by /joint_states" in out
-    assert out.endswith(f"    imucalib run {log} --urdf {arm_urdf} --gravity none\n")
 
 
 def test_inspect_names_missing_inputs(tmp_path: Path, imucalib: Imucalib) -> None:

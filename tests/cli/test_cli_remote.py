@@ -105,20 +105,6 @@ def test_remote_urdf_needs_no_range_requests(web: WebServer, imucalib: Imucalib)
     assert "robot.urdf does not exist (404 Not Found): check the URL" in said.err
 
 
-@pytest.mark.usefixtures("silent")
-def test_full_download_needs_allow_remote_scan(
-    web: WebServer, imucalib: Imucalib, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    web.behaviour.ranges = False
-    arguments = ["run", web.url("rihibot.mcap"), "--urdf", str(URDF), "--format", "yaml"]
-    imucalib(*arguments, code=2)
-    _, (file,) = parts(imucalib(*arguments, "--allow-remote-scan").out)
-    _, (local,) = parts(imucalib("run", SAMPLES / "rihibot.mcap", *arguments[2:]).out)
-    assert file["sha256"] == local["sha256"]
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_bytes_read_are_reported_on_failure(web: WebServer, imucalib: Imucalib) -> None:
     web.behaviour.changes_after = 4
     said = imucalib("run", web.url("rihibot.mcap"), "--urdf", URDF, "-v", code=1)

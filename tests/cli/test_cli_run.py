@@ -14,7 +14,6 @@ from msgspec.structs import asdict, replace
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 from tests.cli.stand_in import ESTIMATE, SIDEWAYS, Estimator
 from tests.conftest import Imucalib, LogWriter
-from tests.results.results_samples import DOUBTS
 
 pytestmark = pytest.mark.usefixtures("estimator")
 ELSEWHERE = "-1 2 3 0 0 1.5707963267948966"
@@ -76,37 +75,6 @@ def test_output_folder_gets_one_file_per_imu(
     log = log_writer.joints().write()
     imucalib("run", log, "--urdf", arm_urdf, "--format", fmt, "-o", f"{tmp_path}/new/")
     assert names_in(tmp_path / "new") == [f"{log.stem}.{ending}" for ending in endings]
-
-
-def test_an_untrusted_result_is_written_and_exits_3(
-    estimator: Estimator, run_arm: Imucalib
-) -> None:
-    estimator.estimate = replace(ESTIMATE, unobservable=(SIDEWAYS,))
-    out, err = run_arm(code=3)
-    document = yaml.safe_load(out)
-    assert document["status"] == "untrusted"
-    assert document["transform"]["translation"] == [0.06, None, 0.0]
-    assert "untrusted: imu_link: not determined: translation along (0.00 1.00 0.00) of hand" in err
-
-
-@pytest.mark.parametrize("fmt", ["tf", "urdf"])
-def test_an_untrusted_pose_is_refused_unless_forced(
-    fmt: str, estimator: Estimator, run_arm: Imucalib
-) -> None:
-    estimator.estimate = replace(ESTIMATE, findings=DOUBTS)
-    out, err = run_arm("--format", fmt, code=3)
-    assert out == ""
-    assert "it wobbles" in err
-    assert "imu_link" in run_arm("--format", fmt, "--force", code=3).out
-
-
-def test_sigma_above_requirement_exits_3(run_arm: Imucalib) -> None:
-    run_arm("--require", "0.11mm,0.1deg")
-    document = yaml.safe_load(run_arm("--require", "0.09mm,0.1deg", code=3).out)
-    assert document["status"] == "untrusted"
-    assert document["provenance"]["options"]["require"] == "0.09mm,0.1deg"
-    said = run_arm("--require", "1mm")
-    assert yaml.safe_load(said.out)["provenance"]["options"]["require"] == "1mm"
 
 
 @pytest.mark.parametrize(
@@ -246,15 +214,6 @@ def test_usage_error_is_one_line_and_exits_2(
     assert complaint in err
     assert err.count("\n") == 1
     assert not estimator.calls
-
-
-def test_summary_contains_both_directions(run_arm: Imucalib) -> None:
-    out = run_arm("--format", "summary").out
-    assert "pose of imu_link in hand: p_hand = R p_imu_link + t" in out
-    assert "pose of hand in imu_link: p_imu_link = R p_hand + t" in out
-    assert "60.00 ± 0.10 mm" in out
-    assert "t_robot = t_imu - (0.012000 s), the IMU's stamps are late" in out
-    assert "\x1b" not in out
 
 
 def test_frame_may_have_a_leading_slash(run_arm: Imucalib) -> None:

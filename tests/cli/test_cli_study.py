@@ -2,9 +2,7 @@
 
 import csv
 import io
-import itertools
 import json
-import re
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,11 +15,8 @@ import yaml
 from imucalib_cli.configuration import builtin_names
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import Recording
-from imucalib_cli.study.experiment import Cell
 from imucalib_cli.study.recordings import clean_recording
-from imucalib_cli.study.studies.derivation import DerivationStudy
 from imucalib_cli.study.study import STUDIES, load_study
-from imucalib_cli.study.tables import Row
 from tests.conftest import Imucalib
 
 CONFIGS = Path(__file__).parents[2] / "configs" / "studies"
@@ -113,17 +108,6 @@ def test_a_wrong_parameter_is_named(small: Path, tmp_path: Path, imucalib: Imuca
     assert "windos" in said.err
 
 
-def test_missing_dependency_is_reported_before_any_run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib
-) -> None:
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    said = imucalib("study", "noise", "--quick", "-o", tmp_path / "out", code=1)
-    assert said.err == (
-        "error: study noise needs MuJoCo, which is not installed: pip install 'imucalib[study]'\n"
-    )
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_stored_rows_need_no_simulator_and_figures_are_optional(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:
@@ -150,65 +134,3 @@ def test_rows_with_missing_fields_are_refused(tmp_path: Path, study: Imucalib) -
         assert shown.out == ""
         assert shown.err.startswith(f"error: {file}: not the rows of a study")
         assert shown.err.endswith("name another folder with -o, or give --fresh\n")
-
-
-def test_long_run_without_terminal_prints_occasional_progress(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
-) -> None:
-    monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 0.0)
-    said = study("--no-figures").err.splitlines()
-    file = tmp_path / "out" / "derivation.jsonl"
-    runs = len(file.read_text("utf-8").splitlines()) - 1
-    assert said[0] == f"derivation: {runs} runs, rows in {file}"
-    assert re.fullmatch(rf"derivation: 1 of {runs} runs, about \d+ (s|min) left", said[1])
-    assert said[-2:] == [f"derivation: {runs} of {runs} runs", f"rows: {file}"]
-    assert study("--no-figures", "--fresh", "-q").err == ""
-
-
-@pytest.mark.parametrize("done", [0, 1])
-def test_interrupt_reports_kept_rows(
-    done: int, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
-) -> None:
-    measure, calls = DerivationStudy.measure, iter(range(9))
-
-    def interrupted(study: DerivationStudy, cell: Cell) -> list[Row]:
-        if next(calls) >= done:
-            raise KeyboardInterrupt
-        return measure(study, cell)
-
-    monkeypatch.setattr(DerivationStudy, "measure", interrupted)
-    # The lines of progress depend on the machine's speed; here none is due.
-    monkeypatch.setattr("imucalib_cli.cli.progress.LINE_PATIENCE", 3600.0)
-    said = study(code=130).err
-    runs = len(load_study("derivation", small).cells())
-    file = tmp_path / "out" / "derivation.jsonl"
-    if done:
-        words = f"1 of {runs} runs are kept in {file}; the same command goes on"
-        assert len(file.read_text("utf-8").splitlines()) == 1 + done
-    else:
-        words = f"none of {runs} runs was done"
-        assert not file.parent.exists()
-    assert said == f"interrupted: {words}\n"
-    assert study("--fresh", "-q", code=130).err == ""
-
-
-def test_columns_fit_the_terminal(
-    monkeypatch: pytest.MonkeyPatch, imucalib: Imucalib, study: Imucalib
-) -> None:
-    said = study("--no-figures", "-q", "--format", "json")
-    tables = json.loads(said.out)
-    for module in ("commands.study", "output"):
-        monkeypatch.setattr(f"imucalib_cli.cli.{module}.is_terminal", lambda _: True)
-    monkeypatch.setenv("COLUMNS", "110")
-    monkeypatch.setenv("NO_COLOR", "1")
-    shown = study("--no-figures", "-q").out
-    cells = [line for line in shown.splitlines() if line.startswith("  ")]
-    assert max(map(len, cells)) <= 110
-    for table in tables:
-        assert table["title"] in shown.splitlines()
-        for word in " ".join(itertools.chain.from_iterable(table["rows"])).split():
-            assert word in shown
-    said = imucalib("study")
-    assert "  study          what it repeats or asks\n  derivation     Figures" in (said.out)
-    said = study("--no-figures", "-q", "--format", "markdown")
-    assert "|---|" in said.out

@@ -206,14 +206,6 @@ def test_encoder_toggling_between_two_counts_is_one_publisher() -> None:
     assert find_rival_publishers(undecided) is not None
 
 
-@pytest.mark.parametrize(
-    ("system", "kind"),
-    slow_after(1, [(ARM, "accel scale"), (ARM, "gyro scale"), (BODY, "gyro scale")]),
-)
-def test_sensor_faults_are_not_attributed_to_robot(system: str, kind: str) -> None:
-    assert judged(system, flawed(kind, size=0.02)).found == ()
-
-
 @pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))
 def test_good_fit_needs_no_diagnosis(system: str) -> None:
     case = judged(system, flawed("none"))

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import imucalib_cli as ic
 from benchmarks import robots
-from benchmarks.robots import MEMS, ROBOTS, ROWS, Case, Row, make_case
+from benchmarks.robots import ROBOTS, ROWS, Case, Row, make_case
 from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
 from imucalib_cli.robot.path import PoseStep, Track
 from tests.estimate.estimate_arm import (
@@ -52,26 +52,6 @@ def test_no_errors_give_the_true_pose(robot: str) -> None:
     assert found.distance < 2e-6
     assert found.angle < 1e-6
     assert found.time_offset == pytest.approx(log.time_offset, abs=1e-7)
-
-
-def test_seed_gives_the_same_draws_in_every_row() -> None:
-    small, large = (
-        make_case("mobile", Row(noise=MEMS, scale=size, zero=size), 4, seconds=10.0)
-        for size in (1e-3, 2e-3)
-    )
-    assert np.array_equal(small.R, large.R)
-    assert small.time_offset == large.time_offset
-    assert np.array(large.drawn["zero"]) == pytest.approx(2 * np.array(small.drawn["zero"]))
-    scales = [np.array(case.drawn["accel_scale"]) - 1.0 for case in (small, large)]
-    assert scales[1] == pytest.approx(2 * scales[0])
-
-
-@pytest.mark.parametrize("name", [name for name, row in ROWS.items() if row.driver is not None])
-def test_driver_filter_keeps_values_at_rest(name: str) -> None:
-    driver = ROWS[name].driver
-    assert driver is not None
-    b, a = driver(200.0)
-    assert np.sum(b) / np.sum(a) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("seed", slow_after(1, range(3)))

@@ -347,22 +347,6 @@ def test_joint_stamps_tens_of_ms_apart_are_untrusted() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(5))
-def test_contact_shock_is_excluded_from_fit(seed: int) -> None:
-    log = make_log(Moves(seconds=30.0)).noisy(seed)
-    touched = (log.imu.t > 12.0) & (log.imu.t < 12.5)
-    accel = log.imu.accel.copy()
-    accel[touched] += 30.0 * np.random.default_rng(seed).normal(size=(int(touched.sum()), 3))
-    spoiled, whole = solve(log.with_imu(accel=accel)), solve(log)
-    assert spoiled.trusted
-    assert np.all(np.abs(spoiled.error - whole.error) < 0.5 * whole.sigma)
-    np.testing.assert_allclose(spoiled.sigma, whole.sigma, rtol=0.15)
-    # Half a second and a window, in steps of a quarter of the window.
-    assert 10 <= spoiled.residuals.windows_dropped <= 20
-    assert whole.residuals.windows_dropped <= 2
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("grade", GRADES)
 @pytest.mark.parametrize("size", [0.02, 0.1])
 def test_bias_present_only_in_rotation_is_in_sigma(size: float, grade: str) -> None:

@@ -17,7 +17,6 @@ from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from imucalib_cli.layout import plain
 from imucalib_cli.results.result import Result
-from tests.cli.stand_in import Estimator
 from tests.estimate.estimate_arm import EXACT
 from tests.jobs.robots import assert_matches_truth
 from tests.jobs.walking import LEG, ON_LEG, ON_TRUNK, ROBOT, TRUNK, log_of, of_imu, walk
@@ -85,15 +84,6 @@ def test_two_imus_on_one_body_need_no_urdf(tmp_path: Path) -> None:
     (result,) = calibrate(asked).results
     assert result.parent == "trunk_imu"
     assert_matches_truth(result, ON_TRUNK.inverse() * other)
-
-
-def test_joints_between_two_imus_need_the_urdf(tmp_path: Path, estimator: Estimator) -> None:
-    """Taken for one body, a leg would be calibrated as if it were part of the trunk."""
-    asked = structs.replace(request(tmp_path, base_imu=TRUNK), urdf=None)
-    assert not calibrate(asked).results
-    assert not estimator.calls
-    (result,) = calibrate(structs.replace(asked, parent="trunk_imu")).results
-    assert result.parent == "trunk_imu"
 
 
 def test_unusable_joints_are_reported_without_a_urdf(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Several logs of one mount, solved together: their result, and which of them are missing."""
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from imucalib_cli.errors import UntrustedError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import calibrate
-from imucalib_cli.jobs.combine import calibrate_together, combine
+from imucalib_cli.jobs.combine import combine
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.results.result import FindingEntry
 from imucalib_cli.results.statistics_file import StoredLog
@@ -23,6 +23,9 @@ from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.simulate.simulate_samples import recorded
 from tools.errors import nees, pose_off
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 ARM = "rihibot"
 TRUE_T, TRUE_RPY = np.array([-0.0225, 0.1, 0.0]), (np.pi, 0.0, np.pi / 2.0)
@@ -130,18 +133,6 @@ def test_only_log_left_is_untrusted_with_the_distance_of_the_other(logs: list[St
     assert result.status == "untrusted"
     assert (found.values["log"], found.values["other"]) == (logs[0].name, wrong.name)
     assert found.values["translation"] == pytest.approx(4e-3, abs=5e-4)
-
-
-def test_unused_logs_are_reported_in_the_result(
-    request_of_three: CalibrationRequest, tmp_path: Path
-) -> None:
-    empty = tmp_path / "empty.mcap"
-    empty.write_bytes(b"")
-    first = request_of_three.logs[0]
-    (result,), (failure,) = calibrate_together(replace(request_of_three, logs=(first, empty)))
-    assert "empty.mcap is empty" in str(failure)
-    (found,) = (each for each in result.diagnostics.findings if each.code == "logs.missing")
-    assert (found.values["missing"], found.values["logs"], found.values["used"]) == (1, 2, 1)
 
 
 def test_logs_on_either_side_of_a_move_are_untrusted(logs: list[StoredLog]) -> None:

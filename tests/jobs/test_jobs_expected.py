@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -78,24 +77,6 @@ def test_noise_matching_data_sheet_is_not_reported(tmp_path: Path) -> None:
     assert again == check
 
 
-@pytest.mark.slow
-def test_five_times_the_noise_is_reported_without_effect(tmp_path: Path) -> None:
-    sheet = load_imu("bmi088")
-    loud = replace(sheet, accel_noise=5 * sheet.accel_noise, gyro_noise=5 * sheet.gyro_noise)
-    log = written(tmp_path, loud)
-    # bmi270 has no figures for biases, so nothing but the comparison differs.
-    told, untold = result(log, "bmi270"), result(log, None)
-    accel, gyro = of_model(told)
-    assert "accelerometer's noise is 0.06" in accel
-    assert "5.9 times the 0.011 of the data sheet of bmi270 at 100 Hz" in accel  # 190 * 5 / 160
-    assert "10 times the 0.00086" in gyro
-    assert "--imu-model" in accel
-    for key in ("transform", "covariance", "accel_bias"):
-        assert getattr(told, key) == getattr(untold, key)
-    assert told.status == untold.status == "ok"
-    assert untold.diagnostics.imu_model is None
-
-
 def test_bias_priors_come_from_data_sheet_unless_given(tmp_path: Path, imucalib: Imucalib) -> None:
     log = written(tmp_path, "adis16448")
     found = result(log, "adis16448")
@@ -133,23 +114,6 @@ def test_prior_helps_only_where_log_lacks_information(tmp_path: Path) -> None:
     assert np.abs(off).max() < 0.1 * np.sqrt(np.diag(covariance)[:3]).min()
     with_sheet, without = (np.array(each.accel_bias.std, float) for each in (told, untold))
     assert np.all(with_sheet <= without * 1.01)  # integrated by points
-
-
-@pytest.mark.slow
-def test_implausible_bias_drops_the_prior_and_keeps_the_result(tmp_path: Path) -> None:
-    wild = replace(load_imu("adis16448"), gyro_bias=(0.2, 0.0, -0.1))
-    log = written(tmp_path, wild)
-    told, untold = result(log, "adis16448"), result(log, None)
-    assert told.status == "ok"
-    (sentence,) = of_model(told)
-    assert "a gyro bias of 0.22 rad/s is far beyond" in sentence
-    assert "(0.0087, 1 sigma)" in sentence
-    assert told.provenance.options["gyro_bias_std"] == "free"
-    assert told.provenance.options["accel_bias_std"] == pytest.approx(0.392266)
-    off = np.abs(np.subtract(told.gyro_bias.value, untold.gyro_bias.value))
-    assert (off < np.array(told.gyro_bias.std, float)).all()
-    # The user's own prior is another matter: the log contradicts the user.
-    assert result(log, None, gyro_bias_std=0.0175).status == "untrusted"
 
 
 @pytest.mark.slow

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from imucalib_cli.errors import ChoiceError
-from imucalib_cli.jobs.input.halves import half_topics, joined
+from imucalib_cli.jobs.input.halves import joined
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.logs.clock import choose_clock
 from imucalib_cli.logs.log import LogData
@@ -85,16 +84,3 @@ def test_matching_gyro_and_accel_topics_are_joined(
     halves: dict[str, str], expected: set[str]
 ) -> None:
     assert set(join(*(imu(topic, 100.0, which) for topic, which in halves.items()))) == expected
-
-
-def test_topic_options_override_automatic_joining() -> None:
-    three = [imu("/a", 100.0, "g"), imu("/b", 100.0, "ga"), imu("/c", 50.0, "ga")]
-    request = replace(ASKED, gyro_topics=("/a",), accel_topics=("/c",))
-    found = join(*three, request=request)
-    assert set(found) == {"/a", "/b"}
-    t = (found["/a"].header_ns - START_NS) * 1e-9
-    np.testing.assert_allclose(found["/a"].accel, wave(t) + 9.0, atol=1e-4)
-    with pytest.raises(ChoiceError, match="--gyro-topic /none: no such IMU; there are /a, /b, /c"):
-        join(*three, request=replace(request, gyro_topics=("/none",)))
-    with pytest.raises(ChoiceError, match="/c is given twice"):
-        half_topics(replace(request, gyro_topics=("/c",)))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.jobs.calibrate import Calibrated, Outcome, calibrate
 from imucalib_cli.jobs.combine import combine
 from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -76,11 +75,6 @@ def test_two_legs_share_the_errors_of_the_base_imu(of_both: dict[str, Calibrated
         for each in of_both.values()
     )
     assert one["base_time_offset"] == pytest.approx(other["base_time_offset"], abs=1e-12)
-
-
-def test_exact_robot_shares_no_errors(request_of_two: CalibrationRequest) -> None:
-    exact = replace(request_of_two, estimator=MatchedOptions(robot="exact"), details=False)
-    assert not any("imus.together" in codes(each) for each in calibrate(exact).calibrated)
 
 
 def test_statistics_are_those_of_the_single_imu(

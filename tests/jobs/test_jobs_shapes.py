@@ -233,13 +233,6 @@ def test_inspect_reports_low_state_stamps_as_run_uses_them(tmp_path: Path) -> No
     assert "log stamps would be used" in layout.plain(found.blocks())
 
 
-def test_unnamed_motors_ask_for_joints_option(tmp_path: Path) -> None:
-    unitree, _ = low_state("unitree_go")
-    log = shapes.write_mcap(tmp_path / "log.mcap", unitree)
-    with pytest.raises(ic.ImucalibError, match=r"only numbers: .* by --joints TOPIC"):
-        read(log, urdf=shapes.URDF)
-
-
 @pytest.mark.parametrize("encoding", slow_after(1, ["json", "protobuf"]))
 def test_imu_and_joints_are_read_from_json_and_protobuf(encoding: str, tmp_path: Path) -> None:
     log = shapes.write_plain(tmp_path / "log.mcap", shapes.dictionaries(encoding), encoding)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2
 
-from imucalib_cli.errors import ChoiceError
 from imucalib_cli.logs.decoding import wire
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages.columns import joint_columns
@@ -20,7 +19,7 @@ from imucalib_cli.logs.reader import Topic
 from imucalib_cli.logs.select import select_topics
 from tools import republish as shapes
 from tools.mcap_file import Payload, write_payloads
-from tools.republish import STORE, header, make
+from tools.republish import header, make
 
 START_NS = shapes.START_NS
 TIMES = [START_NS + k * 2_000_000 for k in range(60)]
@@ -223,22 +222,6 @@ def test_invalid_columns_syntax_is_refused(text: str, says: str) -> None:
         joint_columns(text)
 
 
-@pytest.mark.parametrize(
-    ("columns", "says"),
-    [
-        ("/leg:positions=a", "there is no topic /leg with messages; topics are /arm"),
-        ("/arm:efforts=a", "acme_msgs/Arm .cdr. has no numbers efforts; fields with numbers are "),
-        ("/arm:label=a", "mode, positions, temperature"),
-    ],
-)
-def test_missing_columns_are_refused(columns: str, says: str, tmp_path: Path) -> None:
-    said, _ = arms(["pan"])
-    log = shapes.write_mcap(tmp_path / "log.mcap", said)
-    with pytest.raises(ChoiceError, match=says) as caught:
-        open_log([log], columns=[joint_columns(columns)])
-    assert caught.value.option == "--joints"
-
-
 def foxglove_rows() -> tuple[Any, Any]:
     rng = np.random.default_rng(3)
     quaternions = rng.normal(size=(len(TIMES), 4))
@@ -422,18 +405,3 @@ def test_dynamic_joint_state_with_changing_joints_is_read(tmp_path: Path) -> Non
     np.testing.assert_array_equal(both["pan"], np.arange(len(TIMES)))
     np.testing.assert_array_equal(both["lift"], -np.arange(len(TIMES)))
     np.testing.assert_array_equal(joints.header_ns, TIMES)
-
-
-def test_every_definition_reads_rosbags_serialisation() -> None:
-    """The fields of a definition take as many bytes as rosbags writes, whatever they mean."""
-    from imucalib_cli.logs.messages.table import MessageType
-
-    kinds = [*shapes.DEFINITIONS, "std_msgs/msg/Float64MultiArray", "nav_msgs/msg/Odometry"]
-    kinds += ["sensor_msgs/msg/CameraInfo", "diagnostic_msgs/msg/DiagnosticArray"]
-    for kind in kinds:
-        text, _ = STORE.generate_msgdef(kind, ros_version=2)
-        fields = fields_of(kind.replace("/msg/", "/"), "cdr", text)
-        payload = bytes(STORE.serialize_cdr(make(kind), kind))
-        wire._Shape(payload, MessageType({}, fields), ros1=False)
-        with pytest.raises(wire.WireError):
-            wire._Shape(payload + b"\0" * 8, MessageType({}, fields), ros1=False)

@@ -47,35 +47,6 @@ def _joint_path(*tracks: tuple[Floats, Floats]) -> KinematicPath:
     )
 
 
-def test_coverage_needs_samples_of_every_track() -> None:
-    a = np.arange(0, 10.0, 0.01)
-    b = np.arange(1.0, 8.0, 0.02)
-    a = a[(a < 3.0) | (a > 3.5)]
-    b = b[(b < 6.0) | (b > 6.4)]
-    trajectory = Trajectory.of(_joint_path((a, np.sin(a)), (b, np.cos(b))))
-    at = np.random.default_rng(1).uniform(-1, 11, 2000)
-    inside_a = (at >= a[0]) & (at <= a[-1]) & ~((at > a[a < 3.2][-1]) & (at < a[a > 3.2][0]))
-    inside_b = (at >= b[0]) & (at <= b[-1]) & ~((at > b[b < 6.2][-1]) & (at < b[b > 6.2][0]))
-    np.testing.assert_array_equal(trajectory.covered(at), inside_a & inside_b)
-    assert trajectory.gaps == 2
-    assert trajectory.span == (b[0], b[-1])
-    assert trajectory.interval == pytest.approx(0.02)
-    covered = at[trajectory.covered(at)]
-    _, p = trajectory.poses(covered)
-    np.testing.assert_allclose(p[:, 0], np.sin(covered), atol=1e-8)
-    np.testing.assert_allclose(p[:, 1], np.cos(covered), atol=1e-8)
-
-
-def test_every_stamp_is_covered_and_gives_its_sample() -> None:
-    t = np.arange(0, 10.0, 0.01)
-    t = t[(t < 3.0) | (t > 4.5)]
-    rng = np.random.default_rng(2)
-    q = rng.normal(size=len(t))
-    trajectory = Trajectory.of(_joint_path((t, q)))
-    assert trajectory.covered(t).all()
-    np.testing.assert_array_equal(trajectory.poses(t)[1][:, 0], q)
-
-
 def test_a_stretch_too_short_to_interpolate_is_not_covered() -> None:
     t = np.r_[np.arange(50) * 0.1, 9.0 + np.arange(4) * 0.1, 15.0 + np.arange(50) * 0.1]
     q = np.where((t > 8) & (t < 10), np.sin(t), 100.0)
@@ -85,31 +56,6 @@ def test_a_stretch_too_short_to_interpolate_is_not_covered() -> None:
     _, p = trajectory.poses(at)
     # Either left out, or right: never a polynomial through samples from beyond a gap.
     np.testing.assert_allclose(p[covered, 0], np.sin(at[covered]), atol=1e-3)
-
-
-def test_disordered_rows_are_sorted() -> None:
-    t = np.arange(200) / 50.0
-    values = _pose_values(t)
-    order = np.r_[np.arange(100), 101, 100, 100, np.arange(102, 200)]
-    tidy = clean_track(Track(name="x", kind="pose", t=t[order], values=values[order]))
-    np.testing.assert_array_equal(tidy.t, t)
-    np.testing.assert_allclose(np.abs(np.sum(tidy.values[:, 3:] * values[:, 3:], axis=1)), 1.0)
-
-
-def test_ticks_replace_jittered_stamps_on_request() -> None:
-    rng = np.random.default_rng(3)
-    true = np.arange(4000) / 100.0
-    stamps = true + rng.normal(scale=5e-4, size=4000)
-    trajectory = Trajectory.of(_joint_path((stamps, np.sin(3 * true))))
-    assert trajectory.has_jitter
-    assert trajectory.stamp_variance == 0.0
-    at = np.linspace(1.0, 38.0, 500)
-    as_stamped = trajectory.poses(at)[1][:, 0] - np.sin(3 * at)
-    ticks = trajectory.with_ticks(use_ticks=True)
-    as_ticks = ticks.poses(at)[1][:, 0] - np.sin(3 * at)
-    assert np.std(as_stamped) > 5e-4
-    assert np.abs(as_ticks).max() < 1e-4
-    assert np.sqrt(ticks.stamp_variance) == pytest.approx(5e-4 / np.sqrt(4000), rel=0.1)
 
 
 def test_too_few_samples_are_refused_by_name() -> None:

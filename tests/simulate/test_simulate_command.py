@@ -138,6 +138,7 @@ def test_joint_orders_have_names(command: Command, order: str, first: str | None
         ("barbot --profile soft", 2, "'smooth', 'hard'"),
         ("barbot --dropouts 1", 2, "below 1"),
         ("barbot --duration 0", 2, "duration 0: must be positive"),
+        ("rihibot --gravity nan", 2, "gravity nan: must be zero or positive"),
         ("barbot --start 2038-01-19T04:00", 2, "expected a time from 1970 to 2037"),
         ("barbot --accel-noise 1 --accel-noise-ug 1", 2, "not both"),
         ("barbot --compression zip", 2, "choose zstd, lz4, none"),

@@ -54,15 +54,6 @@ def test_urdf_matches_the_manufacturer_arm() -> None:
     assert model.existFrame("camera_link")
 
 
-def test_mounts_of_the_paper_are_the_truth() -> None:
-    rihibot, barbot = load_system("rihibot"), load_system("barbot")
-    assert rihibot.imu.xyz == (-0.0225, 0.1, 0.0)
-    assert rihibot.imu.rpy == pytest.approx((np.pi, 0.0, np.pi / 2))
-    assert barbot.imu.xyz == (0.0, 0.0, 0.055)
-    assert (rihibot.duration, barbot.duration) == (74.0, 128.0)
-    assert (rihibot.gravity, barbot.gravity) == (9.80665, 0.0)
-
-
 def test_only_builtin_systems_are_found() -> None:
     assert system_names() == ["barbot", "rihibot", "walker"]
     with pytest.raises(ChoiceError, match="choose barbot, rihibot, walker"):
@@ -114,10 +105,18 @@ def test_config_errors_name_their_key(tmp_path: Path, change: dict[str, Any], wo
     assert "\n" not in str(caught.value)
 
 
-def test_arm_needs_a_value_for_every_joint(tmp_path: Path) -> None:
-    short = configured(tmp_path, "rihibot", lambda raw: raw["arm"]["moves"][3]["to_deg"].pop())
-    with pytest.raises(InputError, match="need 6 numbers, one a joint"):
-        load_system(short)
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda arm: arm["moves"][3]["to_deg"].pop(), "need 6 numbers, one a joint"),
+        (lambda arm: arm["moves"][3].update(seconds=0), "seconds must be positive"),
+        (lambda arm: arm["joints"][2].update(parent="upperarm"), "one tree"),
+    ],
+)
+def test_arm_that_cannot_be_is_refused(tmp_path: Path, change: Any, words: str) -> None:
+    wrong = configured(tmp_path, "rihibot", lambda raw: change(raw["arm"]))
+    with pytest.raises(InputError, match=words):
+        load_system(wrong)
 
 
 @pytest.mark.parametrize(

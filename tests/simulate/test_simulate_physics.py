@@ -1,27 +1,23 @@
 """Recordings against rigid-body mechanics by pinocchio, scipy, or on paper; its motion."""
 
 import sys
-from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
-from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.simulate.config import Arm, FreeBody, Move
+from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.load import load_system
-from imucalib_cli.simulate.motion import ArmReference, PushPlan
+from imucalib_cli.simulate.motion import PushPlan
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import Recording
-from tests.simulate.simulate_samples import imus_by_pinocchio, joints, pose, recorded
+from tests.simulate.simulate_samples import imus_by_pinocchio, joints, recorded
 
 
 def the_arm() -> Arm:
@@ -37,29 +33,6 @@ def the_bar() -> FreeBody:
 
 
 ARM, BAR = the_arm(), the_bar()
-
-
-@given(st.floats(0.0, 200.0))
-def test_reference_rates_are_derivatives_of_positions(t: float) -> None:
-    reference = ArmReference(ARM, 201.0)
-    ahead, behind = reference(t + 1e-5)[0], reference(max(t - 1e-5, 0.0))[0]
-    rate = (ahead - behind) / (t + 1e-5 - max(t - 1e-5, 0.0))
-    np.testing.assert_allclose(reference(t)[1], rate, atol=1e-4)
-
-
-def test_moves_reach_target_rest_and_repeat_from_the_second() -> None:
-    moves = (
-        Move(to_deg=(10.0,) * 6, seconds=1.0, rest=0.5),
-        Move(to_deg=(20.0,) * 6, seconds=2.0, rest=0.5),
-        Move(to_deg=(30.0,) * 6, seconds=1.0, rest=1.0),
-    )
-    short = replace(ARM, start_deg=(0.0,) * 6, start_rest=1.0, moves=moves)
-    reference = ArmReference(short, 20.0)
-    arrived = {0.5: 0, 2.0: 10, 2.4: 10, 4.5: 20, 6.0: 30, 7.0: 30, 9.0: 20, 10.5: 30, 13.5: 20}
-    found = {t: round(float(np.degrees(reference(t)[0][0])), 6) for t in arrived}
-    assert found == arrived
-    single = ArmReference(replace(short, moves=moves[:1]), 20.0)
-    np.testing.assert_allclose(np.degrees(single(19.0)[0]), 10.0)  # nothing to repeat: it stays
 
 
 def test_smooth_pushes_are_continuous_and_hard_pushes_are_not() -> None:
@@ -106,26 +79,6 @@ def test_imu_readings_match_pinocchio(arm: Recording) -> None:
     np.testing.assert_allclose(arm.gravity_world, tilted, atol=1e-12)
     np.testing.assert_allclose(arm.imu.gyro, gyro[:, 0], atol=1e-11)
     np.testing.assert_allclose(arm.imu.accel, accel[:, 0], atol=1e-11)
-
-
-def test_at_rest_the_accelerometer_points_up() -> None:
-    resting = recorded("rihibot", duration=1.0, imu_rate=10.0)
-    _, _, R_world_imu, _ = imus_by_pinocchio(resting)
-    up = np.einsum("nij,nj->ni", R_world_imu[:, 0], resting.imu.accel)
-    np.testing.assert_allclose(up, np.tile([0.0, 0.0, 9.80665], (len(up), 1)), atol=1e-9)
-    np.testing.assert_allclose(resting.imu.gyro, 0.0, atol=1e-12)
-
-
-def test_positions_rates_and_accelerations_are_consistent(arm: Recording) -> None:
-    """A spline through the encoder readings has the engine's rates: they are of one instant."""
-    spline = make_interp_spline(joints(arm).t, joints(arm).position, k=7)
-    inner = (arm.state.t > 0.1) & (arm.state.t < 8.9)
-    t = arm.state.t[inner]
-    np.testing.assert_allclose(spline(t, 1), arm.state.velocity[inner], atol=1e-7)
-    # The reference's jerk jumps where moves begin and end, a spline rings there a little.
-    error = np.abs(spline(t, 2) - arm.state.acceleration[inner])
-    assert np.median(error) < 1e-6
-    assert error.max() < 0.02
 
 
 def test_any_rate_samples_at_exact_instants() -> None:
@@ -188,23 +141,6 @@ def euler_by_scipy(profile: str) -> Floats:
 
     solution = solve_ivp(rate, (0, 3), np.zeros(3), rtol=1e-10, atol=1e-12, max_step=0.01)
     return np.asarray(solution.y[:, -1])
-
-
-def test_bar_imu_follows_the_rigid_body_formula(bar: Recording) -> None:
-    state, r = bar.state, np.array([0.0, 0.0, 0.055])
-    R_world_bar = Rotation.from_quat(state.position[:, 3:], scalar_first=True)
-    omega, alpha = state.velocity[:, 3:], state.acceleration[:, 3:]
-    lever = np.cross(alpha, r) + np.cross(omega, np.cross(omega, r))
-    expected = R_world_bar.inv().apply(state.acceleration[:, :3]) + lever
-    np.testing.assert_allclose(bar.imu.accel, expected, atol=1e-9)
-    np.testing.assert_allclose(bar.imu.gyro, omega, atol=1e-12)
-    assert bar.gravity_world.tolist() == [0.0, 0.0, 0.0]
-
-
-def test_bar_pose_rate_matches_gyroscope(bar: Recording) -> None:
-    R_world_bar = Rotation.from_quat(pose(bar).quaternion_xyzw)
-    middle_rate = (R_world_bar[:-2].inv() * R_world_bar[2:]).as_rotvec() / 0.008
-    np.testing.assert_allclose(middle_rate, bar.imu.gyro[1:-1], atol=2e-4)
 
 
 @pytest.mark.slow

@@ -18,13 +18,11 @@ from imucalib_cli.arrays import Floats
 from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import SystemConfig
 from imucalib_cli.simulate.load import load_grade, load_system
-from imucalib_cli.simulate.motion import joint_plan
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import LogOptions, NoiseOptions, PhysicsOptions
 from imucalib_cli.simulate.physics import LowPass, record
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.simulate.simulate import truth_of
-from imucalib_cli.simulate.urdf import urdf_text
 from tests.conftest import Imucalib
 from tests.simulate.simulate_samples import configured, imus_by_pinocchio, joints, recorded
 
@@ -119,37 +117,6 @@ def test_walker_stays_upright_through_repeated_walks() -> None:
     limits = np.radians([(joint.range_deg, joint.velocity_deg) for joint in system.joints])
     assert (np.abs(joints(recording).position) < limits[:, 0]).all()
     assert (np.abs(recording.state.velocity[:, 6:]) < limits[:, 1]).all()
-
-
-def test_feet_follow_the_gait() -> None:
-    """Pinocchio takes the planned angles back to feet: they stand on the ground as it goes by."""
-    system = walking_soon()
-    legged = system.legged
-    assert legged is not None
-    ahead = replace(legged.gait.walks[0], forward=0.4, left=0.0, turn_deg=0.0, lift=0.05)
-    gait = replace(legged.gait, sways=(), swings=(), walks=(ahead,))
-    t = np.linspace(2.0, 3.6, 401)
-    angles = joint_plan(replace(legged, gait=gait), t)
-    model: Any = pin.buildModelFromXML(urdf_text(system))
-    data = model.createData()
-    order = [model.joints[model.getJointId(joint.name)].idx_q for joint in legged.joints]
-    places = []
-    for row in angles:
-        q = np.zeros(model.nq)
-        q[order] = row
-        pin.framesForwardKinematics(model, data, q)
-        feet = [data.oMf[model.getFrameId(f.link.replace("calf", "foot"))] for f in legged.feet]
-        places.append([foot.translation.copy() for foot in feet])
-    place = np.array(places)
-    for number, foot in enumerate(legged.feet):
-        share = ((t - gait.start_rest) / gait.period - foot.phase) % 1.0
-        side = np.sign(place[0, number, 1])
-        np.testing.assert_allclose(place[:, number, 1], side * (0.04675 + 0.08 + gait.wider))
-        stands = (share > 0.02) & (share < gait.stance - 0.02)
-        np.testing.assert_allclose(place[stands, number, 2], -gait.height)
-        rate = np.gradient(place[:, number, 0], t)
-        np.testing.assert_allclose(rate[stands], -0.4, atol=1e-9)
-        np.testing.assert_allclose(place[:, number, 2].max(), 0.05 - gait.height, atol=1e-3)
 
 
 def test_a_step_out_of_reach_is_refused() -> None:

@@ -1,16 +1,13 @@
 """Figures 5 to 7 against the engine's own acceleration; any figure is the same bytes each time."""
 
 import math
-import sys
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.options import PhysicsOptions
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.figures import draw_curve, logarithmic, new_figure, save_svg
@@ -19,7 +16,6 @@ from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.derivation import (
     compared_by_matched,
     compared_by_paper,
-    near_changes,
 )
 
 PHYSICS = PhysicsOptions(imu_rate=250, robot_rate=250, duration=24)
@@ -55,32 +51,6 @@ def test_both_filters_match_simulated_acceleration() -> None:
         assert np.abs(true).max() > 0.15
 
 
-def test_wrong_guess_changes_only_derived_acceleration() -> None:
-    truth = wrong_guess(bar(), 0.0, 0.0, 0)
-    displaced = wrong_guess(bar(), 0.1, 0.0, 3)
-    assert np.linalg.norm(displaced.t - truth.t) == pytest.approx(0.1)
-    right, wrong = (compared_by_matched(bar(), guess, 11) for guess in (truth, displaced))
-    np.testing.assert_allclose(wrong.measured, right.measured, atol=1e-12)
-    assert np.abs(wrong.mismatch).max() > 50 * np.abs(right.mismatch).max()
-
-
-def test_excluded_samples_are_at_pose_changes() -> None:
-    truth = wrong_guess(bar(), 0.0, 0.0, 0)
-    for limit in (0.05, 0.2):
-        found = compared_by_paper(bar(), truth, 11, limit)
-        assert 0.0 < np.mean(~found.kept) < 0.6
-        assert np.abs(found.derived[found.kept]).max() < limit + 0.1
-
-
-def test_acceleration_jumps_at_starts_and_stops() -> None:
-    t = np.arange(1000) / 250
-    accel = np.where((t > 1.0) & (t < 3.0), 0.05, 0.0)
-    near = near_changes(t, accel, jerk=2.0, margin=0.1)
-    for edge in (1.0, 3.0):
-        assert near[np.abs(t - edge) < 0.09].all()
-    assert not near[np.minimum(np.abs(t - 1.0), np.abs(t - 3.0)) > 0.12].any()
-
-
 def drawn(path: Path) -> bytes:
     figure, (left, right) = new_figure(1, 2)
     draw_curve(left, "error", [0.0, 0.1, 1.0], [1.0, math.nan, 2.0])
@@ -102,9 +72,3 @@ def test_same_figure_has_identical_bytes(tmp_path: Path) -> None:
     root = ET.fromstring(first)
     assert root.tag == "{http://www.w3.org/2000/svg}svg"
     assert b"<dc:date>" not in first
-
-
-def test_missing_matplotlib_is_one_line_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
-        new_figure()

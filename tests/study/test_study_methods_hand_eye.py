@@ -1,6 +1,5 @@
 """Hand-eye parts: OpenCV's own solver, the engine's poses and analytic motion as truth."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -147,13 +146,3 @@ def test_tuning_improves_camera_imu_transform_in_noise(seen: Recording) -> None:
     assert np.sqrt(np.mean(better**2)) < 0.5 * np.sqrt(np.mean(plain**2))
     assert better.max() < 2e-3
     assert max(pair[1].rotation for pair in pairs) < np.radians(0.03)
-
-
-def test_unsupported_input_is_one_line_error(
-    seen: Recording, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    imu, _ = streams_of(seen)
-    camera = observed(seen)
-    monkeypatch.setitem(sys.modules, "cv2", None)
-    with pytest.raises(InputError, match=r"pip install 'imucalib\[study\]'"):
-        calibrate_liang(imu, camera, as_published(0))

@@ -6,25 +6,18 @@ import numpy as np
 import pytest
 from msgspec import structs
 from scipy.interpolate import BSpline
-from scipy.spatial.transform import Rotation
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.matched import calibrate_matched
-from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.results.pose import PoseError, pose_error
-from imucalib_cli.simulate.load import load_system
+from imucalib_cli.results.pose import PoseError
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
-from imucalib_cli.simulate.physics import record
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.bound import cramer_rao
 from imucalib_cli.study.methods.bspline import (
     BSplineOptions,
     calibrate_bspline,
     calibrate_bspline_camera,
-    prepare,
 )
-from imucalib_cli.study.methods.camera import corner_information, target_pose
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
 from imucalib_cli.study.methods.spline import (
     DEGREE,
@@ -110,98 +103,6 @@ def test_the_spline_reaches_the_bound_and_gyro_first_is_near(arm: Recording) -> 
     assert ratio(spline)[1] < ratio(first)[1]
 
 
-def test_spline_weights_encoder_noise_correctly(arm: Recording) -> None:
-    noisy = corrupt(arm, replace(NOISE, encoder_noise=5e-5), 0)
-    problem, _ = prepare(*streams_of(noisy), OPTIONS)
-    position_std, rotation_std = 1.0 / problem.pose_whiten[[0, 3]]
-    assert 2e-5 < position_std < 2e-4
-    assert 5e-5 < rotation_std < 2e-4
-    found = error(calibrate_bspline(*streams_of(noisy), OPTIONS), arm)
-    assert found.translation < 1e-3
-    assert found.rotation < np.radians(0.02)
-
-
-@pytest.mark.slow
-def test_default_knots_and_degree_are_sufficient(arm: Recording) -> None:
-    imu, path = streams_of(corrupt(arm, NOISE, 0))
-    bound = cramer_rao(arm, ACCEL_STD, GYRO_STD)
-    few, many = (
-        calibrate_bspline(imu, path, replace(OPTIONS, knots_per_second=knots))
-        for knots in (20.0, 80.0)
-    )
-    apart = pose_error(few.R_frame_imu, few.t_frame_imu, many.R_frame_imu, many.t_frame_imu)
-    assert apart.translation < 0.1 * bound.translation
-    assert apart.rotation < 0.1 * bound.rotation
-    clean = streams_of(arm)
-    quintic, cubic = (
-        error(calibrate_gyro_first(*clean, GyroFirstOptions(degree=degree)), arm)
-        for degree in (5, 3)
-    )
-    assert cubic.translation > 10 * quintic.translation
-
-
-def test_residual_derivatives_match_finite_differences(arm: Recording) -> None:
-    walking = replace(OPTIONS, accel_bias_walk=1e-3, gyro_bias_walk=1e-4, knots_per_second=10.0)
-    problem, state = prepare(*streams_of(corrupt(arm, NOISE, 0)), walking)
-    state = replace(state, t_parent_imu=np.array([0.1, -0.2, 0.3]))
-    rng = np.random.default_rng(0)
-    controls = rng.normal(size=state.controls.shape)
-    border = rng.normal(size=9 + state.biases.size) * 1e-2
-    J, _ = problem._walk(state)
-    ahead, behind = (problem._walk(state.moved(0 * controls, x))[1] for x in (border, -border))
-    np.testing.assert_allclose(J @ border, (behind - ahead) / 2, rtol=1e-9)
-    step = 1e-5
-    everything = slice(None)
-    for rows in (problem.pose_rows, problem.imu_rows):
-        part = rows(state, everything, derivatives=True)
-        linear = np.einsum("nrc,nc->nr", part.local, _near(controls, part.segment))
-        linear += part.border @ border[part.columns]
-        ahead, behind = (
-            rows(state.moved(to * controls, to * border), everything, derivatives=False).r
-            for to in (step, -step)
-        )
-        expected = (behind - ahead) / (2 * step)
-        scale = np.abs(expected).max()
-        np.testing.assert_allclose(linear / scale, expected / scale, atol=2e-5)
-
-
-def _near(controls: np.ndarray, segment: np.ndarray) -> np.ndarray:
-    return np.asarray(controls[segment[:, None] + np.arange(6)].reshape(len(segment), -1))
-
-
-@pytest.mark.slow
-def test_known_values_are_fixed(arm: Recording) -> None:
-    level = record(load_system("rihibot"), replace(arm.physics, base_tilt=(0.0, 0.0)))
-    imu, path = streams_of(level)
-    known = replace(OPTIONS, gravity="fixed", time_offset=0.0, biases=False)
-    answer = calibrate_bspline(imu, path, known)
-    assert answer.time_offset == 0.0
-    np.testing.assert_array_equal(answer.accel_bias, np.zeros(3))
-    np.testing.assert_allclose(answer.gravity_world, level.gravity_world, rtol=1e-12)  # type: ignore[arg-type]
-    assert error(answer, level).translation < 1e-5
-    # Biases that are not estimated turn the mount by a degree, far from where the search starts.
-    biased = corrupt(
-        level, NoiseOptions(accel_bias=(0.3, -0.5, 0.4), gyro_bias=(0.05, -0.03, 0.04)), 0
-    )
-    astray = calibrate_bspline(*streams_of(biased), known)
-    ours = calibrate_matched(
-        *streams_of(biased),
-        MatchedOptions(
-            gravity="fixed",
-            time_offset=0.0,
-            accel_bias_std=0.0,
-            gyro_bias_std=0.0,
-            sensor_model="ideal",
-        ),
-    )
-    assert error(astray, level).rotation > np.radians(1.0)
-    off = float(np.linalg.norm(ours.t_parent_imu - level.t_parent_imu))
-    assert 0.5 * off < error(astray, level).translation < 1.5 * off
-    given = calibrate_gyro_first(imu, path, GyroFirstOptions(time_offset=0.0))
-    assert given.time_offset == 0.0
-    assert error(given, level).translation < 3e-5
-
-
 def test_continuously_rotating_free_body_is_refused() -> None:
     body = recorded("barbot", duration=34.0, imu_rate=50.0, robot_rate=50.0, step=0.004)
     imu, path = streams_of(body)
@@ -252,31 +153,6 @@ def test_camera_spline_is_as_accurate_as_kalibr_in_noise(seen: Recording) -> Non
     assert found.translation < 3e-4
     assert found.rotation < np.radians(0.02)
     assert offset == pytest.approx(0.0, abs=5e-5)
-
-
-def test_corner_information_is_inverse_of_pose_scatter(
-    seen: Recording,
-) -> None:
-    camera = observed(seen)
-    corners = camera.corners[100]
-    pose = target_pose(camera, corners)
-    assert pose is not None
-    rng = np.random.default_rng(0)
-    scatter, squares = [], []
-    for _ in range(300):
-        noisy = corners + 0.2 * rng.normal(size=corners.shape)
-        moved = target_pose(camera, noisy)
-        assert moved is not None
-        place = pose.R.T @ pose.t - moved.R.T @ moved.t
-        turn = Rotation.from_matrix(pose.R @ moved.R.T).as_rotvec()
-        scatter.append(np.concatenate([place, turn]))
-        _, rest = corner_information(camera, noisy, moved)
-        squares.append(np.sum(rest**2) / (rest.size - 6))
-    information, _ = corner_information(camera, corners, pose)
-    root = np.linalg.cholesky(information / 0.2**2)
-    white = np.array(scatter) @ root
-    np.testing.assert_allclose(white.T @ white / 300, np.eye(6), atol=0.3)
-    assert np.mean(squares) == pytest.approx(0.04, rel=0.02)
 
 
 def test_rarely_visible_target_is_refused(seen: Recording) -> None:

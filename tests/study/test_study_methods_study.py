@@ -77,28 +77,6 @@ def test_errors_refer_to_the_camera_imu_transform(clean: Recording) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["gyro-first hand-eye", "paper"])
-def test_run_equals_the_method_on_the_same_data(
-    study: MethodsStudy, clean: Recording, method: str
-) -> None:
-    rows = study.measure({"condition": NOISY, "method": method, "seed": 3})
-    settings = study.paper_settings if method == "paper" else (None,)
-    assert len(study.paper_settings) == 2
-    recording = corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 3)
-    data = given(recording, study, 3)
-    for row, setting in zip(rows, settings, strict=True):
-        answer = enter(method, setting, data)
-        error = float(np.linalg.norm(answer.t_frame_imu - clean.t_parent_imu))
-        assert row["translation"] == pytest.approx(error, rel=1e-6)
-        assert row["failure"] is None
-        assert isinstance(row["memory"], float)
-        assert row["memory"] < 200e6
-        assert isinstance(row["bound_translation"], float)
-    if method == "paper":
-        assert rows[1]["setting"] == "L 5, drops none, components"
-
-
-@pytest.mark.slow
 def test_every_method_gives_a_result(study: MethodsStudy, clean: Recording) -> None:
     pytest.importorskip("cv2")
     data = given(corrupt(clean, study.condition_of({"condition": NOISY}).sensors, 0), study, 0)

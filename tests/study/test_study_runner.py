@@ -154,19 +154,6 @@ def test_failure_before_first_rows_leaves_no_file(tmp_path: Path) -> None:
     run_study(Squaring(), file, jobs=1, prepare=_fail)
 
 
-def test_second_run_on_same_file_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "a.jsonl"
-
-    def second(done: int, of: int) -> None:
-        del of
-        if done in {0, 3}:  # the file is empty, and holds rows
-            with pytest.raises(InputError, match="another run of the same study"):
-                run_study(Squaring(), file, jobs=1)
-
-    run_study(Squaring(), file, jobs=1, report=second)
-    assert len(file.read_text().splitlines()) == 1 + 6
-
-
 def allocate(count: int, given: str) -> str:
     numbers = np.ones(count)
     return f"{given}: {numbers.sum():g}"

@@ -8,6 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec
 
+import numpy as np
+
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
 from imucalib_cli.results.codec import read_results
@@ -19,6 +21,7 @@ from imucalib_cli.simulate.urdf import urdf_text
 from imucalib_cli.simulate.write_log import write_log
 from tests.conftest import LogWriter
 from tests.simulate.simulate_samples import recorded
+from tools.errors import pose_off
 
 ARM, BODY = "rihibot", "barbot"
 RATE = 100
@@ -55,6 +58,8 @@ class Scene:
     """A folder of its own for one provocation."""
 
     folder: Path
+    recording: Recording | None = None
+    """What was written last, with the truth."""
 
     def path(self, name: str) -> Path:
         return self.folder / name
@@ -66,6 +71,7 @@ class Scene:
     def log(self, recording: Recording, name: str = "log.mcap", **options: Any) -> Path:
         """A recording as a file."""
         write_log(recording, self.path(name), LogOptions(**options))
+        self.recording = recording
         return self.path(name)
 
     def urdf(self, edit: Edit = lambda text: text) -> Path:
@@ -81,6 +87,8 @@ class Scene:
             code = main([str(argument) for argument in arguments])
         if "\ndiagnostics:" in out.getvalue():
             _assert_readable(out.getvalue())
+            if code == 0 and self.recording is not None:
+                _assert_right(out.getvalue(), self.recording)
         return Seen(code, err.getvalue(), out.getvalue())
 
     def run(self, log: object, *arguments: object) -> Seen:
@@ -112,6 +120,15 @@ def _assert_readable(written: str) -> None:
     except InputError as error:
         if "within 100 m" not in str(error):
             raise
+
+
+def _assert_right(written: str, recording: Recording) -> None:
+    """A result that is ok is within five sigma of the truth: no wrong answer with a clear word."""
+    for result in read_results(written, "stdout"):
+        pose = result.uncertain_pose
+        if pose.covariance is not None:
+            off = pose_off(pose.R, pose.t, recording.R_parent_imu, recording.t_parent_imu)
+            assert (np.abs(off) <= 5.0 * np.sqrt(np.diag(np.asarray(pose.covariance)))).all()
 
 
 @provocation
