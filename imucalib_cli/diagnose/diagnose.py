@@ -50,12 +50,12 @@ def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
     for sign in (False, True) if reversed_accel else (False,):
         try:
             fitter, given = given_trial(poor.samples, poor.path, poor.options, reversed_accel=sign)
+            still = find_still_imu(given)
+            ties, against = ([], given) if still else explaining(fitter, poor, given)
         except InputError:
             return found
-        still = find_still_imu(given)
         if still is not None:
             return (still,)
-        ties, against = explaining(fitter, poor, given)
         if ties:
             return (_cause(ties, against),)
         if not found:

@@ -227,12 +227,12 @@ def _poses(path: KinematicPath) -> Iterator[Hypothesis]:
         name = ", ".join(edits.label_of(path.tracks[index].name) for index in some)
         inverse = edits.edited(path, PoseStep, invert)
         yield Hypothesis(kind="inverse", names=(name,), path=inverse)
-    names = (_topics_of(path),)
+    # The last name is that of all.
     for order, columns in (("w x y z", [4, 5, 6, 3]), ("y z w x", [6, 3, 4, 5])):
         reordered = _with_values(path, "pose", itemgetter((slice(None), [0, 1, 2, *columns])))
-        yield Hypothesis(kind="quaternion", names=names, detail=(order,), path=reordered)
+        yield Hypothesis(kind="quaternion", names=(name,), detail=(order,), path=reordered)
     conjugate = _with_values(path, "pose", lambda poses: poses * [1, 1, 1, -1, -1, -1, 1])
-    yield Hypothesis(kind="conjugate", names=names, path=conjugate)
+    yield Hypothesis(kind="conjugate", names=(name,), path=conjugate)
 
 
 def _pose_tracks(path: KinematicPath) -> tuple[int, ...]:

@@ -75,9 +75,9 @@ class MatchedOptions(Struct, frozen=True, kw_only=True, eq=False):
     its errors is learnt like the robot's."""
     either_sign: bool = True
     """Whether the accelerometer's readings may be reversed if that fits decisively better."""
-    sensor_scale_most: float = math.inf
+    sensor_scale_most: Annotated[float, Meta(gt=0)] = math.inf
     """Upper limit of the learnt error of the sensors' scales, by their data sheet, relative."""
-    sensor_axes_most: float = math.inf
+    sensor_axes_most: Annotated[float, Meta(gt=0)] = math.inf
     """The same for the rotation of the gyroscope's axes relative to the accelerometer's, rad."""
 
     @property

@@ -68,7 +68,8 @@ def choose_window(
     else:
         seconds, reason = _automatic(grid, trajectory, seen)
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
-    length = min(length, 4001)  # stamps in bunches look like a very high rate
+    if reason != "as asked":
+        length = min(length, 4001)  # stamps in bunches look like a very high rate
     samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
     return length, WindowEntry(samples=samples, seconds=seconds, reason=reason)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
@@ -250,10 +251,12 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
         return fit
     windowing = replace(windowing, trajectory=windowing.trajectory.on_soft_ground())
     layout = lay_out(windowing.trajectory, options)
-    state, every = transferred(fit, layout, options), len(fit.windows.centres)
+    state = transferred(fit, layout, options)
     # What bends upwards is the payload or the base, which were missing.
     state.x[layout.sags] = np.maximum(state.x[layout.sags], 0.0)
-    return _fitted(Model(windowing, layout), options, state, rise, more=1, few=every, others=others)
+    return _fitted(
+        Model(windowing, layout), options, state, rise, more=1, few=sys.maxsize, others=others
+    )
 
 
 def _globally(
