@@ -378,7 +378,8 @@ def _request(
     _check_type("require", given["require"], (Tolerance,))
     options = estimator or MatchedOptions()
     _check_values("clock", given["clock"], ClockChoice)
-    for name, group in (("units", units), ("estimator", options)):
+    pose = options.pose if isinstance(options, MatchedOptions) else None
+    for name, group in (("units", units), ("estimator", options), ("estimator.pose", pose)):
         if group is not None:
             _check_values(name, asdict(group), type(group))
     return CalibrationRequest(

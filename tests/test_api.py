@@ -172,6 +172,7 @@ def test_untrusted_pose_needs_force_to_render(arm: ic.Calibration) -> None:
         # values that their types do not have
         ({"estimator": ic.MatchedOptions(gravity="up")}, r"estimator: .*'up'.*gravity"),  # type: ignore[arg-type]
         ({"estimator": ic.MatchedOptions(degree=0)}, "estimator: .*degree"),
+        ({"estimator": ic.MatchedOptions(pose=ic.PosePrior(std=(0, 0)))}, "estimator.pose: .*std"),
         ({"units": ic.Units(accel="feet")}, "units: .*'feet'.*accel"),  # type: ignore[arg-type]
         ({"require": "1mm,0.1deg"}, None),
         ({"t": np.ma.masked_less(np.arange(100.0), 3.0)}, None),

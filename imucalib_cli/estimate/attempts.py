@@ -26,10 +26,10 @@ _CLEARLY_BETTER: Final = 0.3
 """Least fall of the logarithm of both residual scales from which jittered stamps are believed: in
 noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better. Tuned."""
 _ENOUGH_WINDOWS: Final = 50
-"""Windows, overlapping fourfold, that make a dozen independent ones."""
+"""Windows, three to a length, that make about sixteen independent ones."""
 _ENOUGH_IF_NOISY: Final = 20
-"""Five independent windows: more of them that are shorter say less, and the many unknowns then fit
-the noise of the kinematics."""
+"""About seven independent windows: more of them that are shorter say less, and the many unknowns
+then fit the noise of the kinematics."""
 _SHORTEST: Final = 0.1
 """s: in shorter windows that noise drowns all else."""
 

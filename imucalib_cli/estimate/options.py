@@ -31,7 +31,7 @@ class WindowChoice(Struct, frozen=True, kw_only=True):
 class PosePrior(Struct, frozen=True, kw_only=True, eq=False):
     """What is known of T_parent_imu beforehand, from a drawing or an earlier result."""
 
-    std: tuple[float, ...] = (math.inf,) * 6
+    std: Annotated[tuple[float, ...], Meta(min_length=6, max_length=6)] = (math.inf,) * 6
     """tx ty tz in m, rx ry rz in rad, parent frame: inf leaves a component free, 0 fixes it."""
     R_parent_imu: Floats | None = None
     """(3, 3); None until the URDF is read."""

@@ -35,7 +35,7 @@ WINDOWS_PER_LENGTH = 3
 three to a length, a ten-thousandth of the noise folds onto slow motion."""
 NODES = 18
 """Node intervals to a window, on which columns are computed: six to a hop."""
-_FEWER_NODES = 9
+_FEWER_NODES = NODES // 2
 """The same of other windows, whose answers are compared: that needs columns to a tenth only."""
 
 

@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.windows import COMMON_IMU, thinned
+from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH, thinned
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import Answer, NormalEquations, admitted
 from imucalib_cli.estimate.solution.robust import residual_scales, window_weights
@@ -53,6 +53,7 @@ _FEW: Final = 480
 _MORE: Final = 8
 """Factor by which windows grow from one solution to the next, until all are used."""
 _PASSES: Final = 8
+"""Steps at most: an answer that still moves then is said not to settle."""
 _ANEW: Final = 4
 """First passes, in which scales are learnt anew; later they might alternate between two splits."""
 _SETTLED: Final = 0.1
@@ -64,8 +65,8 @@ WRONG: Final = 50.0
 Tuned."""
 DETERMINED: Final = 0.05
 """m or rad: a component with a larger sigma counts as not determined."""
-MIN_WINDOWS: Final = 12
-"""Three lengths of the window, four windows each."""
+MIN_WINDOWS: Final = 4 * WINDOWS_PER_LENGTH
+"""Four lengths of the window."""
 
 
 class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
