@@ -345,7 +345,9 @@ def _class(name: str, *, with_methods: bool) -> str:
         if isinstance(member, ast.AnnAssign):
             said = ast.get_docstring(ast.Module([after], [])) or ""
             value = f"`{ast.unparse(member.value)}`" if member.value else ""
-            rows.append((ast.unparse(member.target), ast.unparse(member.annotation), value, said))
+            # of a bounded type the bounds are said in the docstring
+            of = re.sub(r"^Annotated\[(.*), Meta\(.*\)\]$", r"\1", ast.unparse(member.annotation))
+            rows.append((ast.unparse(member.target), of, value, said))
         elif with_methods and isinstance(member, ast.FunctionDef) and member.name[0] != "_":
             is_property = any(ast.unparse(each) == "property" for each in member.decorator_list)
             called = member.name if is_property else f"{member.name}({_arguments(member)})"

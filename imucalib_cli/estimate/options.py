@@ -47,7 +47,7 @@ class MatchedOptions(Struct, frozen=True, kw_only=True, eq=False):
 
     window: WindowChoice = WindowChoice()
     degree: Annotated[int, Meta(ge=2)] = 3
-    """Degree of the Savitzky-Golay polynomial."""
+    """Degree of the Savitzky-Golay polynomial, at least 2."""
     time_offset: float | None = None
     """IMU stamp - robot stamp, s; None estimates it."""
     max_offset: float = 1.0
