@@ -256,6 +256,25 @@ def test_results_before_a_date_are_left_out() -> None:
     assert answer.order == "recording time"
 
 
+def test_results_before_since_do_not_say_what_is_usual() -> None:
+    """More of them held a component than there are results that count."""
+    values, C = drawn(8, 10)
+    C[:6, 0], C[:6, :, 0] = 0.0, 0.0
+    answer = trend(named(values, C), since=RECORDED + timedelta(days=6))
+    assert len(answer.recordings) == 4
+
+
+def test_parts_of_a_log_that_overlap_count_once() -> None:
+    values, C = drawn(8, 4)
+    given = named(values, C)
+    files = given[2][1].provenance.files
+    parts = [
+        (each, replace(one, provenance=replace(one.provenance, files=files, part=part)))
+        for (each, one), part in zip(given[2:], [(0.0, 9.0), (5.0, 20.0)], strict=True)
+    ]
+    assert [each.file for each in trend([*given[:2], *parts]).left_out] == [given[3][0]]
+
+
 def test_recording_that_alone_defines_drift_is_not_odd() -> None:
     """All but one have the same time: that one has no residual, and excluding it gains nothing."""
     values, _ = drawn(14, 9, moves=[(8, MOVE)])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from itertools import permutations, product
+from collections import Counter, defaultdict
+from itertools import chain, permutations, product
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -148,17 +148,19 @@ def _usable(
     reasons = [next(_against(result, since), "") for _, result in given]
     sound = [result for (_, result), why in zip(given, reasons, strict=True) if not why]
     held = Counter(map(_held, sound)).most_common(1)
-    logs: dict[tuple[str, ...], str] = {}
+    by_file: dict[str, list[Named]] = defaultdict(list)
     for (name, result), of_its_own in zip(given, reasons, strict=True):
-        log = result.provenance.log_identity
+        files = [by_file[each.identity] for each in result.provenance.files]
         why = of_its_own or _unlike(result, held[0][0])
-        if not why and log and log in logs:
-            why = f"it is of the same log as {logs[log]}"
+        for other, known in chain.from_iterable(files):
+            if not why and known.provenance.shares_data_with(result.provenance):
+                why = f"it is of the same log as {other}"
         if why:
             left_out.append(answers.UnusedResult(name, why))
         else:
-            logs[log] = name
             used.append((name, result))
+            for each in files:
+                each.append((name, result))
     return used, left_out
 
 
