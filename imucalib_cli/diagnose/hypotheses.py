@@ -181,7 +181,7 @@ def _orders(path: KinematicPath, joints: Sequence[str]) -> Iterator[Hypothesis]:
 
 def _units(path: KinematicPath) -> Iterator[Hypothesis]:
     """Degrees and millimetres."""
-    topics = _topics_of(path)
+    topics = _topics_of(path.tracks)
 
     def fault(unit: str, what: str, where: str, changed: KinematicPath) -> Hypothesis:
         return Hypothesis(kind="unit", names=(unit,), detail=(what, where), path=changed)
@@ -227,12 +227,12 @@ def _poses(path: KinematicPath) -> Iterator[Hypothesis]:
         name = ", ".join(edits.label_of(path.tracks[index].name) for index in some)
         inverse = edits.edited(path, PoseStep, invert)
         yield Hypothesis(kind="inverse", names=(name,), path=inverse)
-    # The last name is that of all.
+    names = (_topics_of([path.tracks[index] for index in tracks]),)
     for order, columns in (("w x y z", [4, 5, 6, 3]), ("y z w x", [6, 3, 4, 5])):
         reordered = _with_values(path, "pose", itemgetter((slice(None), [0, 1, 2, *columns])))
-        yield Hypothesis(kind="quaternion", names=(name,), detail=(order,), path=reordered)
+        yield Hypothesis(kind="quaternion", names=names, detail=(order,), path=reordered)
     conjugate = _with_values(path, "pose", lambda poses: poses * [1, 1, 1, -1, -1, -1, 1])
-    yield Hypothesis(kind="conjugate", names=(name,), path=conjugate)
+    yield Hypothesis(kind="conjugate", names=names, path=conjugate)
 
 
 def _pose_tracks(path: KinematicPath) -> tuple[int, ...]:
@@ -253,8 +253,8 @@ def _with_values(
     return _with_tracks(path, kind, lambda track: replace(track, values=change(track.values)))
 
 
-def _topics_of(path: KinematicPath) -> str:
-    return ", ".join(dict.fromkeys(edits.topic_of(track.name) for track in path.tracks))
+def _topics_of(tracks: Iterable[Track]) -> str:
+    return ", ".join(dict.fromkeys(edits.topic_of(track.name) for track in tracks))
 
 
 def _base(path: KinematicPath) -> Iterator[Hypothesis]:
