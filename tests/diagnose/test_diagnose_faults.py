@@ -15,6 +15,8 @@ from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import Finding
 from imucalib_cli.messages import UNSPECIFIC
 from imucalib_cli.robot.path import JointStep
+from imucalib_cli.signals.imu.repair import repair
+from imucalib_cli.signals.imu.units import Units
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import Recording
@@ -204,6 +206,17 @@ def test_encoder_toggling_between_two_counts_is_one_publisher() -> None:
     assert find_rival_publishers(undecided) is None
     values[:, 0] = 20.0 * values[:, 0] + track.values[:, 0]
     assert find_rival_publishers(undecided) is not None
+
+
+def test_signs_of_quaternions_are_one_publisher() -> None:
+    """A quaternion and its negative are one rotation, and some publishers choose either."""
+    given = misdescribed(clean(BODY), flawed("none"))
+    (track,) = given.path.tracks
+    values = track.values.copy()
+    values[:, 3:] *= np.random.default_rng(1).choice((-1.0, 1.0), (len(values), 1))
+    path = structs.replace(given.path, tracks=(structs.replace(track, values=values),))
+    mended = repair(given.imu, path, units=Units(), gravity=0.0, max_offset=1.0)
+    assert find_rival_publishers(mended.path) is None
 
 
 @pytest.mark.parametrize("system", slow_after(1, [ARM, BODY]))

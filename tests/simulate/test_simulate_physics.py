@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.errors import InputError
 from imucalib_cli.simulate.config import Arm, FreeBody
 from imucalib_cli.simulate.load import load_system
 from imucalib_cli.simulate.motion import PushPlan
@@ -161,19 +161,6 @@ def test_missing_mujoco_error_names_the_package(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r"pip install 'imucalib\[simulate\]'"):
         record(load_system("barbot"))
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (PhysicsOptions(imu_rate=0.0), "IMU rate 0: must be positive"),
-        (PhysicsOptions(duration=float("nan")), "duration nan"),
-        (PhysicsOptions(publishers=7), "has 6 joints"),
-    ],
-)
-def test_options_out_of_range_are_named(options: PhysicsOptions, words: str) -> None:
-    with pytest.raises(ChoiceError, match=words):
-        record(load_system("rihibot"), options)
 
 
 def test_progress_is_reported() -> None:
