@@ -412,7 +412,7 @@ def _layout(names: Sequence[str]) -> tuple[int, str, list[_Group]] | None:
 def _name_and_unit(column: str) -> tuple[str, str]:
     """Of ``field.NAME [UNIT]`` or ``NAME (UNIT)``; the unit is empty where none is given."""
     name, _, unit = column.removeprefix("field.").replace("(", "[").partition("[")
-    return name.strip(), unit.rstrip(")] ").strip()
+    return name.strip(), unit.rstrip(")] ").strip().lower()
 
 
 def _columns(quantity: str, places: Mapping[tuple[str, int], int]) -> tuple[int, ...]:
