@@ -67,9 +67,8 @@ def choose_window(
         seconds, reason = choice.seconds, "as asked"
     else:
         seconds, reason = _automatic(grid, trajectory, seen)
+        seconds = min(seconds, 4000 * grid.dt)  # stamps in bunches look like a very high rate
     length = max(odd_length(seconds / grid.dt), shortest_length(degree))
-    if reason != "as asked":
-        length = min(length, 4001)  # stamps in bunches look like a very high rate
     samples, seconds = (length - 1) // grid.refine + 1, (length - 1) * grid.dt
     return length, WindowEntry(samples=samples, seconds=seconds, reason=reason)
 

@@ -155,7 +155,7 @@ def _distinct(logs: Sequence[StoredLog]) -> list[StoredLog]:
     for log in sorted(logs, key=lambda each: -each.result.diagnostics.windows_used):
         if not any(_shares_samples(log, other) for other in kept):
             kept.append(log)
-    return [log for log in logs if any(log is each for each in kept)]
+    return [log for log in logs if log in kept]
 
 
 def _shares_samples(log: StoredLog, other: StoredLog) -> bool:

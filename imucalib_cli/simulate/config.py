@@ -401,7 +401,7 @@ class SystemConfig:
         if min(self.rates.step, self.rates.imu, self.rates.robot, self.duration) <= 0:
             raise ValueError("rates and duration must be positive")
         if isinstance(mover, Jointed):
-            roots = {joint.parent for joint in mover.joints} - {j.child for j in mover.joints}
+            roots = {each.parent for each in mover.joints} - {each.child for each in mover.joints}
             if len(roots) > 1:
                 raise ValueError(
                     f"joints: their links make one tree, and {', '.join(sorted(roots))} are "

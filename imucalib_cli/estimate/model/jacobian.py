@@ -174,8 +174,10 @@ class _Nodes(Struct, frozen=True, eq=False, dict=True):
     def twist(self, joint: Joint) -> tuple[Floats, Floats, Floats]:
         """Turn, shift and change of the force by a unit of a joint: (3, M) each."""
         steps = zip(*(self.joint_twists[index] for index in joint.steps), strict=True)
-        by = self.chain.path.joint_steps[joint.steps[0]].multiplier if joint.follows else 1.0
-        turn, shift, force = (sum(each) / by for each in steps)
+        turn, shift, force = (sum(each) for each in steps)
+        if joint.follows:  # its own position, not the one that it follows
+            by = self.chain.path.joint_steps[joint.steps[0]].multiplier
+            return turn / by, shift / by, force / by
         return turn, shift, force
 
     def twist_of_curve(self, joint: Joint, curve: JointCurve) -> tuple[Floats, ...]:

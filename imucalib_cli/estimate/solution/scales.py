@@ -51,7 +51,7 @@ _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
 
 
-class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
+class Problem(Struct, frozen=True, kw_only=True, eq=False):
     """The reduced normal equations and what is known beforehand."""
 
     information: Floats
@@ -84,23 +84,23 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         """(n,), P's diagonal."""
         return 1.0 / self.prior.std_at(u) ** 2
 
-    def equations(self, u: Floats) -> tuple[Floats, Floats]:
-        """H (n, n), and the gradient (n,), at logarithms of the scales (k,)."""
-        P = self.precision(u)
+    def equations(self, P: Floats) -> tuple[Floats, Floats]:
+        """H (n, n), and the gradient (n,), by the prior's precision (n,)."""
         H = self.information.copy()
         H.flat[:: len(H) + 1] += P
         return H, self.score + P * self.offset
 
     def likelihood(self, u: Floats) -> float:
         """Log marginal likelihood of the scales."""
-        H, gradient = self.equations(u)
+        P = self.precision(u)
+        H, gradient = self.equations(P)
         unit = 1.0 / np.sqrt(H.diagonal())
         # The last row of this factor is the gradient over that of H: one factor serves for both.
         bordered = np.empty((len(unit) + 1,) * 2)
         bordered[:-1, :-1] = H * unit * unit[:, None]
         bordered[-1, :-1], bordered[-1, -1] = unit * gradient, _HUGE
         root = np.linalg.cholesky(bordered)
-        half, P = root[-1, :-1], self.precision(u)
+        half = root[-1, :-1]
         fit = half @ half - P @ self.offset**2
         log_det = 2.0 * np.log(root.diagonal()[:-1] / unit).sum()
         return 0.5 * float(fit - log_det + np.log(P).sum())
@@ -127,7 +127,7 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """Step to the posterior mean, and its covariance H^-1."""
-        H, gradient = self.equations(u)
+        H, gradient = self.equations(self.precision(u))
         inverse = inverse_of(H)
         return -(inverse @ gradient), inverse
 

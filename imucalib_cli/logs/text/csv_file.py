@@ -310,16 +310,15 @@ class CsvFile(LogFile):
                 f"{self.path}: its times are in {unit!r}, which is not known: name their column "
                 "t_ns, t_us, t_ms or t_s"
             )
-        known = [_PLACES.get(name.lower()) for name, _ in cells]
+        places = [_PLACES.get(name.lower()) for name, _ in cells]
         for group in self._groups:
-            for place, (name, unit) in enumerate(cells[each] for each in group.columns):
-                alike = known.count(_PLACES.get(name.lower()))
-                if group.joints:
-                    name = group.joints[place]  # noqa: PLW2901 - without its prefix
-                    alike = group.joints.count(name)
-                if alike > 1:
-                    what = "the joint" if group.joints else "the same as"
+            labels = group.joints or tuple(cells[each][0] for each in group.columns)
+            what = "the joint" if group.joints else "the same as"
+            for column, name in zip(group.columns, labels, strict=True):
+                by_name, by_place = labels.count(name), places.count(places[column])
+                if (by_name if group.joints else by_place) > 1:
                     raise InputError(f"{self.path}: two columns name {what} {name}: remove one")
+                unit = cells[column][1]
                 if group.kind != "imu" and unit not in _OF_ROBOTS:
                     raise InputError(
                         f"{self.path}: {name} is in {unit!r}: joints and poses are read in rad "
