@@ -11,6 +11,7 @@ from msgspec import Struct
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, squared_distance
+from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.estimate.solution.spectrum import PARTS
 
 if TYPE_CHECKING:
@@ -27,9 +28,6 @@ _LEAST_SEGMENTS: Final = 2
 """Least distance of a change from either end of a log: longer than a shock."""
 _LEAST_WINDOWS: Final = 3.0
 """The same in lengths of the window: as many as the whole log needs."""
-DECISIVE: Final = 20.0
-"""Difference of the Bayesian information criterion from which an alternative is believed: odds of
-e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
 NEGLIGIBLE: Final = np.repeat((1e-5, 2e-5), 3)
 """m and rad: no mount is known or needed better; below, interpolation dominates all differences."""
 _MATTERS: Final = 0.1

@@ -14,11 +14,10 @@ import numpy as np
 from msgspec.structs import replace
 
 from imucalib_cli.estimate.checks.observability import undetermined
-from imucalib_cli.estimate.checks.segments import DECISIVE
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution.fit import lean_fit, transferred, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import prior_offset
-from imucalib_cli.estimate.solution.scales import integrate, most_likely
+from imucalib_cli.estimate.solution.scales import DECISIVE, integrate, most_likely
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:

@@ -49,6 +49,11 @@ _FLATTER: Final = 1.5
 Tuned."""
 _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
+DECISIVE: Final = 20.0
+"""Difference of the Bayesian information criterion from which an alternative is believed: odds of
+e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
+_QUALITIES: Final = 10.0 ** -np.arange(1.0, 4.01, 0.5)
+"""Errors of systems of one quality, as shares of the worst that is sold."""
 
 
 class Problem(Struct, frozen=True, kw_only=True, eq=False):
@@ -222,7 +227,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for usual sizes and
-    ratios: their logarithms are Cauchy's about the usual.
+    ratios: their logarithms are Cauchy's about the usual. Or they are all of one quality.
 
     Args:
         problem: The normal equations.
@@ -231,7 +236,10 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    points, weights, log_likelihood = _weighted(problem, mode)
+    drawn, alike = _drawn(problem, mode), _of_one_quality(problem, mode)
+    points, logs = (np.concatenate(each) for each in zip(drawn, alike, strict=True))
+    log_likelihood = float(np.logaddexp.reduce(logs))
+    weights = np.exp(logs - log_likelihood)
     counts = weights > 1e-6  # others add nothing; rare points of large scales add to sigma
     points, weights = points[counts], weights[counts] / weights[counts].sum()
     if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
@@ -247,22 +255,44 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     )
 
 
-def _weighted(problem: Marginal, mode: Floats) -> tuple[Floats, Floats, float]:
-    """Points (m, k), how likely each is (m,), and the log marginal likelihood."""
+def _drawn(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
+    """Points (m, k) by the prior of each scale, and the log likelihood with it by each (m,)."""
     if not len(mode):
-        return np.zeros((1, 0)), np.ones(1), problem.likelihood(mode)
+        return np.zeros((1, 0)), np.array([problem.likelihood(mode)])
     values = np.zeros(0)
     for count in _POINTS:
         points, log_density = _proposal(problem, mode, count)
         # The first ones are those of before.
         new = [problem.likelihood(u) for u in points[len(values) :]]
         values = np.append(values, new)
-        log_weight = values + problem.prior.log_density(points.T) - log_density
-        weights = np.exp(log_weight - log_weight.max())
-        total = float(weights.sum())
-        if total**2 > _COUNT * float((weights**2).sum()):
+        logs = values + problem.prior.log_density(points.T) - log_density
+        weights = np.exp(logs - logs.max())
+        if weights.sum() ** 2 > _COUNT * (weights**2).sum():
             break
-    return points, weights / total, float(log_weight.max()) + math.log(total / len(points))
+    return points, logs - math.log(len(points)) - _log_total(problem.prior)
+
+
+def _log_total(prior: Prior) -> float:
+    """Logarithm of the integral of the scales' prior over their bounds."""
+    low, widths = prior.bounds[:, 0], np.diff(prior.bounds, axis=1)[:, 0]
+    even = low + _even_points(_POINTS[-1], len(low)) * widths
+    density = np.exp(prior.log_density(even.T))
+    return math.log(density.mean()) + float(np.log(widths).sum())
+
+
+def _of_one_quality(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
+    """As :func:`_drawn`: systems whose errors of all kinds are alike, as a simulated one has none.
+
+    That all scales are so small at once is far too improbable by a flat prior of each.
+    """
+    high, others = problem.prior.bounds[:, 1], mode[len(problem.prior.bounds) :]
+    shares = np.log(_QUALITIES) if len(high) else np.zeros(0)
+    points = np.array([[*(high + share), *others] for share in shares]).reshape(
+        len(shares), len(mode)
+    )
+    # As any alternative to the model it takes decisive evidence.
+    logs = [problem.likelihood(u) - 0.5 * DECISIVE - math.log(len(points)) for u in points]
+    return points, np.array(logs)
 
 
 def _even_points(count: int, dimensions: int) -> Floats:
@@ -309,5 +339,5 @@ def _proposal(problem: Marginal, mode: Floats, count: int) -> tuple[Floats, Floa
         share = (even[:, index] - below) / (above - below)
         points[:, index] = fine[after - 1] + share * (fine[after] - fine[after - 1])
         before, there = density[rows, after - 1], density[rows, after]
-        log_density += np.log((before + share * (there - before)) / total)
+        log_density += np.log((before + share * (there - before)) / (total * (fine[1] - fine[0])))
     return points, log_density

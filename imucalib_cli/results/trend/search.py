@@ -4,7 +4,7 @@ Recording i of mount s measures y_i = x_s + b_i + e_i. e_i has the covariance th
 states. b_i is a scatter between recordings, which sigma does not contain; its covariance is
 estimated from all mounts together. The search lowers -2 log L plus a price. Every further mount,
 odd recording or slope costs the Bayesian information criterion's price of its components, and
-DECISIVE besides (estimate/checks/segments.py). So one criterion decides how many changes there
+DECISIVE besides (estimate/solution/scales.py). So one criterion decides how many changes there
 are, which recordings are odd, and whether a line or steps explain more.
 """
 
@@ -19,7 +19,8 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.checks.segments import DECISIVE, MEDIAN_CHI2
+from imucalib_cli.estimate.checks.segments import MEDIAN_CHI2
+from imucalib_cli.estimate.solution.scales import DECISIVE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
