@@ -274,6 +274,7 @@ def _laid_out(wholes: Sequence[Layout]) -> tuple[dict[Key, slice], Prior, tuple[
         scale=np.concatenate(scale),
         bounds=np.array([each[1:] for each in scales]).reshape(-1, 2),
         scales=tuple(each[0] for each in scales),
+        still=tuple(dict.fromkeys(joint for whole in wholes for joint in whole.still)),
     )
     return placed, prior, scales
 

@@ -148,7 +148,9 @@ def _shared_layout(logs: Sequence[LogStatistics], options: MatchedOptions) -> La
                 # If one of the logs distinguishes it from the mount, all of them together do.
                 found[placed.key] = replace(known, hidden=known.hidden and placed.hidden)
     places = sorted(found.values(), key=lambda each: _ORDER.index(each.unknown.name))
-    return with_priors(places, options, logs[0].equations.layout.still)
+    first, *others = (log.equations.layout.still for log in logs)
+    still = tuple(joint for joint in first if all(joint in each for each in others))
+    return with_priors(places, options, still)
 
 
 class _Reduced(Struct, frozen=True, eq=False):

@@ -619,17 +619,20 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
 def _still(answer: Answer) -> Iterator[Finding]:
     """Joints that stand still, where errors hidden by them are most of sigma."""
     layout = answer.layout
-    hidden = places_of(each.part for each in layout.placed if each.hidden)
-    if not len(hidden):
+    entries = [each for each in layout.placed if each.hidden]
+    if not entries:
         return
+    hidden = places_of(each.part for each in entries)
     across = answer.covariance[np.ix_(layout.pose, hidden)]
     by_hidden = np.diag(across @ inverse_of(answer.covariance[np.ix_(hidden, hidden)]) @ across.T)
     if (by_hidden > 0.5 * np.diag(answer.pose_covariance)).any():
         std = np.sqrt([by_hidden[:3].sum(), by_hidden[3:].sum()])
+        owners = dict.fromkeys(each.joint.name for each in entries if each.joint is not None)
+        joints = tuple(owner for owner in owners if owner in layout.still)
         yield warning(
             "robot.joints_still",
-            joints=layout.still,
-            count=len(layout.still),
+            joints=joints,
+            count=len(joints),
             translation=std[0],
             rotation=std[1],
         )

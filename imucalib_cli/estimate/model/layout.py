@@ -119,8 +119,6 @@ class Layout(Prior, frozen=True, kw_only=True, eq=False):
     """All components in one vector, with their priors."""
 
     placed: tuple[Placed, ...]
-    still: tuple[str, ...] = ()
-    """Joints that do not move behind the last that does."""
 
     @property
     def size(self) -> int:
@@ -202,7 +200,7 @@ def with_priors(
 ) -> Layout:
     """Entries in one vector, in their order, each with its prior.
 
-    ``still`` are joints that do not move behind the last that does.
+    ``still`` is as in :class:`Prior`.
     """
     placed: list[Placed] = []
     stds, scale = [np.zeros(0)], [np.zeros(0, np.intp)]
@@ -257,10 +255,11 @@ class _Chain:
                 self._moving.add(joint.name)
                 moving += joint.steps
         self._first, self._last = (min(moving), max(moving)) if moving else (0, 0)
-        behind = [joint for joint in self._joints if moving and max(joint.steps) > self._last]
-        self.still = tuple(joint.name for joint in behind)
-        # Without still joints the last zero is the mount's by definition, and so is what follows.
-        self._end = max((max(joint.steps) + 1 for joint in behind), default=self._last)
+        after = [joint for joint in self._joints if moving and max(joint.steps) > self._first]
+        self.still = tuple(joint.name for joint in after if joint.name not in self._moving)
+        # Without joints behind it the last zero is the mount's by definition, and what follows too.
+        behind = (max(joint.steps) for joint in after)
+        self._end = max((step + 1 for step in behind if step > self._last), default=self._last)
         self._frames = path.frames(values)
 
     def _goes(self, track: int) -> bool:

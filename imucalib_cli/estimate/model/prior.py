@@ -32,6 +32,8 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
     """(k, 2), limits of the logarithms of the scales."""
     scales: tuple[str, ...] = ()
     """Names of the scales, by which they have usual sizes and ratios."""
+    still: tuple[str, ...] = ()
+    """Joints behind the first that moves that do not move: the log hardly shows their errors."""
 
     @property
     def free(self) -> Bools:
@@ -41,7 +43,11 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
     def only(self, kept: Bools) -> Prior:
         """Of some of the components."""
         return Prior(
-            std=self.std[kept], scale=self.scale[kept], bounds=self.bounds, scales=self.scales
+            std=self.std[kept],
+            scale=self.scale[kept],
+            bounds=self.bounds,
+            scales=self.scales,
+            still=self.still,
         )
 
     def std_at(self, u: Floats) -> Floats:

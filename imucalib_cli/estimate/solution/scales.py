@@ -283,10 +283,11 @@ def _log_total(prior: Prior) -> float:
 def _of_one_quality(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
     """As :func:`_drawn`: systems whose errors of all kinds are alike, as a simulated one has none.
 
-    That all scales are so small at once is far too improbable by a flat prior of each.
+    That all scales are so small at once is far too improbable by a flat prior of each. A log in
+    which joints stand still does not show that.
     """
     high, others = problem.prior.bounds[:, 1], mode[len(problem.prior.bounds) :]
-    shares = np.log(_QUALITIES) if len(high) else np.zeros(0)
+    shares = np.log(_QUALITIES) if len(high) and not problem.prior.still else np.zeros(0)
     points = np.array([[*(high + share), *others] for share in shares]).reshape(
         len(shares), len(mode)
     )
