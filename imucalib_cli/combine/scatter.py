@@ -68,6 +68,10 @@ class Together(Struct, frozen=True, kw_only=True, eq=False):
         """(k + 2, 2), of the learnt scales and the two scatters."""
         return np.concatenate([self.prior.bounds, self.scatter_bounds])
 
+    def under(self, prior: Prior) -> Together:
+        """As :meth:`Problem.under`."""
+        return replace(self, prior=prior)
+
     def likelihood(self, u: Floats) -> float:
         """As :meth:`Problem.likelihood`, with the differences of the logs integrated over."""
         each = self.reduced(u)

@@ -19,6 +19,8 @@ _ALIKE: Final = 3.0
 """Half of all pairs of scales that are alike have a ratio within this factor of the usual."""
 _COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
+_BEST: Final = 1e-4
+"""Errors of the best systems over those of the worst that are sold: simulated ones are as good."""
 
 
 class Prior(Struct, frozen=True, kw_only=True, eq=False):
@@ -34,6 +36,9 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
     """Names of the scales, by which they have usual sizes and ratios."""
     still: tuple[str, ...] = ()
     """Joints behind the first that moves that do not move: the log hardly shows their errors."""
+    alike: bool = False
+    """Whether the first scale is no component's, but the quality of the system: all others are
+    about this share of the largest."""
 
     @property
     def free(self) -> Bools:
@@ -56,6 +61,26 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             return np.array(self.std)
         return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
 
+    @property
+    def of_one_quality(self) -> Prior | None:
+        """The same components in a system whose errors of all kinds are alike.
+
+        A simulated system has none at all. That all scales are small at once is far too improbable
+        if each has a prior of its own. None where no scale is learnt, and where joints stand still:
+        the log does not show that the errors of these are small.
+        """
+        if not len(self.bounds) or self.still:
+            return None
+        high = self.bounds[:, 1]
+        own = np.stack([np.minimum(self.bounds[:, 0], high + math.log(_BEST)), high], axis=1)
+        return Prior(
+            std=self.std,
+            scale=np.where(self.scale >= 0, self.scale + 1, -1),
+            bounds=np.concatenate([[[math.log(_BEST), 0.0]], own]),
+            scales=("quality", *self.scales),
+            alike=True,
+        )
+
     def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
         """Of logarithms of the scales, k arrays, within their bounds and up to a constant.
 
@@ -75,6 +100,11 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
 
         Half of all systems are within the factor that comes last.
         """
+        if self.alike:
+            yield from (
+                (at, 0, math.exp(self.bounds[at, 1]), _ALIKE) for at in range(1, len(self.bounds))
+            )
+            return
         for at, scale in enumerate(SCALES[name] for name in self.scales):
             if scale.usual is not None:
                 yield at, None, scale.usual, _COMMON

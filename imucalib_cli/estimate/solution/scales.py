@@ -47,13 +47,13 @@ _FINE: Final = 200
 _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales are correlated, and tails must be covered.
 Tuned."""
+_MIDDLE: Final = math.log(1e-2)
+"""Quality about which others are tried."""
 _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
 DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
-_QUALITIES: Final = 10.0 ** -np.arange(1.0, 4.01, 0.5)
-"""Errors of systems of one quality, as shares of the worst that is sold."""
 
 
 class Problem(Struct, frozen=True, kw_only=True, eq=False):
@@ -73,6 +73,10 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
     def bounds(self) -> Floats:
         """(k, 2), of the logarithms of the scales."""
         return self.prior.bounds
+
+    def under(self, prior: Prior) -> Problem:
+        """The same with another prior."""
+        return replace(self, prior=prior)
 
     def of(self, kept: Bools) -> Problem:
         """Of some of the components, the others held."""
@@ -213,6 +217,9 @@ class Marginal(Protocol):
     def prior(self) -> Prior:
         """Of the scales that come first."""
 
+    def under(self, prior: Prior) -> Marginal:
+        """As :meth:`Problem.under`."""
+
     def likelihood(self, u: Floats) -> float:
         """As :meth:`Problem.likelihood`."""
 
@@ -227,7 +234,8 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for usual sizes and
-    ratios: their logarithms are Cauchy's about the usual. Or they are all of one quality.
+    ratios: their logarithms are Cauchy's about the usual. Or they are of one quality, which takes
+    decisive evidence, as any alternative to the model does.
 
     Args:
         problem: The normal equations.
@@ -236,8 +244,12 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    drawn, alike = _drawn(problem, mode), _of_one_quality(problem, mode)
-    points, logs = (np.concatenate(each) for each in zip(drawn, alike, strict=True))
+    points, logs = _drawn(problem, mode)
+    if (prior := problem.prior.of_one_quality) is not None:
+        alike = problem.under(prior)
+        theirs, more = _drawn(alike, np.clip([_MIDDLE, *mode], *alike.bounds.T))
+        points = np.concatenate([points, theirs[:, 1:]])
+        logs = np.append(logs, more - 0.5 * DECISIVE)
     log_likelihood = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - log_likelihood)
     counts = weights > 1e-6  # others add nothing; rare points of large scales add to sigma
@@ -256,44 +268,30 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
 
 
 def _drawn(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
-    """Points (m, k) by the prior of each scale, and the log likelihood with it by each (m,)."""
+    """Points (m, k), and the logarithm of what each (m,) adds to the marginal likelihood."""
     if not len(mode):
         return np.zeros((1, 0)), np.array([problem.likelihood(mode)])
+    prior, bounds = problem.prior, problem.bounds
+    tried = [
+        np.unique(np.clip([low, at, high, *(at + _FROM_MODE)], low, high))
+        for at, (low, high) in zip(mode, bounds, strict=True)
+    ]
+    heights = [each / _FLATTER for each in problem.along(mode, tried)]
     values = np.zeros(0)
     for count in _POINTS:
-        points, log_density = _proposal(problem, mode, count)
+        points, log_density = _proposal(prior, bounds, tried, heights, count)
         # The first ones are those of before.
         new = [problem.likelihood(u) for u in points[len(values) :]]
         values = np.append(values, new)
-        logs = values + problem.prior.log_density(points.T) - log_density
+        logs = values + prior.log_density(points.T) - log_density
         weights = np.exp(logs - logs.max())
         if weights.sum() ** 2 > _COUNT * (weights**2).sum():
             break
-    return points, logs - math.log(len(points)) - _log_total(problem.prior)
-
-
-def _log_total(prior: Prior) -> float:
-    """Logarithm of the integral of the scales' prior over their bounds."""
-    low, widths = prior.bounds[:, 0], np.diff(prior.bounds, axis=1)[:, 0]
-    even = low + _even_points(_POINTS[-1], len(low)) * widths
-    density = np.exp(prior.log_density(even.T))
-    return math.log(density.mean()) + float(np.log(widths).sum())
-
-
-def _of_one_quality(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
-    """As :func:`_drawn`: systems whose errors of all kinds are alike, as a simulated one has none.
-
-    That all scales are so small at once is far too improbable by a flat prior of each. A log in
-    which joints stand still does not show that.
-    """
-    high, others = problem.prior.bounds[:, 1], mode[len(problem.prior.bounds) :]
-    shares = np.log(_QUALITIES) if len(high) and not problem.prior.still else np.zeros(0)
-    points = np.array([[*(high + share), *others] for share in shares]).reshape(
-        len(shares), len(mode)
-    )
-    # As any alternative to the model it takes decisive evidence.
-    logs = [problem.likelihood(u) - 0.5 * DECISIVE - math.log(len(points)) for u in points]
-    return points, np.array(logs)
+    # The same without a likelihood is the integral of the prior.
+    flat = [np.zeros(len(each)) for each in tried]
+    by_prior, log_density = _proposal(prior, bounds, tried, flat, _POINTS[1])
+    whole = np.logaddexp.reduce(prior.log_density(by_prior.T) - log_density) - math.log(_POINTS[1])
+    return points, logs - math.log(len(points)) - whole
 
 
 def _even_points(count: int, dimensions: int) -> Floats:
@@ -305,7 +303,9 @@ def _even_points(count: int, dimensions: int) -> Floats:
     return np.asarray((0.5 + np.arange(1, count + 1)[:, None] * steps) % 1.0)
 
 
-def _proposal(problem: Marginal, mode: Floats, count: int) -> tuple[Floats, Floats]:
+def _proposal(
+    prior: Prior, bounds: Floats, tried: Sequence[Floats], heights: Sequence[Floats], count: int
+) -> tuple[Floats, Floats]:
     """Points and the logarithm of the density they are drawn from.
 
     Each scale is drawn from its likelihood with the others at the mode, over its whole range: where
@@ -315,21 +315,15 @@ def _proposal(problem: Marginal, mode: Floats, count: int) -> tuple[Floats, Floa
     Returns:
         (count, k) and (count,).
     """
-    even = _even_points(count, len(mode))
+    even = _even_points(count, len(bounds))
     points, log_density = np.empty_like(even), np.zeros(len(even))
-    tried = [
-        np.unique(np.clip([low, at, high, *(at + _FROM_MODE)], low, high))
-        for at, (low, high) in zip(mode, problem.bounds, strict=True)
-    ]
-    heights = problem.along(mode, tried)
-    for index, (low, high) in enumerate(problem.bounds):
+    for index, (low, high) in enumerate(bounds):
         fine = np.linspace(low, high, _FINE)
         drawn = [*points.T[:index, :, None], fine]
-        height = heights[index] - heights[index].max()
-        log_height = np.interp(fine, tried[index], height) / _FLATTER
+        log_height = np.interp(fine, tried[index], heights[index] - heights[index].max())
         # One row for all points where no scale before is alike.
-        density = np.exp(log_height + np.atleast_2d(problem.prior.log_density(drawn, newest=index)))
-        steps = 0.5 * (density[:, 1:] + density[:, :-1])
+        density = np.exp(log_height + np.atleast_2d(prior.log_density(drawn, newest=index)))
+        steps = 0.5 * (fine[1] - fine[0]) * (density[:, 1:] + density[:, :-1])
         cumulative = np.concatenate([np.zeros((len(steps), 1)), steps.cumsum(axis=1)], axis=1)
         total = cumulative[:, -1].copy()
         cumulative /= total[:, None]
@@ -340,5 +334,5 @@ def _proposal(problem: Marginal, mode: Floats, count: int) -> tuple[Floats, Floa
         share = (even[:, index] - below) / (above - below)
         points[:, index] = fine[after - 1] + share * (fine[after] - fine[after - 1])
         before, there = density[rows, after - 1], density[rows, after]
-        log_density += np.log((before + share * (there - before)) / (total * (fine[1] - fine[0])))
+        log_density += np.log((before + share * (there - before)) / total)
     return points, log_density
