@@ -47,6 +47,8 @@ _FINE: Final = 200
 _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales are correlated, and tails must be covered.
 Tuned."""
+_NOTHING: Final = 14.0
+"""Logarithm of what is so improbable that it adds nothing: one in a million."""
 _MIDDLE: Final = math.log(1e-2)
 """Quality about which others are tried."""
 _HUGE: Final = 1e300
@@ -247,12 +249,15 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     points, logs = _drawn(problem, mode)
     if (prior := problem.prior.of_one_quality) is not None:
         alike = problem.under(prior)
-        theirs, more = _drawn(alike, np.clip([_MIDDLE, *mode], *alike.bounds.T))
-        points = np.concatenate([points, theirs[:, 1:]])
-        logs = np.append(logs, more - 0.5 * DECISIVE)
+        asked = 0.5 * DECISIVE
+        start, least = np.clip([_MIDDLE, *mode], *alike.bounds.T), logs.max() + asked - _NOTHING
+        theirs, more = _drawn(alike, start, least)
+        points, logs = np.concatenate([points, theirs[:, 1:]]), np.append(logs, more - asked)
     log_likelihood = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - log_likelihood)
-    counts = weights > 1e-6  # others add nothing; rare points of large scales add to sigma
+    counts = weights > math.exp(
+        -_NOTHING
+    )  # others add nothing; rare points of large scales add to sigma
     points, weights = points[counts], weights[counts] / weights[counts].sum()
     if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
         place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
@@ -267,8 +272,11 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     )
 
 
-def _drawn(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
-    """Points (m, k), and the logarithm of what each (m,) adds to the marginal likelihood."""
+def _drawn(problem: Marginal, mode: Floats, least: float = -math.inf) -> tuple[Floats, Floats]:
+    """Points (m, k), and the logarithm of what each (m,) adds to the marginal likelihood.
+
+    If that is less than the ``least``, there are no more points than the first ones.
+    """
     if not len(mode):
         return np.zeros((1, 0)), np.array([problem.likelihood(mode)])
     prior, bounds = problem.prior, problem.bounds
@@ -285,12 +293,12 @@ def _drawn(problem: Marginal, mode: Floats) -> tuple[Floats, Floats]:
         values = np.append(values, new)
         logs = values + prior.log_density(points.T) - log_density
         weights = np.exp(logs - logs.max())
-        if weights.sum() ** 2 > _COUNT * (weights**2).sum():
+        if weights.sum() ** 2 > _COUNT * (weights**2).sum() or logs.max() < least:
             break
     # The same without a likelihood is the integral of the prior.
     flat = [np.zeros(len(each)) for each in tried]
-    by_prior, log_density = _proposal(prior, bounds, tried, flat, _POINTS[1])
-    whole = np.logaddexp.reduce(prior.log_density(by_prior.T) - log_density) - math.log(_POINTS[1])
+    by_prior, log_density = _proposal(prior, bounds, tried, flat, _POINTS[0])
+    whole = np.logaddexp.reduce(prior.log_density(by_prior.T) - log_density) - math.log(_POINTS[0])
     return points, logs - math.log(len(points)) - whole
 
 
