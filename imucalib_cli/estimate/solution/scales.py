@@ -49,6 +49,8 @@ _FLATTER: Final = 1.5
 Tuned."""
 _NOTHING: Final = 14.0
 """Logarithm of what is so improbable that it adds nothing: one in a million."""
+_RARE: Final = math.log(0.01)
+"""One log in a hundred is taken to be of a system of one quality, as those of simulators are."""
 _MIDDLE: Final = math.log(1e-2)
 """Quality about which others are tried."""
 _HUGE: Final = 1e300
@@ -236,8 +238,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for usual sizes and
-    ratios: their logarithms are Cauchy's about the usual. Or they are of one quality, which takes
-    decisive evidence, as any alternative to the model does.
+    ratios: their logarithms are Cauchy's about the usual. Or, rarely, they are of one quality.
 
     Args:
         problem: The normal equations.
@@ -249,15 +250,13 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     points, logs = _drawn(problem, mode)
     if (prior := problem.prior.of_one_quality) is not None:
         alike = problem.under(prior)
-        asked = 0.5 * DECISIVE
-        start, least = np.clip([_MIDDLE, *mode], *alike.bounds.T), logs.max() + asked - _NOTHING
+        start, least = np.clip([_MIDDLE, *mode], *alike.bounds.T), logs.max() - _RARE - _NOTHING
         theirs, more = _drawn(alike, start, least)
-        points, logs = np.concatenate([points, theirs[:, 1:]]), np.append(logs, more - asked)
+        points, logs = np.concatenate([points, theirs[:, 1:]]), np.append(logs, more + _RARE)
     log_likelihood = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - log_likelihood)
-    counts = weights > math.exp(
-        -_NOTHING
-    )  # others add nothing; rare points of large scales add to sigma
+    # Others add nothing; rare points of large scales add to sigma.
+    counts = weights > math.exp(-_NOTHING)
     points, weights = points[counts], weights[counts] / weights[counts].sum()
     if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
         place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
