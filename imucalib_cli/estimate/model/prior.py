@@ -19,6 +19,8 @@ _ALIKE: Final = 3.0
 """Half of all pairs of scales that are alike have a ratio within this factor of the usual."""
 _COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
+_QUALITY: Final = "quality"
+"""Name of the scale that all others are alike to."""
 _BEST: Final = 1e-4
 """Errors of the best systems over those of the worst that are sold: simulated ones are as good."""
 
@@ -77,7 +79,7 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             std=self.std,
             scale=np.where(self.scale >= 0, self.scale + 1, -1),
             bounds=np.concatenate([[[math.log(_BEST), 0.0]], own]),
-            scales=("quality", *self.scales),
+            scales=(_QUALITY, *self.scales),
             alike=True,
         )
 
@@ -101,13 +103,12 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
         Half of all systems are within the factor that comes last.
         """
         if self.alike:
-            yield from (
-                (at, 0, math.exp(self.bounds[at, 1]), _ALIKE) for at in range(1, len(self.bounds))
-            )
-            return
-        for at, scale in enumerate(SCALES[name] for name in self.scales):
+            for at in range(1, len(self.bounds)):
+                yield at, 0, math.exp(self.bounds[at, 1]), _ALIKE
+        named = [(at, SCALES[name]) for at, name in enumerate(self.scales) if name != _QUALITY]
+        for at, scale in named:
             if scale.usual is not None:
                 yield at, None, scale.usual, _COMMON
             for other, ratio in scale.like.items():
-                if other in self.scales:
+                if other in self.scales and not self.alike:
                     yield at, self.scales.index(other), ratio, _ALIKE
