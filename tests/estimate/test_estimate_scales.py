@@ -3,16 +3,19 @@
 Both are compared with a dense grid over these standard deviations.
 """
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from scipy import stats
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.combine.scatter import USUAL, Together, most_likely_together
 from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.solution.scales import Posterior, Problem, integrate, most_likely
+from imucalib_cli.estimate.unknowns import SCALES
 from tests.slow import slow_after
 
 BOUNDS = np.log([[1e-3, 10.0], [1e-3, 10.0]])
@@ -111,6 +114,54 @@ def test_elimination_does_not_change_the_result() -> None:
         C = covariance[:-2, :-2]
         sandwich = C + C @ (noise - given.information) @ C
         np.testing.assert_allclose(stated, sandwich, rtol=1e-7, atol=1e-13)
+
+
+def test_prior_of_scales_is_a_density() -> None:
+    """Without information the marginal likelihood is 1, by either prior: one in a hundred more."""
+    names = ("joint_zero", "length", "joint_axis", "sensor_turn")
+    bounds = np.log([[SCALES[name].low, SCALES[name].high] for name in names])
+    prior = Prior(std=np.full(4, np.nan), scale=np.arange(4), bounds=bounds, scales=names)
+    none = np.zeros((4, 4))
+    given = Problem(information=none, score=none[0], offset=none[0], prior=prior)
+    found = integrate(given, bounds.mean(axis=1))
+    assert found.log_likelihood == pytest.approx(np.log(1.01), abs=0.1)
+
+
+def test_system_without_errors_is_taken_to_be_of_one_quality() -> None:
+    """Against a Monte Carlo over both priors. Six of three components each, all of them zero."""
+    rng = np.random.default_rng(5)
+    J, low, high = 30.0 * rng.normal(size=(40, 18)), math.log(1e-3), 0.0
+    prior = Prior(
+        std=np.full(18, np.nan),
+        scale=np.repeat(np.arange(6), 3),
+        bounds=np.tile([low, high], (6, 1)),
+    )
+    score, offset = J.T @ rng.normal(size=40), np.zeros(18)
+    given = Problem(information=J.T @ J, score=score, offset=offset, prior=prior)
+    mode = most_likely(given)
+
+    def at(points: Floats, weight: float) -> list[tuple[float, Floats, Floats]]:
+        return [(given.likelihood(u) + math.log(weight), *given.solve(u)) for u in points]
+
+    best = math.log(1e-4)
+    quality = rng.uniform(best, 0.0, (2000, 1))
+    first, last = (stats.cauchy.cdf(end, quality, math.log(3.0)) for end in (best, high))
+    chance = first + (last - first) * rng.uniform(size=(2000, 6))
+    alike = at(np.asarray(stats.cauchy.ppf(chance, quality, math.log(3.0))), 0.01)
+    each = at(low + (high - low) * rng.uniform(size=(2000, 6)), 1.0)
+    # Where a joint stands still, nothing is concluded of its errors.
+    apart = given.under(replace(prior, still=("elbow",)))
+    sigmas = []
+    for problem, points in ((given, [*each, *alike]), (apart, each)):
+        found, (mean, covariance) = integrate(problem, mode), weighed(points)
+        sigma = np.sqrt(np.diag(covariance))
+        ratio, away = np.sqrt(np.diag(found.covariance)) / sigma, (found.step - mean) / sigma
+        # The fewest points that are drawn give the sigma of one scale to a quarter, 1 sigma.
+        np.testing.assert_allclose(ratio, 1.0, atol=0.5)
+        assert ratio.mean() == pytest.approx(1.0, abs=0.15)
+        assert np.sqrt(np.mean(away**2)) < 0.2
+        sigmas.append(sigma.mean())
+    assert sigmas[0] < 0.6 * sigmas[1]
 
 
 @pytest.mark.slow

@@ -284,21 +284,21 @@ def _drawn(problem: Marginal, mode: Floats, least: float = -math.inf) -> tuple[F
         for at, (low, high) in zip(mode, bounds, strict=True)
     ]
     heights = [each / _FLATTER for each in problem.along(mode, tried)]
+    # Drawn without a likelihood, the mean weight is the integral of the prior.
+    flat = [np.zeros(len(each)) for each in tried]
+    by_prior, log_density = _proposal(prior, bounds, tried, flat, _POINTS[0])
+    total = np.logaddexp.reduce(prior.log_density(by_prior.T) - log_density) - math.log(_POINTS[0])
     values = np.zeros(0)
     for count in _POINTS:
         points, log_density = _proposal(prior, bounds, tried, heights, count)
         # The first ones are those of before.
         new = [problem.likelihood(u) for u in points[len(values) :]]
         values = np.append(values, new)
-        logs = values + prior.log_density(points.T) - log_density
+        logs = values + prior.log_density(points.T) - log_density - total - math.log(count)
         weights = np.exp(logs - logs.max())
         if weights.sum() ** 2 > _COUNT * (weights**2).sum() or logs.max() < least:
             break
-    # The same without a likelihood is the integral of the prior.
-    flat = [np.zeros(len(each)) for each in tried]
-    by_prior, log_density = _proposal(prior, bounds, tried, flat, _POINTS[0])
-    whole = np.logaddexp.reduce(prior.log_density(by_prior.T) - log_density) - math.log(_POINTS[0])
-    return points, logs - math.log(len(points)) - whole
+    return points, logs
 
 
 def _even_points(count: int, dimensions: int) -> Floats:
