@@ -20,9 +20,9 @@ _ALIKE: Final = 3.0
 _COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
 _QUALITY: Final = "quality"
-"""Name of the scale that all others are alike to."""
-_BEST: Final = 1e-4
-"""Errors of the best systems over those of the worst that are sold: simulated ones are as good."""
+"""Name of a first scale that is no component's: all others are about this share of the largest."""
+_QUALITIES: Final = (1e-4, 3e-3)
+"""Of systems of one quality: from simulated ones to those that are calibrated throughout."""
 
 
 class Prior(Struct, frozen=True, kw_only=True, eq=False):
@@ -38,9 +38,6 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
     """Names of the scales, by which they have usual sizes and ratios."""
     still: tuple[str, ...] = ()
     """Joints behind the first that moves that do not move: the log hardly shows their errors."""
-    alike: bool = False
-    """Whether the first scale is no component's, but the quality of the system: all others are
-    about this share of the largest."""
 
     @property
     def free(self) -> Bools:
@@ -65,7 +62,7 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def of_one_quality(self) -> Prior | None:
-        """The same components in a system whose errors of all kinds are alike.
+        """The same components in a system whose errors of all kinds are alike small.
 
         A simulated system has none at all. That all scales are small at once is far too improbable
         if each has a prior of its own. None where no scale is learnt, and where joints stand still:
@@ -73,14 +70,14 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
         """
         if not len(self.bounds) or self.still:
             return None
-        high = self.bounds[:, 1]
-        own = np.stack([np.minimum(self.bounds[:, 0], high + math.log(_BEST)), high], axis=1)
+        best, worst = np.log(_QUALITIES)
+        low, high = self.bounds.T
+        bounds = np.stack([np.minimum(low, high + best), high], axis=1)
         return Prior(
             std=self.std,
             scale=np.where(self.scale >= 0, self.scale + 1, -1),
-            bounds=np.concatenate([[[math.log(_BEST), 0.0]], own]),
+            bounds=np.concatenate([[[best, worst]], bounds]),
             scales=(_QUALITY, *self.scales),
-            alike=True,
         )
 
     def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
@@ -102,7 +99,7 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
 
         Half of all systems are within the factor that comes last.
         """
-        if self.alike:
+        if self.scales[:1] == (_QUALITY,):
             for at in range(1, len(self.bounds)):
                 yield at, 0, math.exp(self.bounds[at, 1]), _ALIKE
         named = [(at, SCALES[name]) for at, name in enumerate(self.scales) if name != _QUALITY]
@@ -110,5 +107,5 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             if scale.usual is not None:
                 yield at, None, scale.usual, _COMMON
             for other, ratio in scale.like.items():
-                if other in self.scales and not self.alike:
+                if other in self.scales:
                     yield at, self.scales.index(other), ratio, _ALIKE

@@ -49,15 +49,13 @@ _FLATTER: Final = 1.5
 Tuned."""
 _NOTHING: Final = 14.0
 """Logarithm of what is so improbable that it adds nothing: one in a million."""
-_RARE: Final = math.log(0.01)
-"""One log in a hundred is taken to be of a system of one quality, as those of simulators are."""
-_MIDDLE: Final = math.log(1e-2)
-"""Quality about which others are tried."""
 _HUGE: Final = 1e300
 """Larger than any gain of chi-squared."""
 DECISIVE: Final = 20.0
 """Difference of the Bayesian information criterion from which an alternative is believed: odds of
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
+_RARE: Final = -0.5 * DECISIVE
+"""Logarithm of how probable a system of one quality is before the log: e^-10."""
 
 
 class Problem(Struct, frozen=True, kw_only=True, eq=False):
@@ -250,8 +248,8 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     points, logs = _drawn(problem, mode)
     if (prior := problem.prior.of_one_quality) is not None:
         alike = problem.under(prior)
-        start, least = np.clip([_MIDDLE, *mode], *alike.bounds.T), logs.max() - _RARE - _NOTHING
-        theirs, more = _drawn(alike, start, least)
+        start = np.clip(np.append(prior.bounds[0].mean(), mode), *alike.bounds.T)
+        theirs, more = _drawn(alike, start, logs.max() - _RARE - _NOTHING)
         points, logs = np.concatenate([points, theirs[:, 1:]]), np.append(logs, more + _RARE)
     log_likelihood = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - log_likelihood)
