@@ -117,20 +117,20 @@ def test_elimination_does_not_change_the_result() -> None:
 
 
 def test_prior_of_scales_is_a_density() -> None:
-    """Without information the marginal likelihood is 1, by either prior: one in a hundred more."""
+    """Without information the marginal likelihood is 1, by either prior."""
     names = ("joint_zero", "length", "joint_axis", "sensor_turn")
     bounds = np.log([[SCALES[name].low, SCALES[name].high] for name in names])
     prior = Prior(std=np.full(4, np.nan), scale=np.arange(4), bounds=bounds, scales=names)
     none = np.zeros((4, 4))
     given = Problem(information=none, score=none[0], offset=none[0], prior=prior)
     found = integrate(given, bounds.mean(axis=1))
-    assert found.log_likelihood == pytest.approx(np.log(1.01), abs=0.1)
+    assert found.log_likelihood == pytest.approx(0.0, abs=0.1)
 
 
 def test_system_without_errors_is_taken_to_be_of_one_quality() -> None:
     """Against a Monte Carlo over both priors. Six of three components each, all of them zero."""
     rng = np.random.default_rng(5)
-    J, low, high = 30.0 * rng.normal(size=(40, 18)), math.log(1e-3), 0.0
+    J, low, high = 300.0 * rng.normal(size=(40, 18)), math.log(1e-3), 0.0
     prior = Prior(
         std=np.full(18, np.nan),
         scale=np.repeat(np.arange(6), 3),
@@ -143,11 +143,11 @@ def test_system_without_errors_is_taken_to_be_of_one_quality() -> None:
     def at(points: Floats, weight: float) -> list[tuple[float, Floats, Floats]]:
         return [(given.likelihood(u) + math.log(weight), *given.solve(u)) for u in points]
 
-    best = math.log(1e-4)
-    quality = rng.uniform(best, 0.0, (2000, 1))
+    best, worst = np.log([1e-4, 3e-3])
+    quality = rng.uniform(best, worst, (2000, 1))
     first, last = (stats.cauchy.cdf(end, quality, math.log(3.0)) for end in (best, high))
     chance = first + (last - first) * rng.uniform(size=(2000, 6))
-    alike = at(np.asarray(stats.cauchy.ppf(chance, quality, math.log(3.0))), 0.01)
+    alike = at(np.asarray(stats.cauchy.ppf(chance, quality, math.log(3.0))), math.exp(-10.0))
     each = at(low + (high - low) * rng.uniform(size=(2000, 6)), 1.0)
     # Where a joint stands still, nothing is concluded of its errors.
     apart = given.under(replace(prior, still=("elbow",)))
