@@ -22,7 +22,7 @@ _COMMON: Final = 10.0
 _QUALITY: Final = "quality"
 """Name of a first scale that is no component's: all others are about this share of the largest."""
 _QUALITIES: Final = (1e-4, 3e-3)
-"""Of systems of one quality: from simulated ones to those that are calibrated throughout."""
+"""Of systems of one quality: from simulated ones to those that are calibrated throughout. Tuned."""
 
 
 class Prior(Struct, frozen=True, kw_only=True, eq=False):
