@@ -135,6 +135,7 @@ def test_system_without_errors_is_taken_to_be_of_one_quality() -> None:
         std=np.full(18, np.nan),
         scale=np.repeat(np.arange(6), 3),
         bounds=np.tile([low, high], (6, 1)),
+        scales=tuple(name for name, scale in SCALES.items() if not (scale.usual or scale.like))[:6],
     )
     score, offset = J.T @ rng.normal(size=40), np.zeros(18)
     given = Problem(information=J.T @ J, score=score, offset=offset, prior=prior)
@@ -143,9 +144,9 @@ def test_system_without_errors_is_taken_to_be_of_one_quality() -> None:
     def at(points: Floats, weight: float) -> list[tuple[float, Floats, Floats]]:
         return [(given.likelihood(u) + math.log(weight), *given.solve(u)) for u in points]
 
-    best, worst = np.log([1e-4, 3e-3])
+    best, worst, largest = np.log([1e-4, 3e-3, 3e-2])
     quality = rng.uniform(best, worst, (2000, 1))
-    first, last = (stats.cauchy.cdf(end, quality, math.log(3.0)) for end in (best, high))
+    first, last = (stats.cauchy.cdf(end, quality, math.log(3.0)) for end in (best, largest))
     chance = first + (last - first) * rng.uniform(size=(2000, 6))
     alike = at(np.asarray(stats.cauchy.ppf(chance, quality, math.log(3.0))), math.exp(-10.0))
     each = at(low + (high - low) * rng.uniform(size=(2000, 6)), 1.0)

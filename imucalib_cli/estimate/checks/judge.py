@@ -132,7 +132,7 @@ def of_findings(evidence: Evidence) -> Floats:
         added += np.outer(difference, difference)
     # What is held, or what nothing but a prior tells, is as stated.
     seen = (np.diag(fit.pose_covariance) > 0.0) & ~undetermined(fit)
-    return np.asarray(added * np.outer(seen, seen))
+    return np.where(np.outer(seen, seen), added, 0.0)  # no motion and no noise: infinite scatter
 
 
 def _differences(evidence: Evidence) -> Iterator[Floats]:

@@ -19,10 +19,11 @@ _ALIKE: Final = 3.0
 """Half of all pairs of scales that are alike have a ratio within this factor of the usual."""
 _COMMON: Final = 10.0
 """Half of all scales that have a usual size are within this factor of it."""
-_QUALITY: Final = "quality"
-"""Name of a first scale that is no component's: all others are about this share of the largest."""
 _QUALITIES: Final = (1e-4, 3e-3)
-"""Of systems of one quality: from simulated ones to those that are calibrated throughout. Tuned."""
+"""Errors of systems of one quality over those of the worst that are sold: from simulated systems to
+those that are calibrated throughout. Tuned."""
+_LARGEST: Final = 3e-2
+"""The same, of one kind of error: a log that shows a larger one is of another system. Tuned."""
 
 
 class Prior(Struct, frozen=True, kw_only=True, eq=False):
@@ -38,6 +39,9 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
     """Names of the scales, by which they have usual sizes and ratios."""
     still: tuple[str, ...] = ()
     """Joints behind the first that moves that do not move: the log hardly shows their errors."""
+    worst: Floats | None = None
+    """(k - 1,), logarithms. If given, the first scale is no component's but the quality of the
+    system, and the others are about this share of their worst."""
 
     @property
     def free(self) -> Bools:
@@ -52,6 +56,7 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             bounds=self.bounds,
             scales=self.scales,
             still=self.still,
+            worst=self.worst,
         )
 
     def std_at(self, u: Floats) -> Floats:
@@ -66,18 +71,21 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
 
         A simulated system has none at all. That all scales are small at once is far too improbable
         if each has a prior of its own. None where no scale is learnt, and where joints stand still:
-        the log does not show that the errors of these are small.
+        the log does not show that their errors are small.
         """
-        if not len(self.bounds) or self.still:
+        if not self.scales or self.still:
             return None
-        best, worst = np.log(_QUALITIES)
-        low, high = self.bounds.T
-        bounds = np.stack([np.minimum(low, high + best), high], axis=1)
+        low, worst = self.bounds.T
+        best = np.minimum(low, worst + math.log(_QUALITIES[0]))
+        # A scale has a usual size because a log hardly shows it.
+        shown = np.array([SCALES[name].usual is None for name in self.scales])
+        largest = worst + shown * math.log(_LARGEST)
         return Prior(
             std=self.std,
             scale=np.where(self.scale >= 0, self.scale + 1, -1),
-            bounds=np.concatenate([[[best, worst]], bounds]),
-            scales=(_QUALITY, *self.scales),
+            bounds=np.vstack([np.log(_QUALITIES), np.stack([best, largest], axis=1)]),
+            scales=("quality", *self.scales),
+            worst=worst,
         )
 
     def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
@@ -99,10 +107,10 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
 
         Half of all systems are within the factor that comes last.
         """
-        if self.scales[:1] == (_QUALITY,):
-            for at in range(1, len(self.bounds)):
-                yield at, 0, math.exp(self.bounds[at, 1]), _ALIKE
-        named = [(at, SCALES[name]) for at, name in enumerate(self.scales) if name != _QUALITY]
+        if self.worst is not None:
+            for at, worst in enumerate(self.worst, start=1):
+                yield at, 0, math.exp(worst), _ALIKE
+        named = [(at, SCALES[name]) for at, name in enumerate(self.scales) if name in SCALES]
         for at, scale in named:
             if scale.usual is not None:
                 yield at, None, scale.usual, _COMMON
