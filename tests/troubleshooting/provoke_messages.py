@@ -1,6 +1,7 @@
 """Messages as robots publish them: what is read in another way, and what must be reported."""
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -101,13 +102,22 @@ def numbered(scene: Scene) -> Seen:
 POSITION = ("/joints", "foxglove.JointState", {"name": ["pan"], "position": [1.0]}, 1)
 
 
+@contextmanager
+def forgotten_types() -> Iterator[None]:
+    """Types of logs that were read before, or are read within, are not remembered."""
+    for kept in (message_class, reading_of):
+        kept.cache_clear()
+    yield
+    for kept in (message_class, reading_of):
+        kept.cache_clear()
+
+
 def in_protobuf(scene: Scene) -> Seen:
     """Without the package that reads it."""
     log = write_plain(scene.path("log.mcap"), [POSITION], "protobuf")
     missing = ChoiceError("not here")
-    for kept in (message_class, reading_of):  # of logs that were read before
-        kept.cache_clear()
     with (
+        forgotten_types(),
         patch("imucalib_cli.logs.messages.protobuf.optional", side_effect=missing),
         patch("imucalib_cli.logs.select.is_installed", return_value=False),
     ):
