@@ -117,7 +117,7 @@ def test_elimination_does_not_change_the_result() -> None:
 
 
 def test_prior_of_scales_is_a_density() -> None:
-    """Without information the marginal likelihood is 1, by either prior."""
+    """Without information the marginal likelihood is 1, whatever sizes and ratios are usual."""
     names = ("joint_zero", "length", "joint_axis", "sensor_turn")
     bounds = np.log([[SCALES[name].low, SCALES[name].high] for name in names])
     prior = Prior(std=np.full(4, np.nan), scale=np.arange(4), bounds=bounds, scales=names)
