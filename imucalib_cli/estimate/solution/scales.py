@@ -283,8 +283,8 @@ def _drawn(problem: Marginal, mode: Floats, least: float = -math.inf) -> tuple[F
     ]
     heights = [each / _FLATTER for each in problem.along(mode, tried)]
     # Drawn without a likelihood, the mean weight is the integral of the prior.
-    flat = [np.zeros(len(each)) for each in tried]
-    by_prior, log_density = _proposal(prior, bounds, tried, flat, _POINTS[0])
+    flat = np.zeros_like(bounds)
+    by_prior, log_density = _proposal(prior, bounds, [*bounds], [*flat], _POINTS[0])
     total = np.logaddexp.reduce(prior.log_density(by_prior.T) - log_density) - math.log(_POINTS[0])
     values = np.zeros(0)
     for count in _POINTS:
