@@ -33,7 +33,12 @@ from imucalib_cli.estimate.solution.spectrum import (
     part_numbers,
     turned,
 )
-from imucalib_cli.estimate.solution.step import Linearised, linearised, solved_step
+from imucalib_cli.estimate.solution.step import (
+    Linearised,
+    gravity_by_base,
+    linearised,
+    solved_step,
+)
 from imucalib_cli.estimate.unknowns import LEAN, SCALES, Unknown
 from imucalib_cli.estimate.window_choice import SeenNoise, kinematic_variance
 from imucalib_cli.robot.rotations import rotation_angle
@@ -86,8 +91,8 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
     """Rise of chi-squared at the best other rotation; inf where there is none."""
     settled: bool
     """Whether the last step of all that is determined was small."""
-    of_gravity: tuple[Floats, Floats]
-    """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
+    of_gravity: Floats
+    """(n + 1, n + 1), :func:`gravity_by_base`."""
 
     @property
     def model(self) -> Model:
@@ -96,11 +101,9 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
 
     def problem(self, total: Floats, noise_score: Floats) -> Problem:
         """From [e J] (n + 1, n + 1) and the noise (n,) in J'e, in units of the noise."""
-        information, score = (self.equations.level * each for each in self.of_gravity)
+        total = total + self.equations.level * self.of_gravity
         equations = replace(
-            self.equations,
-            information=total[1:, 1:] + information,
-            score=total[1:, 0] - noise_score + score,
+            self.equations, information=total[1:, 1:], score=total[1:, 0] - noise_score
         )
         return equations.problem(self.layout, self.options)
 
@@ -183,8 +186,10 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
         residuals = residuals or self.windows.residuals
         there = replace(self.windows, model=model, at=state, residuals=residuals)
         total, _, noise_score = there.sums()
+        level = self.equations.level
+        total = total + level * gravity_by_base(model, state, self.options)
         A, b = total[1:, 1:], total[1:, 0] - noise_score
-        white = A * self.equations.level
+        white = A * level
         equations = replace(
             self.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
         )

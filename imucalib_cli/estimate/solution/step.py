@@ -133,19 +133,19 @@ class Step(Struct, frozen=True, kw_only=True, eq=False):
     """(f,), of the free components."""
     inverse: Floats
     """(f, f), in units of the noise."""
-    of_gravity: tuple[Floats, Floats]
+    of_gravity: Floats
     """As in :class:`Fit`."""
 
     @property
     def equations(self) -> NormalEquations:
         """The normal equations about the point of linearisation."""
-        stats, level, (information, score) = self.statistics, self.level, self.of_gravity
-        noise = stats.score_covariance(self.levels) + level**2 * information
+        stats, level, of_gravity = self.statistics, self.level, self.level * self.of_gravity
+        noise = stats.score_covariance(self.levels) + level * of_gravity[1:, 1:]
         return NormalEquations(
             layout=self.at.model.layout,
             at=self.at.at,
-            information=_symmetric(stats.information + level * information),
-            score=stats.score + level * score,
+            information=_symmetric(stats.information + of_gravity[1:, 1:]),
+            score=stats.score + of_gravity[1:, 0],
             noise=_symmetric(noise),
             level=level,
             motion=_symmetric(_motion(self.at.model, stats, self.at.scales)),
@@ -162,11 +162,14 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
     sums = statistics(model.windowing.plan, at.centres, at.rows(), at.count, layout.size + 1)
     total = sums.normal.sum(axis=(0, 1))
     offset, level = prior_offset(layout, options, state), 1.0
-    of_gravity = _gravity_by_base(model, state, options)
+    of_gravity = gravity_by_base(model, state, options)
     u = layout.bounds[:, 1] if u is None else u
     for _ in range(rounds):
         stats = sums.calibrated(*at.calibration(total))
-        A, b = stats.information / level + of_gravity[0], stats.score / level + of_gravity[1]
+        A, b = (
+            stats.information / level + of_gravity[1:, 1:],
+            stats.score / level + of_gravity[1:, 0],
+        )
         problem = Problem(information=A, score=b, offset=offset, prior=layout).of(layout.free)
         u = most_likely(problem, u)
         step, inverse = problem.solve(u)
@@ -188,16 +191,16 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
     )
 
 
-def _gravity_by_base(model: Model, state: State, options: MatchedOptions) -> tuple[Floats, Floats]:
-    """Information (n, n) and score (n,) of gravity by the base IMU's mean force."""
+def gravity_by_base(model: Model, state: State, options: MatchedOptions) -> Floats:
+    """[e J]' [e J] (n + 1, n + 1) of the base IMU's mean force, which is gravity's, over noise."""
     layout = model.layout
     base = Chain.of(model.windowing.trajectory, layout, state).base
     if base is None or options.gravity_norm <= 0.0:
-        return np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+        return np.zeros((layout.size + 1,) * 2)
     placed = ((each.part, reading) for each, reading in layout.of_base(Reading))
     off, change, std = mean_force_of_base(base, placed, layout.size, options.gravity_norm)
-    weight = 1.0 / (std**2 + options.gravity_std**2)
-    return weight * np.outer(change, change), weight * off * change
+    row = np.append(off, change)
+    return np.outer(row, row) / (std**2 + options.gravity_std**2)
 
 
 def _symmetric(matrix: Floats) -> Floats:
