@@ -22,13 +22,23 @@ from imucalib_cli.combine.imus import (
     solve_together,
 )
 from imucalib_cli.estimate.model.layout import Placed
-from imucalib_cli.estimate.options import WindowChoice
+from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
+from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 from imucalib_cli.estimate.unknowns import Origin
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.robot.path import JointStep, KinematicPath
 from imucalib_cli.signals.dead_reckoning import dead_reckon
-from tests.estimate.estimate_arm import GRAVITY, Log, Solved, beside, prior, solve, solve_well
+from tests.estimate.estimate_arm import (
+    GRAVITY,
+    Log,
+    Solved,
+    beside,
+    prior,
+    solve,
+    solve_well,
+    windowing_of,
+)
 from tests.estimate.estimate_walk import BASE, Walk, logged, readings_of
 from tests.slow import slow_after
 
@@ -75,6 +85,16 @@ def test_sigma_matches_errors_with_noise_and_all_model_errors(walks: int) -> Non
         assert found.angle < np.radians(0.1)
         total += found.nees
     assert chi2.ppf(0.001, 6 * walks) < total < chi2.ppf(0.999, 6 * walks)
+
+
+def test_the_equations_about_another_point_are_the_same_at_the_fits_own() -> None:
+    """With what the mean force of the base IMU says, which is in no window."""
+    options = MatchedOptions(gravity="none")
+    fit = whole_fit(lean_fit(windowing_of(logged(Walk(noisy=True)), 0.3), options, 0.0), options)
+    again, _ = fit.equations_in(fit.layout, fit.windows.at)
+    unit = np.sqrt(np.diag(fit.equations.information))
+    off = (again.information - fit.equations.information) / np.outer(unit, unit)
+    assert np.abs(off).max() < 1e-6
 
 
 def test_three_clocks_have_offsets_and_drifts_of_their_own_and_the_gyroscope_is_late() -> None:
