@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -34,12 +35,15 @@ from imucalib_cli.signals.timing.stamps import usual_interval
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.estimate import Estimate
+    from imucalib_cli.findings import Finding
+    from imucalib_cli.jobs.input.motion import Sources
     from imucalib_cli.jobs.input.recording import Recording
     from imucalib_cli.jobs.input.request import CalibrationRequest, Progress
     from imucalib_cli.logs.streams import ImuStream
     from imucalib_cli.results.result import Result
     from imucalib_cli.robot.mount import NominalPose
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.imu.repair import Repaired
     from imucalib_cli.signals.samples import ImuSamples
 
 
@@ -138,46 +142,72 @@ class _Alone(Struct, frozen=True, kw_only=True, eq=False):
 def _estimate_one(
     recording: Recording, imu: ImuStream, request: CalibrationRequest, progress: Progress
 ) -> _Alone:
-    samples, sources = samples_of(imu, recording.clock), recording.sources
     request = replace(request, parent=named_parent(imu, request) or request.parent)
-    try:
-        motion = find_motion(sources, imu.frame_id, request, samples)
-    except (ChoiceError, InputError) as error:
-        if error.option != "--parent":
-            raise
-        refuse_dead(samples)  # zeros would look like an IMU that stands still
-        raise with_carriers(error, imu, sources, request)[0] from error
+    samples, sources = samples_of(imu, recording.clock), recording.sources
+    motion = _motion_of(imu, samples, sources, request)
     path = motion.path
     check_joint_topics(recording.joints, set(map(path.reported, path.joint_steps.values())))
     check_overlap(samples, motion)
     repaired = request.repaired(samples, path)
-    options = _options(motion, request)
-    estimate = estimate_by_method(repaired.samples, repaired.path, options, details=request.details)
-    wrong = contradicted(estimate, request.imu)
-    if wrong:
-        options = without_priors(options, wrong)
-        estimate = estimate_by_method(
-            repaired.samples, repaired.path, options, details=request.details
-        )
+    estimate, options = _estimated(repaired, motion, request)
     if isinstance(options, MatchedOptions):
         # A prior is recorded by its values, the published method's guess by its source.
         request = replace(request, estimator=options)
-    estimate = checked(estimate, repaired.samples, request.imu, wrong)
     if not _doubts_unit(estimate):  # the IMU only never rested
         known = tuple(e for e in repaired.suspects if e.code != "imu.accel_unit_unknown")
         repaired = replace(repaired, suspects=known)
     if needs_diagnosis(estimate):
         progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)
-    blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
     of_robot = {track.name: track.t for track in path.tracks}
     missing = missing_parts({imu.name: samples.t - estimate.time_offset, **of_robot})
-    of_log = (*recording.findings, *motion.findings, *missing)
+    return _Alone(
+        imu=imu,
+        request=request,
+        samples=samples,
+        motion=motion,
+        t=repaired.samples.t,
+        estimate=_with_findings(
+            estimate, repaired, (*recording.findings, *motion.findings, *missing)
+        ),
+    )
+
+
+def _motion_of(
+    imu: ImuStream, samples: ImuSamples, sources: Sources, request: CalibrationRequest
+) -> Motion:
+    """The motion of the parent of an IMU; where no parent is named, the error names carriers."""
+    try:
+        return find_motion(sources, imu.frame_id, request, samples)
+    except (ChoiceError, InputError) as error:
+        if error.option != "--parent":
+            raise
+        refuse_dead(samples)  # zeros would look like an IMU that stands still
+        raise with_carriers(error, imu, sources, request)[0] from error
+
+
+def _estimated(
+    repaired: Repaired, motion: Motion, request: CalibrationRequest
+) -> tuple[Estimate, MatchedOptions | PaperOptions]:
+    """The estimate compared with the data sheet, and its options: no prior that is contradicted."""
+    options = _options(motion, request)
+    solve = partial(estimate_by_method, repaired.samples, repaired.path, details=request.details)
+    estimate = solve(options)
+    wrong = contradicted(estimate, request.imu)
+    if wrong:
+        options = without_priors(options, wrong)
+        estimate = solve(options)
+    return checked(estimate, repaired.samples, request.imu, wrong), options
+
+
+def _with_findings(estimate: Estimate, repaired: Repaired, of_log: tuple[Finding, ...]) -> Estimate:
+    """The estimate with the findings of its log and of what was repaired, each said once."""
+    blamed = {each.code for each in estimate.findings if each.severity is Severity.UNTRUSTED}
     before, suspects = (
         tuple(each for each in some if each.code not in blamed)
         for some in (of_log, repaired.suspects)
     )
-    estimate = replace(
+    return replace(
         estimate,
         findings=(*before, *repaired.findings, *suspects, *estimate.findings),
         notes={
@@ -186,14 +216,6 @@ def _estimate_one(
             "imu_samples_at_fault": repaired.samples_at_fault,
             **estimate.notes,
         },
-    )
-    return _Alone(
-        imu=imu,
-        request=request,
-        samples=samples,
-        motion=motion,
-        t=repaired.samples.t,
-        estimate=estimate,
     )
 
 
