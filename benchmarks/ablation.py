@@ -41,7 +41,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "square of a reading": ("accel_square",),
     "g-sensitivity": ("gyro_g_sensitivity",),
     "driver filters": ("accel_filter", "gyro_filter"),
-    "give of the mount": ("mount_give",),
+    "give of the mount": ("mount_give", "mount_turn"),
     "gyroscope's delay": ("gyro_delay",),
     "gravity's magnitude": ("gravity_norm",),
     "drift and ramps": ("clock_drift", "accel_bias_ramp", "gyro_bias_ramp"),

@@ -161,6 +161,7 @@ class Row(Struct, frozen=True, kw_only=True):
     track_delay: float = 0.0  # of its stamps behind those of the joints, s
     long_link: float = 0.0  # one joint's origin is longer by exactly this share
     gross_zero: float = 0.0  # one joint's zero has exactly this error, rad, either way
+    bracket: float = 0.0  # of each angle by which a unit of force turns the mount, rad/(m/s²)
     driver: Driver | None = None  # filter of the IMU's driver
     ramp: tuple[float, float] = (0.0, 0.0)  # exact drift of the biases, m/s² and rad/s a log
     walk: tuple[float, float] = (0.0, 0.0)  # of the biases, m/s²/sqrt(s) and rad/s/sqrt(s)
@@ -212,6 +213,7 @@ ROWS = {
     "stiffer": replace(_QUIET, softness=5e-6),
     "geared": replace(_EVERYDAY, gain=2e-3, twice=5e-4),
     "magnetic": replace(_QUIET, twice=3e-4, four=2e-4),
+    "bracket": replace(_QUIET, bracket=2e-5),
     "late-tracker": replace(_QUIET, track_delay=5e-3),
     "gross-link": Row(noise=MEMS, long_link=0.01),
     "gross-zero": Row(noise=MEMS, gross_zero=0.01),
@@ -533,17 +535,14 @@ def _imu(
         "accel_ramp": row.ramp[0] * _direction(rng),
         "gyro_ramp": row.ramp[1] * _direction(rng),
     }
-    share = rng.uniform()
+    share, turning = rng.uniform(), np.random.default_rng([*key, 2]).normal(size=(3, 3))
+    drawn["bracket"] = row.bracket * turning
     if row.gravity_between is not None:
         low, high = row.gravity_between
         drawn["gravity"] = low + share * (high - low)
     samples = []
-    for index, (sensor, values) in enumerate(
-        (
-            ("accel", truth.accel(motion, t, drawn["gravity"])),
-            ("gyro", truth.gyro(motion, t - drawn["gyro_delay"])),
-        )
-    ):
+    force, rate = _on_bracket(truth, motion, t, drawn)
+    for index, (sensor, values) in enumerate((("accel", force), ("gyro", rate))):
         white, walk = noise_rng.normal(size=(2, len(t), 3))
         # The bias is as drawn in the middle of the log, where the ramp passes through zero.
         drift = np.outer((t - t[-1] / 2) / t[-1], drawn[f"{sensor}_ramp"])
@@ -556,6 +555,25 @@ def _imu(
             measured, _ = lfilter(b, a, measured, axis=0, zi=settled)
         samples.append(measured[t >= 0.0])
     return ImuSamples(t=t[t >= 0.0], accel=samples[0], gyro=samples[1]), drawn
+
+
+def _on_bracket(
+    truth: Truth, motion: Motion, t: Floats, drawn: dict[str, Any]
+) -> tuple[Floats, Floats]:
+    """(N, 3) each, force and rate on a mount that turns with the force; the rate is late."""
+    late, h = t - drawn["gyro_delay"], 1e-4
+    force = truth.accel(motion, t, drawn["gravity"])
+    rate = truth.gyro(motion, late)
+    if not drawn["bracket"].any():
+        return force, rate
+    before, now, after = (
+        Rotation.from_rotvec(truth.accel(motion, at, drawn["gravity"]) @ drawn["bracket"])
+        for at in (late - h, late, late + h)
+    )
+    turning = (before.inv() * after).as_rotvec() / (2.0 * h)
+    return Rotation.from_rotvec(force @ drawn["bracket"]).apply(force, inverse=True), (
+        now.apply(rate, inverse=True) + turning
+    )
 
 
 def _direction(rng: np.random.Generator) -> Floats:

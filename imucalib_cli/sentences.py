@@ -85,6 +85,7 @@ _CURES = {
     "looks the same; tighten it",
     ("mount_give", False): "it bends under gravity, differently in each pose, or the base sways, "
     "which looks the same; stiffen mount and base, or record slower motion",
+    ("mount_turn", False): "it turns under gravity, differently in each pose; stiffen it",
 }
 """Of an error that is too large, by its name and whether it is negative."""
 _OF_TWO: dict[str, Callable[[Any, Any], str]] = {
@@ -172,6 +173,7 @@ _QUANTITIES: dict[str, tuple[float, str]] = {
     "1": (100.0, "%"),
     "rad/(Nm/kg)": (math.degrees(9.80665), "deg for each m of lever"),
     "m/(m/s²)": (1e3 * 9.80665, "mm for each g"),
+    "rad/(m/s²)": (math.degrees(9.80665), "deg for each g"),
 }
 """Units of the table of unknowns as people write them: factor and name; other units stay."""
 _OF_BASE: Final = "base_"
@@ -191,6 +193,7 @@ _REMEDIES: dict[str, str] = {
     "gravity_norm": "give --gravity if you know it",
     "gyro_g_sensitivity": "calibrate the sensor",
     "mount_give": "stiffen the mount",
+    "mount_turn": "stiffen the mount",
     "joint_zero": _SECOND_OPINION,
     "origin": _SECOND_OPINION,
     "joint_axis": _SECOND_OPINION,

@@ -77,8 +77,10 @@ class Reading(Struct, frozen=True, eq=False):
     """Whether it turns the sensor's axes: it is then removed to second order."""
     cancels: bool = False
     """Whether two IMUs on one body that have it alike measure as if they had none."""
-    sways: bool = False
-    """Whether the IMU moves by it: alike in all directions, it is a filter of its place."""
+    sways: Literal["place", "turn"] | None = None
+    """How the IMU moves by it; of the place, alike in all directions, it is a filter of that."""
+    also: Reading | None = None
+    """The error of the other sensor by the same components."""
 
     def basis(self, samples: Samples) -> Floats:
         """(size, M, 3), the error by a unit of each component, IMU axes."""
@@ -319,6 +321,18 @@ def _swayed(samples: Samples, matrices: Floats) -> Floats:
     return np.asarray(-(change + by_turning))
 
 
+def _seen_turned(samples: Samples, matrices: Floats) -> Floats:
+    """(..., M, 3), error of the force, read in axes that turn with it."""
+    return np.asarray(cross(samples.accel, samples.accel @ matrices))
+
+
+def _rate_turned(samples: Samples, matrices: Floats) -> Floats:
+    """(..., M, 3), error of the rate, read in axes that turn with the force."""
+    turn = samples.accel @ matrices
+    rate = _derivative(samples.accel, samples.dt) @ matrices
+    return np.asarray(rate + cross(samples.gyro, turn))
+
+
 _PAIRS: Final = tuple(f"{gyro} by {accel}" for gyro in "xyz" for accel in "xyz")
 
 SCALES: Final[dict[str, Scale]] = {
@@ -329,6 +343,7 @@ SCALES: Final[dict[str, Scale]] = {
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
     "mount_give": Scale(low=3e-8, high=3e-3),
+    "mount_turn": Scale(low=1e-8, high=3e-3),
     "pose_turn": Scale(low=1e-5, high=5e-2),
     "pose_age": Scale(low=1e-5, high=0.1),
     "pose_filter": Scale(low=3e-8, high=3e-4),
@@ -578,10 +593,27 @@ _OWN: Final[tuple[Unknown, ...]] = (
         unit="m/(m/s²)",
         scale="mount_give",
         healthy=1e-4,
-        effect=Reading("accel", _swayed, np.concatenate([_EACH_AXIS, _ACROSS]), sways=True),
+        effect=Reading("accel", _swayed, np.concatenate([_EACH_AXIS, _ACROSS]), sways="place"),
         least=1e-4,
         positive=True,
         words="compliance of the mount or the arm",
+    ),
+    Unknown(
+        name="mount_turn",
+        labels=_PAIRS,
+        among="robot",
+        unit="rad/(m/s²)",
+        scale="mount_turn",
+        healthy=2e-3,  # with an arm of 50 mm the largest give
+        effect=Reading(
+            "accel",
+            _seen_turned,
+            _BY_EACH,
+            also=Reading("gyro", _rate_turned, _BY_EACH),
+            sways="turn",
+        ),
+        least=1e-6,
+        words="turn of the mount under load",
     ),
     Unknown(
         name="joint_zero",

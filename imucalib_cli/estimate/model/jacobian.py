@@ -354,8 +354,9 @@ def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C9
     match effect:
         case Reading():
             # To remove the error lowers the reading.
-            seen = -_in_world(effect.basis(nodes.samples), nodes.R_world_imu)
-            channels["force" if effect.sensor == "accel" else "rate"].append((part, seen))
+            for each in (effect, effect.also) if effect.also else (effect,):
+                seen = -_in_world(each.basis(nodes.samples), nodes.R_world_imu)
+                channels["force" if each.sensor == "accel" else "rate"].append((part, seen))
         case Gravity():
             down = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
             turned = cross(gravity_axes(nodes.gravity), nodes.gravity)

@@ -156,6 +156,9 @@ class Layout(Prior, frozen=True, kw_only=True, eq=False):
         for each in self.placed:
             if isinstance(each.unknown.effect, kind):
                 yield each, each.unknown.effect
+                also = getattr(each.unknown.effect, "also", None)
+                if also is not None:
+                    yield each, also
 
     def of_base(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """The same of the IMU that measures how the base moves."""
@@ -307,7 +310,7 @@ class _Chain:
                 yield Placed(unknown, nowhere, labels, index=track)
         elif not isinstance(effect, OfBase):
             # Of a body that is tracked, and nothing else, the tracker's filter stands for it.
-            if not (isinstance(effect, Reading) and effect.sways and self._is_tracked):
+            if not (isinstance(effect, Reading) and effect.sways == "place" and self._is_tracked):
                 yield Placed(unknown, nowhere, unknown.labels)
         elif base is not None and (self._moving or _differs(effect.effect)):
             yield Placed(unknown, nowhere, unknown.labels, index=path.base_step + 1)
