@@ -541,8 +541,8 @@ def _imu(
         low, high = row.gravity_between
         drawn["gravity"] = low + share * (high - low)
     samples = []
-    force, rate = _on_bracket(truth, motion, t, drawn)
-    for index, (sensor, values) in enumerate((("accel", force), ("gyro", rate))):
+    force, angular = _on_bracket(truth, motion, t, drawn)
+    for index, (sensor, values) in enumerate((("accel", force), ("gyro", angular))):
         white, walk = noise_rng.normal(size=(2, len(t), 3))
         # The bias is as drawn in the middle of the log, where the ramp passes through zero.
         drift = np.outer((t - t[-1] / 2) / t[-1], drawn[f"{sensor}_ramp"])
