@@ -92,12 +92,16 @@ _UNSPECIFIC: Messages = {
     "change.drift": "over the log the IMU's pose drifts by {translation:mm± translation_std} and "
     "{rotation:deg± rotation_std}, beyond what noise and model explain: the mount is loose, or "
     "the robot warms up; warm it up before recording, or use a shorter part (--from, --to)",
-    "change.clock": "the clocks of IMU and robot shift by {size:ms+.3g} against each other"
+    "change.clock": "the clocks of IMU and robot shift by {size:ms± std} against each other"
     + _AT
     + _ONE_SIDE
     + ", and see that no clock is set while recording",
-    "change.gyro_bias": "the gyroscope's bias changes by {size:.2g} rad/s" + _AT + _RESET,
-    "change.accel_bias": "the accelerometer's bias changes by {size:.2g} m/s²" + _AT + _RESET,
+    "change.gyro_bias": "the gyroscope's bias changes by [std?{size:± std}||{size:.2g}] rad/s"
+    + _AT
+    + _RESET,
+    "change.accel_bias": "the accelerometer's bias changes by [std?{size:± std}||{size:.2g}] m/s²"
+    + _AT
+    + _RESET,
 }
 _UNSPECIFIC_OF_ANSWER: Messages = {
     "unknown.implausible": "{words} [{label} ]{value:in unit std}, more than any sound robot or "

@@ -35,7 +35,7 @@ from imucalib_cli.signals.timing.stamps import sample_interval
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from imucalib_cli.arrays import Floats
+    from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.attempts import Attempt
     from imucalib_cli.estimate.checks.segments import Change, Consistency
     from imucalib_cli.estimate.checks.specification import Dependence
@@ -257,12 +257,15 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _residuals(evidence: Evidence) -> Iterator[Finding]:
-    over_noise = evidence.fit.over_noise
+    """Residuals far beyond the known noise: of most windows, or of some that are far larger."""
+    fit = evidence.fit
+    usual = fit.over_noise
+    over_noise = usual if usual.max() > LOUD else fit.rms_over_noise
     worst = int(over_noise.argmax())
     ratio = float(over_noise[worst])
     if ratio > LOUD:
-        make = untrusted if ratio > WRONG else warning
-        tracked = _is_tracked(evidence.fit)
+        make = untrusted if usual.max() > WRONG else warning
+        tracked = _is_tracked(fit)
         yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio, tracked=tracked)
 
 
@@ -363,8 +366,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
         yield make("window.noisy", **values)
     worst = evidence.largest_dependence
     if worst is not None:
-        sigma = evidence.fit.std[evidence.fit.layout.pose]
-        matters = bool((np.abs(worst.difference) > sigma).any())
+        matters = bool(_beyond_sigma(evidence.fit, worst.difference).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
         yield make(
             "window.dependent",
@@ -374,6 +376,11 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
             tracked=_is_tracked(evidence.fit),
             **_lengths(worst.difference),
         )
+
+
+def _beyond_sigma(fit: Fit, change: Floats) -> Bools:
+    """(6,), components of a change of the pose that are larger than its sigma."""
+    return np.asarray(np.abs(change) > fit.std[fit.layout.pose])
 
 
 def _parts(evidence: Evidence) -> Iterator[Finding]:
@@ -396,12 +403,15 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
             values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
     else:
         values["size"] = float(size[0] if len(size) == 1 else np.linalg.norm(size))
+        values["std"] = float(np.linalg.norm(size * change.std)) / max(abs(values["size"]), 1e-300)
     if change.kind != "drift":
         values |= {"seconds": change.seconds, "uncertainty": change.uncertainty}
         values["only"] = _only_part(evidence.fit, change)
     # A mount that gives is in sigma already.
-    slipped = (np.array(list(lengths.values())) > SLIP).any()
-    yield (untrusted if slipped else warning)(f"change.{change.kind}", **values)
+    slipped = np.array(list(lengths.values())) > SLIP
+    matters = _beyond_sigma(evidence.fit, change.moves_pose).reshape(2, 3).any(axis=1)
+    make = untrusted if (slipped & matters).any() else warning
+    yield make(f"change.{change.kind}", **values)
 
 
 def _only_part(fit: Fit, change: Change) -> Literal["before", "after", "none"] | None:

@@ -129,10 +129,21 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
     @cached_property
     def over_noise(self) -> Floats:
         """(2,), residual scale over the known noise: the sensor's own and the kinematics'."""
+        return self.windows.scales / self._known_noise
+
+    @property
+    def rms_over_noise(self) -> Floats:
+        """(2,), the same of the root mean square, to which a few large residuals contribute."""
+        used = self.windows.residuals.values[self.windows.weights > 0.0]
+        squares = (used**2).reshape(-1, 2, 3).mean(axis=(0, 2))
+        return np.asarray(np.sqrt(squares) / self._known_noise)
+
+    @property
+    def _known_noise(self) -> Floats:
         windowing = self.model.windowing
         kinematic = kinematic_variance(windowing.seconds, windowing.trajectory)
         known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
-        return np.asarray(self.windows.scales / np.maximum(known, COMMON_IMU))
+        return np.maximum(known, COMMON_IMU)
 
     @property
     def _rate_noise(self) -> float:
