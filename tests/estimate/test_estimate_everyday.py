@@ -372,3 +372,20 @@ def test_tracker_of_a_real_body_keeps_length_scale() -> None:
     found = ic.calibrate(body, parent="sensor_body", end=15.0, estimator=short).result.diagnostics
     norm = next(each.value for each in found.parameters if each.name == "gravity_norm")
     assert norm == pytest.approx(9.80665, abs=2.0 * GRAVITY_STD)
+
+
+def test_a_mount_that_turns_under_load_is_found_in_both_sensors() -> None:
+    """By 0.3 deg for each g about x when the force is along y; scipy turns the readings."""
+    clean = make_log(Moves(seconds=40.0))
+    compliance = np.zeros((3, 3))
+    compliance[1, 0], compliance[0, 1] = 5e-4, -2e-4
+    t, force = clean.imu.t, clean.imu.accel
+    turn = Rotation.from_rotvec(force @ compliance)
+    steps = (turn[:-2].inv() * turn[2:]).as_rotvec() / (t[2:] - t[:-2])[:, None]
+    turning = np.concatenate([steps[:1], steps, steps[-1:]])
+    gyro = turn.apply(clean.imu.gyro, inverse=True) + turning
+    found = solve_well(clean.with_imu(t, gyro, turn.apply(force, inverse=True)).noisy(3))
+    value, std = found.parameter("mount_turn")
+    assert (np.abs(value.reshape(3, 3).T - compliance) < 4.0 * std.reshape(3, 3).T).all()
+    assert (std[[1, 3]] < 5e-5).all()
+    assert found.finding("unknown.found")["name"] == "mount_turn"
