@@ -47,6 +47,9 @@ _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
 """What may change at an instant, by entries of the table, the gravest first. Clocks and biases
 that drift have entries of their own; a mount that does so is told as a drift."""
 
+_WALK: Final = frozenset[Kind]({"gyro_bias", "accel_bias"})
+"""Kinds that usually walk, so that a step must stand clear of the walk."""
+
 
 class Consistency(Struct, frozen=True, kw_only=True, eq=False):
     """How well the parts of the log agree with each other."""
@@ -235,7 +238,7 @@ class Segments:
             part = self._places(*names)
             if not len(part):
                 continue
-            wander = self._wander(part) if kind.endswith("bias") else np.zeros((len(part),) * 2)
+            wander = self._wander(part) if kind in _WALK else np.zeros((len(part),) * 2)
             cut = self._likeliest_cut(part, wander)
             if cut is None:
                 continue
