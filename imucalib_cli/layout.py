@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from imucalib_cli.shown import printable
+from imucalib_cli.shown import printable, readable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -71,15 +71,15 @@ def _cell(value: object) -> object:
 
 
 def plain(blocks: Iterable[Block]) -> str:
-    """Text with a newline after each line; unprintable characters are escaped."""
+    """Text with a newline after each line, for people: lines and cells as shown.readable."""
     return "".join(f"{line}\n" for block in blocks for line in _lines(block))
 
 
 def _lines(block: Block) -> Iterator[str]:
     if isinstance(block, str):
-        yield printable(block)
+        yield readable(block)
         return
-    rows = [[printable(cell) for cell in row] for row in (block.heads, *block.rows)]
+    rows = [[readable(cell) for cell in row] for row in (block.heads, *block.rows)]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for place, least in enumerate(block.least):
         widths[place] = max(widths[place], least)

@@ -22,6 +22,16 @@ def printable(line: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+LONGEST = 4000
+"""Letters of a line that is shown: a name in a file may have a million letters."""
+
+
+def readable(line: str) -> str:
+    """As :func:`printable`, cut to a length that a person can read."""
+    text = printable(line)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}… ({len(text)} letters)"
+
+
 def as_word(path: object) -> str:
     """A path as a word of a command to copy; ``-`` stays, which is stdin."""
     text = str(path)

@@ -20,7 +20,7 @@ import typer
 from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE
 from imucalib_cli.errors import InputError
 from imucalib_cli.layout import GUTTER, Table, plain
-from imucalib_cli.shown import printable, shown_lines
+from imucalib_cli.shown import LONGEST, readable, shown_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from imucalib_cli.errors import ImucalibError
     from imucalib_cli.layout import Block
 
-_LONGEST = 4000
-"""Letters of a sentence: a name in a file may have a million letters."""
 _NARROWEST = 8
 """Least width of a column of text, in letters; a narrower one cannot be read."""
 
@@ -88,8 +86,8 @@ def _fitted(table: Table, width: int, height: int) -> str:
     needed = GUTTER
     for place, head in enumerate(table.heads):
         is_number = head in table.numbers
-        name = printable(head).replace(" ", "\n") if is_number and is_wide else printable(head)
-        cells = (*name.split("\n"), *(printable(row[place]) for row in table.rows))
+        name = readable(head).replace(" ", "\n") if is_number and is_wide else readable(head)
+        cells = (*name.split("\n"), *(readable(row[place]) for row in table.rows))
         letters = max(map(len, cells))
         needed += gutter + (letters if is_number else min(letters, _NARROWEST))
         least = table.least[place] if place < len(table.least) and not is_wide else None
@@ -103,7 +101,7 @@ def _fitted(table: Table, width: int, height: int) -> str:
     if needed > width:
         return plain([table])
     for row in table.rows:
-        rich.add_row(*(Text(printable(cell)) for cell in row))
+        rich.add_row(*(Text(readable(cell)) for cell in row))
     text = io.StringIO()
     console = Console(
         file=text,
@@ -137,10 +135,7 @@ def say_text(text: str) -> None:
 
 def say(word: str, sentence: object) -> None:
     """Print one line on stderr; names in a log may hold anything, which is escaped."""
-    line = printable(" ".join(str(sentence).split()))
-    if len(line) > _LONGEST:
-        line = f"{line[:_LONGEST]}… ({len(line)} letters)"
-    say_text(f"{word}: {line}\n")
+    say_text(f"{word}: {readable(' '.join(str(sentence).split()))}\n")
 
 
 class _Asked:
@@ -167,9 +162,11 @@ def remark(word: str, sentence: object) -> None:
 
 
 def say_error(error: ImucalibError) -> None:
-    """Print an error in one line, and its snippet to copy."""
+    """Print an error in one line, and its snippet to copy, unless its names make it too long."""
     say("error", error)
-    say_text(shown_lines(getattr(error, "snippet", "")))
+    snippet = shown_lines(getattr(error, "snippet", ""))
+    if len(snippet) <= LONGEST:
+        say_text(snippet)
 
 
 def is_terminal(stream: TextIO) -> bool:

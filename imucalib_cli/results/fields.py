@@ -14,7 +14,7 @@ from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.messages import REQUIREMENTS
 from imucalib_cli.results.pose import PARTS
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
-from imucalib_cli.shown import printable
+from imucalib_cli.shown import readable
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -168,8 +168,8 @@ def summarise(result: Result, *, colour: bool = False) -> str:
     verdict = "ok" if trusted else "UNTRUSTED, do not use this result"
     if colour:
         verdict = f"{_GREEN if trusted else _RED}{verdict}{_RESET}"
-    head = f"{printable(f'{result.child} in {result.parent}')}: {verdict}"
-    return "\n".join((head, *(printable(line) for line in _lines(result)))) + "\n"
+    head = f"{readable(f'{result.child} in {result.parent}')}: {verdict}"
+    return "\n".join((head, *(readable(line) for line in _lines(result)))) + "\n"
 
 
 def _lines(result: Result) -> Iterator[str]:

@@ -306,6 +306,26 @@ def test_stderr_messages_stay_one_short_line(capsys: pytest.CaptureFixture[str])
     assert capsys.readouterr().err == f"error: {'x' * 3000}\n"
 
 
+@pytest.mark.usefixtures("estimator")
+def test_endless_names_are_cut_in_all_that_people_read(
+    tmp_path: Path, arm_urdf: Path, imucalib: Imucalib, shown: Shown
+) -> None:
+    long = 100_000 * "x"
+    result = tmp_path / "result.yaml"
+    result.write_text(to_yaml([make_result(parent="hand", child=long)]))
+    urdf = ("--urdf", arm_urdf)
+    refused = imucalib("apply", result, *urdf, code=1)
+    assert refused.err.count("\n") == 1  # without the snippet, which nobody copies
+    log = LogWriter(tmp_path / "log").imu(f"/{long}", frame=long).joints().write()
+    for text in (
+        refused.err,
+        imucalib("inspect", log, *urdf).out,
+        *shown("inspect", log, *urdf, columns=60)[1:],
+        *imucalib("run", log, *urdf, "--parent", "hand", "--format", "summary"),
+    ):
+        assert len(text) < 100_000
+
+
 def test_long_name_in_message_is_handled_quickly() -> None:
     long = "x" * 1_000_000  # minutes where the time grows with its square
     assert str(ChoiceError(long)) == long
