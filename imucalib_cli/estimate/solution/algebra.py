@@ -49,9 +49,16 @@ def embedded(values: Floats, kept: Bools) -> Floats:
     return full
 
 
-def squared_distance(d: Floats, C: Floats) -> Floats:
-    """(...), squares d' C^-1 d, for covariances that may be singular and of mixed units."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(C, axis1=-2, axis2=-1), 1e-300))
+def squared_distance(d: Floats, C: Floats, *, least: float = 1e-9) -> Floats:
+    """(...), squares d' C^-1 d, for covariances that may be singular and of mixed units.
+
+    No direction has less than the ``least`` variance, a share of that of the components; with 0, a
+    difference without variance is infinite.
+    """
+    variances = np.abs(np.diagonal(C, axis1=-2, axis2=-1))  # a zero may be rounded below zero
+    scale = 1.0 / np.sqrt(np.maximum(variances, 1e-300))
     values, vectors = np.linalg.eigh(C * scale[..., :, None] * scale[..., None, :])
     along = ((d * scale)[..., None, :] @ vectors)[..., 0, :]
-    return np.asarray((along**2 / np.maximum(values, 1e-9)).sum(axis=-1))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        squares = np.where(along == 0.0, 0.0, along**2 / np.maximum(values, least))
+    return np.asarray(squares.sum(axis=-1))

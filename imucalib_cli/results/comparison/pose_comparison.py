@@ -10,9 +10,10 @@ import numpy as np
 from msgspec import UNSET, Struct
 
 from imucalib_cli.digits import decimals, figures, fixed, with_std
+from imucalib_cli.estimate.solution.algebra import squared_distance
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
-from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, correlation, orthogonal_complement
+from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, orthogonal_complement
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -168,7 +169,8 @@ class PoseComparison(Struct, frozen=True, kw_only=True, eq=False):
         rows = np.concatenate([part.basis for part in chosen or self.parts])
         if self.covariance is None or not len(rows):
             return None
-        chi2 = _squared(rows @ self.vector, rows @ self.covariance @ rows.T)
+        C = rows @ self.covariance @ rows.T
+        chi2 = float(squared_distance(rows @ self.vector, C, least=0.0))
         return answers.TestEntry(plain(chi2), len(rows), chance_of_more(chi2, len(rows)))
 
     def judge(self, part: Part, within: Tolerance) -> answers.Verdict:
@@ -333,13 +335,3 @@ def _untwist(turn: Floats, axis: Floats) -> float:
     """Angle s about an axis at which exp(s axis) turn is nearest to the identity, rad."""
     x, y, z, w = quaternion_from_matrix(turn)
     return float(-2.0 * np.arctan2(axis @ (x, y, z), w))
-
-
-def _squared(value: Floats, covariance: Floats) -> float:
-    """Squared Mahalanobis distance, in mixed units; infinite for a difference with zero sigma."""
-    scale, scaled = correlation(covariance)
-    variances, axes = np.linalg.eigh(scaled)
-    apart = axes.T @ (value / scale)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = np.where(apart == 0.0, 0.0, apart**2 / np.maximum(variances, 0.0))
-    return float(shares.sum())
