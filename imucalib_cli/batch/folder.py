@@ -24,7 +24,7 @@ from imucalib_cli.batch.task import file_name
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.jobs.result_files import read_result_file
 from imucalib_cli.results.atomic import clear_partial, lock, sha256_of, write_whole
-from imucalib_cli.results.names import collision_key, log_name
+from imucalib_cli.results.names import collision_key, log_name, numbered
 from imucalib_cli.shown import path_text
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ class ResultFolder:
         self._sizes: set[tuple[int, ...]] = set()  # bytes of a record's files, ascending
         self._by_key: dict[str | None, list[str]] = {}
         self._owners: dict[str, str] = {}
+        self._writers: dict[str, str] = {}  # name of the log by that of its file
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[None]:
@@ -145,18 +146,20 @@ class ResultFolder:
         Returns:
             The record with the hashes of the files.
         """
+        contents = [(self._free_file(file, name), content) for file, content in done.contents]
+        written = [file for file, _ in contents]
         before = self.records.get(name)
         if before is not None and before.key is not None:
             # from here on the files are not those of the old record
             self.keep_record(name, msgspec.structs.replace(before, key=None))
-        for file, content in done.contents:
+        for file, content in contents:
             write_whole(self._folder / file, content)
-        for old in () if before is None else set(before.written) - set(done.record.written):
+        for old in () if before is None else set(before.written) - set(written):
             with contextlib.suppress(OSError):
                 (self._folder / Path(old).name).unlink()
-        contents = (each.encode() if isinstance(each, str) else each for _, each in done.contents)
-        hashes = tuple(hashlib.sha256(content).hexdigest() for content in contents)
-        record = msgspec.structs.replace(done.record, written_sha256=hashes)
+        held = (each.encode() if isinstance(each, str) else each for _, each in contents)
+        hashes = tuple(hashlib.sha256(content).hexdigest() for content in held)
+        record = msgspec.structs.replace(done.record, written=written, written_sha256=hashes)
         self.keep_record(name, record)
         return record
 
@@ -165,6 +168,18 @@ class ResultFolder:
         write_whole(self._records / f"{name}.json", msgspec.json.encode(record) + b"\n")
         self.records[name] = record
         self._owners[name] = record.place
+
+    def _free_file(self, file: str, name: str) -> str:
+        """The file's name, with a number if it is another log's.
+
+        The IMU ``b.c`` of the log ``a`` and the IMU ``c`` of the log ``a.b`` want one name.
+        """
+        stem, _, suffix = file.rpartition(".")
+        for each in numbered(stem, "."):
+            free = f"{each}.{suffix}"
+            if self._writers.setdefault(collision_key(free), name) == name:
+                break
+        return free
 
     def _read(self) -> None:
         owners = _decoded(self._records / _NAMES, dict[str, str]) or {}
@@ -175,6 +190,7 @@ class ResultFolder:
             if record is not None:  # otherwise damaged or of another version: do it again
                 self.records[path.stem] = record
                 self._owners[path.stem] = record.place
+                self._writers |= {collision_key(file): path.stem for file in record.written}
                 self._by_key.setdefault(record.key, []).append(path.stem)
                 self._stamps |= {stamp.path: stamp for stamp in record.files}
                 self._sizes.add(tuple(sorted(stamp.size for stamp in record.files)))

@@ -20,7 +20,7 @@ from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.logs.unpacked import removing_copies
 from imucalib_cli.results.formats import FORMATS
-from imucalib_cli.results.names import PART, names_of, shortened
+from imucalib_cli.results.names import shortened, stems_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     """From the path of the first file and the outcome to the files of one kind."""
     ExitCode = Callable[[Iterable[ImucalibError], Sequence[Result]], int]
 
-_NAME, _LABEL = 100, 90
-"""Bytes of the names of log and IMU in that of a file; file systems allow 255 in all."""
+_NAME = 100
+"""Bytes of the name of a log in that of a file, which leaves as many for the IMU."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,9 +165,9 @@ class Task:
     ) -> Iterator[tuple[str, Content]]:
         """The YAML of each IMU, then the extra files; a file that cannot be made is an error."""
         yaml = FORMATS["yaml"]
-        labels = names_of(outcome.results, PART)
-        for label, result in zip(labels, outcome.results, strict=True):
-            yield f"{log.name}.{shortened(label, _LABEL)}{yaml.suffix}", yaml.render([result])
+        stems = stems_of(log.name, outcome.results)
+        for (_, stem), result in zip(stems, outcome.results, strict=True):
+            yield f"{stem}{yaml.suffix}", yaml.render([result])
         for suffix, make in self.extras if outcome.results else ():
             try:
                 for path, content in make(Path(f"{log.name}{suffix}"), outcome):

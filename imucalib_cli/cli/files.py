@@ -162,43 +162,28 @@ def deliver_into(
         ChoiceError, InputError: As results.overwrite_checks.check_places.
     """
     from imucalib_cli.results.formats import FORMATS
-    from imucalib_cli.results.names import (
-        collision_key,
-        labels_of,
-        log_name,
-        numbered,
-        safe_name,
-        shortened,
-    )
+    from imucalib_cli.results.names import log_name, stems_of
     from imucalib_cli.results.overwrite_checks import check_places
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
-    suffix = FORMATS[fmt].suffix
-    texts: dict[Path, str] = {}
-    warnings: list[str] = []
-    taken: set[str] = set()
-    for result, label in zip(results, labels_of(results), strict=True):
-        stem = shortened(f"{log_name(log)}.{safe_name(label)}")
-        text = FORMATS[fmt].render([result])
-        for name in numbered(stem, "."):
-            path = folder / f"{name}{suffix}"
-            if collision_key(path.name) not in taken and _is_free(path, text, result):
-                break
-        taken.add(collision_key(path.name))
-        texts[path] = text
-        if name != stem:
-            warnings.append(
-                f"{folder / f'{stem}{suffix}'} is of another IMU or log: this result is in {path}"
-            )
-    check_places(read=read, written=texts, force=force)
-    for path, text in texts.items():
-        deliver(text, path)
-    for words in warnings:
-        say("warning", words)
-    return list(texts)
+    suffix, render = FORMATS[fmt].suffix, FORMATS[fmt].render
+    stems = stems_of(
+        log_name(log),
+        results,
+        lambda stem, result: _is_free(folder / f"{stem}{suffix}", render([result]), result),
+    )
+    paths = [folder / f"{stem}{suffix}" for _, stem in stems]
+    check_places(read=read, written=paths, force=force)
+    for path, result in zip(paths, results, strict=True):
+        deliver(render([result]), path)
+    for path, (wanted, stem) in zip(paths, stems, strict=True):
+        if stem != wanted:
+            other = folder / f"{wanted}{suffix}"
+            say("warning", f"{other} is of another IMU or log: this result is in {path}")
+    return paths
 
 
 def files_named_after(folder: Path, log: LogPath) -> list[Path]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from imucalib_cli.logs.remote.file import RemoteFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from imucalib_cli.logs.reader import LogPath
     from imucalib_cli.results.result import Result
@@ -21,8 +21,6 @@ _LONGEST = 200
 
 FILE = r"[^\w.-]+"
 """Characters that no file name should have."""
-PART = r"[^\w-]+"
-"""Characters that no part of a file name between two dots should have."""
 TOPIC = r"[^A-Za-z0-9]+"
 """Characters that no part of a ROS topic may have, or not repeated, as underscores."""
 
@@ -53,6 +51,28 @@ def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
         stem = safe_name(label, unfit)
         names.append(next(name for name in numbered(stem, "_") if collision_key(name) not in taken))
     return names
+
+
+def stems_of(
+    log: str,
+    results: Sequence[Result],
+    is_free: Callable[[str, Result], bool] = lambda _stem, _result: True,
+) -> list[tuple[str, str]]:
+    """For each IMU the name of its file without suffix, as it should be and as it is.
+
+    It should be ``<log>.<imu>``; a number follows if another IMU has this name, or if it is not
+    free.
+    """
+    taken: set[str] = set()
+    stems = []
+    for result, label in zip(results, labels_of(results), strict=True):
+        wanted = shortened(f"{log}.{safe_name(label)}")
+        for stem in numbered(wanted, "."):
+            if collision_key(stem) not in taken and is_free(stem, result):
+                break
+        taken.add(collision_key(stem))
+        stems.append((wanted, stem))
+    return stems
 
 
 def numbered(stem: str, between: str) -> Iterator[str]:

@@ -54,6 +54,7 @@ class Copying(Task):
     traces: Path
     """Folder in which each process leaves its number, and what it worked on."""
     pause: float = 0.0
+    frames: tuple[str, ...] = ("a", "b")
 
     def __call__(self, log: BatchLog) -> Done:
         text = Path(str(log.paths[0])).read_text()
@@ -71,7 +72,7 @@ class Copying(Task):
             return super().__call__(log)
         time.sleep(self.pause)
         stamps = stamps_of(sizes_of(log))
-        names = [f"{log.name}.{imu}.yaml" for imu in ("a" if "one" in text else "ab")]
+        names = [f"{log.name}.{imu}.yaml" for imu in ("a" if "one" in text else self.frames)]
         key = key_of(self.context, stamps)
         record = self._record(log, [], key=key, written=names, files=stamps)
         return Done(record=record, contents=tuple((name, text) for name in names))

@@ -111,6 +111,19 @@ def test_batch_result_equals_run_result(logs: Logs, capsys: Said) -> None:
     assert "batch: 1 log: 1 ok; results/summary.csv" in capsys.readouterr().err
 
 
+def test_batch_names_files_as_run_does(logs: Logs, tmp_path: Path) -> None:
+    frames = ("a/b", "a_b", "c.d", "\u00e9" * 200)
+    several = LogWriter(tmp_path / "several").joints()
+    for place, frame in enumerate(frames):
+        several.imu(f"/imu{place}", frame=frame)
+    given = [several.write(), *logs(), "--parent", "hand"]
+    assert batch(*given, "-o", "results") == main(["run", *map(str, given), "-o", "alone/"]) == 0
+    alone = {path.name: path.read_bytes() for path in Path("alone").iterdir()}
+    assert {"several.a_b.yaml", "several.a_b.2.yaml", "several.c.d.yaml"} < set(alone)
+    there = Path("results").glob("several.*")
+    assert {path.name: path.read_bytes() for path in there} == alone
+
+
 def test_filter_mode_writes_only_json_lines(logs: Logs, monkeypatch: Patch, capsys: Said) -> None:
     logs("a.mcap", "b\nc.mcap")
     before = sorted(Path().rglob("*"))

@@ -158,6 +158,18 @@ def test_foreign_files_are_not_overwritten(scene: Scene) -> None:
     assert sorted(scene.results_of()) == ["a.2.a.yaml", "a.2.b.yaml", "a.mine.yaml", "a.txt"]
 
 
+def test_file_of_one_log_is_not_taken_by_another(scene: Scene) -> None:
+    """The IMU b.a of the log x has the file that the IMU a of the log x.b wants."""
+    task = replace(scene.task, frames=("b.a",))
+    scene.log("x", "1")
+    scene.log("x.b", "2 one")
+    assert scene.run(task=task) == ["x", "x.b"]
+    assert scene.results_of() == {"x.b.a.yaml": "2 one", "x.b.a.2.yaml": "1"}
+    assert scene.run(task=task) == []
+    assert scene.run(task=task, fresh=True) == ["x", "x.b"]
+    assert scene.results_of() == {"x.b.a.yaml": "2 one", "x.b.a.2.yaml": "1"}
+
+
 @pytest.mark.parametrize("earlier", [True, False])
 def test_foreign_summary_is_not_overwritten(scene: Scene, earlier: bool) -> None:
     scene.log("a", "1")
