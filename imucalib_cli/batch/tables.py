@@ -125,7 +125,7 @@ def json_line(record: Record) -> str:
     return msgspec.json.encode(record).decode() + "\n"
 
 
-_HEADS = ("log", "IMU", "status", "translation mm", "± mm", "± deg", "why not")
+_HEADS = ("log", "IMU", "status", "translation mm", "1 sigma mm", "1 sigma deg", "why not")
 
 
 def _row(entry: Entry) -> tuple[str, ...]:

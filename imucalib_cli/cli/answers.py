@@ -9,6 +9,7 @@ from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.output import (
     chosen_format,
     deliver,
+    explain_sigma,
     is_quiet,
     is_terminal,
     remark,
@@ -79,10 +80,9 @@ def report_findings(
             for reason in reasons(result)
         ]
         lines += [(finding.label, finding.text) for finding in findings_of(results)]
-        if any("±" in text for _, text in lines):
-            lines.append(("note", "± is 1 sigma"))
         for label, text in lines:
             say(label, text)
+        explain_sigma(text for _, text in lines)
     if results and in_words and hint:
         say("note", "for the result as YAML add -o FILE or --format yaml, or pipe it")
 
@@ -115,8 +115,10 @@ def give_answers(
         "summary": to_words,
     }
     chosen = chosen_format(fmt, output)
-    for finding in findings:
-        remark(finding.label, finding.text)
+    shown = [(finding.label, finding.text) for finding in findings]
+    for label, text in shown:
+        remark(label, text)
+    explain_sigma(text for _, text in shown)
     if answers:
         deliver(renderers[chosen](answers), output)
     if chosen != "summary" or output is not None:

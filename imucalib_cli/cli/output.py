@@ -161,6 +161,12 @@ def remark(word: str, sentence: object) -> None:
         say(word, sentence)
 
 
+def explain_sigma(texts: Iterable[str]) -> None:
+    """Say what ± means, if it is in one of the texts that were printed."""
+    if any("±" in text for text in texts):
+        remark("note", "± is 1 sigma")
+
+
 def say_error(error: ImucalibError) -> None:
     """Print an error in one line, and its snippet to copy, unless its names make it too long."""
     say("error", error)

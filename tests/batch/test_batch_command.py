@@ -16,14 +16,16 @@ from xml.etree import ElementTree as ET
 
 import pytest
 import yaml
+from msgspec.structs import replace
 
 from imucalib_cli.cli import progress
 from imucalib_cli.cli.extras import EXTRAS
 from imucalib_cli.cli.main import main
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import TEXT, untrusted
 from tests.batch.batch_tasks import here
 from tests.batch.test_batch_tables import rows_of
-from tests.cli.stand_in import Estimator
+from tests.cli.stand_in import ESTIMATE, Estimator
 from tests.conftest import LogWriter
 from tests.processes import run
 from tests.web_server import serving
@@ -122,6 +124,20 @@ def test_batch_names_files_as_run_does(logs: Logs, tmp_path: Path) -> None:
     assert {"several.a_b.yaml", "several.a_b.2.yaml", "several.c.d.yaml"} < set(alone)
     there = Path("results").glob("several.*")
     assert {path.name: path.read_bytes() for path in there} == alone
+
+
+@pytest.mark.parametrize("output", [(), ("--format", "markdown"), ("-o", "results")])
+def test_batch_says_what_its_sigma_is(
+    output: tuple[str, ...], logs: Logs, monkeypatch: Patch, capsys: Said
+) -> None:
+    estimator = Estimator()
+    told = (untrusted(TEXT, text="it slips by 2 ± 1 mm"),)
+    estimator.estimate = replace(ESTIMATE, findings=told)
+    monkeypatch.setattr("imucalib_cli.jobs.calibrate.estimate_by_method", estimator)
+    assert batch(*logs("a.mcap", "b.mcap"), *output) == 3
+    out, err = capsys.readouterr()
+    assert err.count("note: ± is 1 sigma\n") == 1
+    assert "markdown" not in output or "1 sigma mm | 1 sigma deg" in out
 
 
 def test_filter_mode_writes_only_json_lines(logs: Logs, monkeypatch: Patch, capsys: Said) -> None:

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from imucalib_cli.findings import TEXT, warning
 from tests.cli.stand_in import ANSWERS, ESTIMATE, Estimator, answers
 from tests.conftest import Imucalib, LogWriter
 
@@ -115,6 +117,16 @@ def test_pose_is_verified_against_static_tf_of_the_log(
     (document,), err = answers(imucalib("verify", log, code=4))
     assert document["told"]["urdf"] is None
     assert "is not where the log's own frames say" in err
+
+
+def test_findings_say_what_their_sigma_is(
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib, estimator: Estimator
+) -> None:
+    told = (warning(TEXT, text="it slips by 2 ± 1 mm"),)
+    estimator.estimate = replace(ESTIMATE, findings=told)
+    log = log_writer.imu().joints().write()
+    lines = imucalib("verify", log, "--urdf", arm_urdf, code=4).err.splitlines()
+    assert lines[:2] == ["warning: it slips by 2 ± 1 mm", "note: ± is 1 sigma"]
 
 
 def test_result_file_gives_the_same_answer_as_its_log(

@@ -15,6 +15,7 @@ from imucalib_cli.cli.files import Outputs, files_of, given_names
 from imucalib_cli.cli.output import (
     deliver,
     deliver_blocks,
+    explain_sigma,
     is_quiet,
     is_terminal,
     remark,
@@ -110,7 +111,7 @@ def batch_command(
     from imucalib_cli.batch.folder import SUMMARY
     from imucalib_cli.batch.local import MEMORY, default_workers
     from imucalib_cli.batch.logs import find_logs
-    from imucalib_cli.batch.tables import counted, json_line
+    from imucalib_cli.batch.tables import complaints, counted, json_line
     from imucalib_cli.batch.task import Task
     from imucalib_cli.cli.extras import for_each_log
     from imucalib_cli.cli.progress import CountProgress
@@ -168,6 +169,7 @@ def batch_command(
                 if chosen == "jsonl":
                     deliver(json_line(record))
         ordered = [records[log] for log in found.logs]
+        explain_sigma(text for record in ordered for _, text in complaints(record))
         _give(ordered, chosen, {"markdown": markdown, "junit": junit})
     if chosen != "summary":
         kept = "" if output is None else f"; {output / SUMMARY}"
