@@ -35,7 +35,7 @@ NO_MEMORY = (
 )
 _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic chooses one"}
 """Former options, and the hint for each."""
-_OLD_WORDS = {"joint": "together", "jobs": "workers", "text": "summary"}
+_OLD_WORDS = {"jobs": "workers", "text": "summary"}
 """Former names of options and formats, which are taken too; the help shows the present ones."""
 
 

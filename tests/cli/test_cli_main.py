@@ -349,7 +349,6 @@ def test_plain_text_is_called_summary_or_text(
 @pytest.mark.parametrize(
     ("arguments", "shown", "old"),
     [
-        (["run", "x"], "--together", "--joint"),
         (["batch", "x"], "--workers=1", "--jobs=1"),
         (["study", "x"], "--workers=1", "--jobs=1"),
     ],
@@ -364,6 +363,13 @@ def test_former_names_of_options_are_taken(
     assert capsys.readouterr().err == said
     main([arguments[0], "--help"])
     assert f"{old.partition('=')[0]} " not in capsys.readouterr().out
+
+
+def test_joint_is_a_typing_error_of_joints(imucalib: Imucalib) -> None:
+    """As an option without a value it would take the columns for a second log."""
+    said = imucalib("run", "x.csv", "--joint", "data=pan,lift", code=2).err
+    assert said.startswith("error: No such option: --joint (Possible options: ")
+    assert "--joints)" in said
 
 
 def test_only_one_module_writes_to_the_streams() -> None:
