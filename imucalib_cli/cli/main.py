@@ -33,8 +33,8 @@ NO_MEMORY = (
     "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
     "--pose-topic), simulate a shorter log by --duration, or raise the limit"
 )
-_REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic chooses one"}
-"""Former options, and the hint for each."""
+_REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic names its topic"}
+"""Former options, and the hint for each, which begins with an option of the same command."""
 _OLD_WORDS = {"jobs": "workers", "text": "summary"}
 """Former names of options and formats, which are taken too; the help shows the present ones."""
 
@@ -164,8 +164,11 @@ def _say_usage_error(error: Exception) -> None:
     message = error.format_message()  # type: ignore[attr-defined]
     if not message:  # no arguments at all: the help has been shown
         return
-    message = _REPLACED.get(getattr(error, "option_name", ""), message)
     context = getattr(error, "ctx", None)
+    hint = _REPLACED.get(getattr(error, "option_name", ""), "")
+    options = [] if context is None else context.command.params
+    if any(hint.split()[:1] == each.opts for each in options):
+        message = hint
     path = context.command_path if context is not None else "imucalib"
     if not isinstance(error, WrongValue):  # which says what is expected
         message = f"{message} (see {path} --help)"

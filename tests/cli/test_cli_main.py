@@ -388,6 +388,8 @@ def test_imu_option_selects_imu_not_model(imucalib: Imucalib) -> None:
     for arguments in (["run", "x.mcap"], ["simulate", "barbot", "-o", "x.mcap"]):
         said = imucalib(*arguments, "--imu", "bmi088", code=2)
         assert "--imu-model says which kind of IMU it is" in said.err
+        assert "chooses" not in said.err  # simulate writes the topic
+    assert "--imu-model" not in imucalib("trend", "x", "--imu", "bmi088", code=2).err
 
 
 def test_inspect_names_missing_inputs(tmp_path: Path, imucalib: Imucalib) -> None:
