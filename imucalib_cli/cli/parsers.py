@@ -47,8 +47,12 @@ class WrongValue(typer.BadParameter):
         super().__init__(without_secrets(message))
 
     def format_message(self) -> str:
-        """The option, the value, and what is expected."""
-        return f"{self.param.opts[0] if self.param else ''} {self.message}".strip()
+        """The option, or the argument as the help has it; the value, and what is expected."""
+        param = self.param
+        name = "" if param is None else param.opts[0]
+        if param is not None and param.param_type_name == "argument":
+            name = (param.metavar or name).rstrip(".")
+        return f"{name} {self.message}".strip()
 
 
 class Pose(NamedTuple):

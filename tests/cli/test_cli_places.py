@@ -228,6 +228,8 @@ def test_inputs_are_recognised_under_any_path(tmp_path: Path) -> None:
 def test_empty_name_is_not_the_current_folder(arguments: str, imucalib: Imucalib) -> None:
     said = imucalib(*shlex.split(arguments), code=2).err
     assert "is empty, perhaps because a variable is not set" in said
+    first = said.split()[1]
+    assert first.isupper() or first.startswith("-") or first == "a"  # of the help, no variable
 
 
 @pytest.mark.parametrize(
