@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _RADIANS = {"deg": math.pi / 180.0, "°": math.pi / 180.0, "rad": 1.0, "mrad": 1e-3}
-_COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
 _BYTES = {"MB": 10**6, "GB": 10**9, "MiB": 1 << 20, "GiB": 1 << 30}
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*)")
 _NANOSECONDS = 1e12
@@ -378,11 +377,13 @@ def is_folder(output: str) -> bool:
 
 
 def _components(text: str, whole: str) -> list[int]:
+    from imucalib_cli.estimate.checks.stated import POSE_NAMES
+
     given = names(text) or ("",)
-    if unknown := [name for name in given if name not in _COMPONENTS]:
-        expected = f"some of {', '.join(_COMPONENTS)}"
+    if unknown := [name for name in given if name not in POSE_NAMES]:
+        expected = f"some of {', '.join(POSE_NAMES)}"
         raise WrongValue(f"{whole}: '{unknown[0]}' is not a component; expected {expected}")
-    return [_COMPONENTS.index(name) for name in given]
+    return [POSE_NAMES.index(name) for name in given]
 
 
 def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
