@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+FEWER_TOPICS = "fewer topics (--imu-topic, --joint-topic, --pose-topic)"
+"""What reduces the memory that a log needs."""
+
 
 class ImucalibError(Exception):
     """Base of every error a user may see; its text is one line that names the remedy.

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from imucalib_cli import __version__
 from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_hash
 from imucalib_cli.batch.record import Record
-from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.errors import FEWER_TOPICS, ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.logs.unpacked import removing_copies
 from imucalib_cli.results.formats import FORMATS
@@ -212,8 +212,7 @@ def _in_our_words(error: Exception) -> ImucalibError:
         return error
     if isinstance(error, MemoryError):
         return _PassingError(
-            "not enough memory for this log: raise --memory, or name fewer topics (--imu-topic, "
-            "--joint-topic, --pose-topic)"
+            f"not enough memory for this log: raise --memory, or name {FEWER_TOPICS}"
         )
     if isinstance(error, OSError):
         return _PassingError(f"cannot be read any more: {error}")

@@ -16,7 +16,7 @@ from imucalib_cli.cli.interruption import EXIT_INTERRUPTED, was_interrupted
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import be_quiet, deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue
-from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.errors import FEWER_TOPICS, ImucalibError, InputError
 from imucalib_cli.process import prepare_to_compute
 
 COMMANDS = (
@@ -29,9 +29,9 @@ TRACEBACK = "IMUCALIB_TRACEBACK"
 
 _CODES = [f"{code} {each.brief}" for code, each in EXIT_CODES.items() if code < EXIT_INTERRUPTED]
 
-NO_MEMORY = (
-    "not enough memory: give shorter logs or fewer topics (--imu-topic, --joint-topic, "
-    "--pose-topic), simulate a shorter log by --duration, or raise the limit"
+_NO_MEMORY = (
+    f"not enough memory: give shorter logs or {FEWER_TOPICS}, simulate a shorter log by "
+    "--duration, or raise the limit"
 )
 _REPLACED = {"--imu": "--imu-model says which kind of IMU it is, --imu-topic names its topic"}
 """Former options, and the hint for each, which begins with an option of the same command."""
@@ -142,7 +142,7 @@ def _known_error(error: Exception) -> ImucalibError | None:
     if isinstance(error, ImucalibError):
         return error
     if isinstance(error, MemoryError):
-        return InputError(NO_MEMORY)
+        return InputError(_NO_MEMORY)
     if isinstance(error, FileNotFoundError):
         try:
             Path.cwd()
