@@ -12,7 +12,7 @@ import msgspec
 
 from imucalib_cli.layout import Table, csv_columns
 from imucalib_cli.results.fields import reasons
-from imucalib_cli.shown import as_html, printable
+from imucalib_cli.shown import as_html, printable, readable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -232,8 +232,8 @@ def github_lines(record: Record) -> list[str]:
         if entry.status != "ok":
             level = "error" if entry.status == "failed" else "warning"
             title = f"{entry.imu}: untrusted" if entry.imu else "no result"
-            properties = f"file={_property(record.log)},title={_property(title)}"
-            lines.append(f"::{level} {properties}::{_data(printable(entry.why))}")
+            properties = f"file={_property(record.log)},title={_property(readable(title))}"
+            lines.append(f"::{level} {properties}::{_data(readable(entry.why))}")
     return lines
 
 

@@ -182,6 +182,11 @@ def test_github_annotations_parse_back_to_original_text() -> None:
     assert github_lines(record()) == []
 
 
+def test_endless_names_are_cut_in_lines_for_github() -> None:
+    for each in (bad(why=1_000_000 * "x"), doubtful(child=1_000_000 * "x")):
+        assert len("".join(github_lines(each))) < 20_000
+
+
 def test_junit_counts_failures() -> None:
     suite = ET.fromstring(junit([record(), bad(), doubtful()]))
     counts = {name: suite.get(name) for name in ("tests", "failures", "errors", "time")}
