@@ -50,6 +50,7 @@ def drawn_with(row: Row) -> dict[str, float]:
         "gyro_scale": row.scale,
         "gyro_delay": row.gyro_delay,
         "gravity_norm": row.gravity,
+        "mount_turn": row.bracket,
         "joint_zero": row.zero,
         "joint_harmonic": row.eccentricity,
         "joint_second_harmonic": row.twice,
