@@ -248,8 +248,8 @@ MESSAGES: Messages = {
     "stream.missing": "{stream} is missing for {missing:.3g} of the {whole:.3g} s of the log, the "
     "longest time from {start:.1f} to {end:.1f} s: the rest is used, and sigma is for the rest",
     "streams.overlap": "{streams:list} have only {shared:.3g} s in common, and the shorter has "
-    "{shorter:.3g} s: with so little, a wrong time offset can fit by chance: check --time-offset "
-    "and the stamps (--clock), or record both over the same time",
+    "{shorter:.3g} s: with so little, a wrong time offset can fit by chance: check the stamps "
+    "(--clock), give the right --time-offset if it is known, or record both over the same time",
     # Stamps and clocks.
     "joints.numbered": "{topic}: the motors are numbered; {count} get the names of {called} in "
     "{robot}",

@@ -160,7 +160,10 @@ def _estimate_one(
         progress(f"diagnosing {imu.name}", None)
     estimate = explain(estimate, repaired, motion, recording.imus, request)
     of_robot = {track.name: track.t for track in path.tracks}
-    missing = missing_parts({imu.name: samples.t - estimate.time_offset, **of_robot})
+    missing = missing_parts(
+        {imu.name: samples.t - estimate.time_offset, **of_robot},
+        searched=isinstance(options, MatchedOptions) and options.time_offset is None,
+    )
     return _Alone(
         imu=imu,
         request=request,

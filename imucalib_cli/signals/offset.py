@@ -67,7 +67,12 @@ def coarse_time_offset(
     noise = np.sqrt(first_derivative_gain(_WINDOW_SECONDS) * trajectory.angle_noise)
     if derived[clean].max(initial=0.0) < np.clip(5.0 * noise, *_STILL):
         return (0.0,), None
-    lag = best_lag(derived, measured, np.stack([clean, measured_clean]), lead)
+    usable = np.stack([clean, measured_clean])
+    # Half of what the robot's stream has within the search may be little of the whole stream.
+    whole = int(trajectory.covered(np.asarray(np.arange(*trajectory.span, step))).sum())
+    lag = best_lag(derived, measured, usable, lead, whole=whole)
+    if lag is None:  # a guess by the little overlap that there is, which is not trusted
+        lag = best_lag(derived, measured, usable, lead)
     if lag is None:
         return (0.0,), None
     return tuple(step * each for each in (lag.samples + lag.between, *lag.rivals)), lag

@@ -13,7 +13,7 @@ from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
 from imucalib_cli.jobs.inspect import inspect
 from tests.jobs.robots import SHAPES, Shape, assert_matches_truth, messages, random_mount, record
-from tests.logs.logs_samples import write_log
+from tests.logs.logs_samples import Said, write_log
 from tests.slow import slow_after
 
 
@@ -93,6 +93,40 @@ def test_streams_are_compared_on_one_clock(tmp_path: Path) -> None:
     assert_matches_truth(result, mount)
     codes = {each.code for each in result.diagnostics.findings}
     assert codes.isdisjoint({"stream.missing", "streams.overlap"})
+
+
+@pytest.mark.parametrize(
+    ("of_imu", "of_joints", "stated", "status"),
+    [
+        ((5.0, 14.0), (0.0, 7.5), None, "untrusted"),
+        ((5.0, 14.0), (0.0, 7.5), 0.0, "ok"),
+        ((0.0, 14.0), (8.0, 14.0), None, "ok"),
+        ((8.0, 14.0), (0.0, 14.0), None, "ok"),
+    ],
+    ids=["little in common", "offset known", "long IMU", "long robot"],
+)
+def test_half_of_the_shorter_stream_is_needed_to_search_the_offset(
+    of_imu: tuple[float, float],
+    of_joints: tuple[float, float],
+    stated: float | None,
+    status: str,
+    tmp_path: Path,
+) -> None:
+    """Half of the part that lay within the search of the other was enough: 2 s of 20 were."""
+    shape, kept = SHAPES["pan and tilt on a lift"], {"/imu": of_imu, "/joint_states": of_joints}
+    said = messages(shape, mount=random_mount(6), seconds=14.0)
+    first = said[0].log_ns
+
+    def is_kept(each: Said) -> bool:
+        start, end = kept[each.topic]
+        return start <= 1e-9 * (each.log_ns - first) < end
+
+    log = write_log(tmp_path / "log", list(filter(is_kept, said)), "mcap2")
+    options = MatchedOptions(time_offset=stated)
+    (found,) = run(log, shape, tmp_path, parent="tilt_link", estimator=options).calibrated
+    assert found.result.status == status
+    little = [each for each in found.estimate.findings if each.code == "streams.overlap"]
+    assert bool(little) == (of_joints == (0.0, 7.5))
 
 
 @pytest.mark.slow

@@ -113,3 +113,13 @@ def test_other_shifts_of_periodic_motion_are_rivals() -> None:
     lag = _lag(walked, np.roll(walked, 40) + 0.01 * rng.normal(size=len(index)), 180)
     assert lag.samples == 40
     assert set(lag.rivals) == {-160, -60, 140}
+
+
+def test_half_of_the_whole_series_must_overlap_where_a_part_of_it_is_given() -> None:
+    """The end of a long series is no short series, whose other half could overlap."""
+    reference, series = _series(6, 400, 20)
+    usable = np.ones((2, 400), dtype=bool)
+    usable[0, 60:] = False
+    assert _lag(reference, series, 40, usable).samples == 20
+    assert best_lag(reference, series, usable, 40, whole=120) is not None
+    assert best_lag(reference, series, usable, 40, whole=200) is None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.findings import Finding, warning
+from imucalib_cli.findings import Finding, untrusted, warning
 from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
 from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, longest_step, usual_interval
 
@@ -103,10 +103,11 @@ def _is_set(stamp_ns: Nanoseconds) -> Bools:
     return np.asarray((stamp_ns != 0) | beside[: len(stamp_ns)])
 
 
-def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
+def missing_parts(streams: Mapping[str, Floats], *, searched: bool = False) -> Iterator[Finding]:
     """A finding for each stream that is missing from much of the log, or one for little overlap.
 
-    ``streams`` are stamps on one clock, s, in any order, by the stream's name.
+    ``streams`` are stamps on one clock, s, in any order, by the stream's name; ``searched`` says
+    that their time offset was found from their motion, for which little overlap is not enough.
     """
     firsts, lasts = zip(*map(_ends, streams.values()), strict=True)
     first, last = min(firsts), max(lasts)
@@ -114,7 +115,7 @@ def missing_parts(streams: Mapping[str, Floats]) -> Iterator[Finding]:
     shared = max(min(lasts) - max(firsts), 0.0)
     if shared < LEAST_OVERLAP * shorter:
         values = {"streams": tuple(streams), "shared": shared, "shorter": shorter}
-        yield warning("streams.overlap", **values)
+        yield (untrusted if searched else warning)("streams.overlap", **values)
         return
     for name, unordered in streams.items():
         t = np.sort(np.clip(unordered, first, last))

@@ -38,13 +38,16 @@ LEAST_OVERLAP = 0.5
 """Share of the shorter series that must overlap: with less, chance correlation is high."""
 
 
-def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag | None:
+def best_lag(
+    reference: Floats, series: Floats, usable: Bools, most: int, *, whole: int = 0
+) -> Lag | None:
     """Find k such that series[i + k] matches reference[i], by normalised cross-correlation.
 
     Both are (N,), on one grid; ``usable`` (2, N) says which samples of each may be used, and
     ``most`` is the largest |k|. At a shift that is searched, at least half of the usable samples of
-    the shorter series overlap usable samples of the other. None if there is no such shift, or
-    either series is constant.
+    the shorter series overlap usable samples of the other; ``whole`` counts those of the reference
+    where this is a part of a longer one. None if there is no such shift, or either series is
+    constant.
     """
     most = min(most, len(reference) - 2)
     size = 1 << int(np.ceil(np.log2(len(reference) + most + 1)))
@@ -62,7 +65,7 @@ def best_lag(reference: Floats, series: Floats, usable: Bools, most: int) -> Lag
     if scale <= 0.0 or not np.isfinite(scale):
         return None
     score = correlate(a, b) / np.sqrt(np.maximum(energy, 1e-6 * scale))
-    least = LEAST_OVERLAP * min(mask_a.sum(), mask_b.sum())
+    least = LEAST_OVERLAP * min(max(mask_a.sum(), whole), mask_b.sum())
     enough = correlate(mask_a, mask_b) >= least - 0.5  # counts, up to rounding
     if not enough.any():
         return None
