@@ -14,7 +14,8 @@ from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.spikes import find_spikes
-from imucalib_cli.signals.timing.stamps import Ticks, constant_rate_ticks, tidy_rows
+from imucalib_cli.signals.timing.bursts import one_rate_ticks
+from imucalib_cli.signals.timing.stamps import Ticks, tidy_rows
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
@@ -79,7 +80,7 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
     accel, accel_spikes = _bridged(tidy.t, tidy.accel, _SPIKE_FLOOR_ACCEL)
     spikes = int((gyro_spikes | accel_spikes).sum())
     samples = replace(tidy, gyro=gyro, accel=accel)
-    return CleanImu(samples, constant_rate_ticks(tidy.t), spikes, left_out)
+    return CleanImu(samples, one_rate_ticks(tidy.t), spikes, left_out)
 
 
 def in_order(imu: ImuSamples) -> tuple[ImuSamples, dict[str, int]]:

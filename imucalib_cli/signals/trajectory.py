@@ -17,9 +17,9 @@ from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import white_noise
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.samples import ImuSamples
+from imucalib_cli.signals.timing.bursts import one_rate_ticks
 from imucalib_cli.signals.timing.stamps import (
     Ticks,
-    constant_rate_ticks,
     gap_breaks,
     outside_gaps,
     tidy_rows,
@@ -138,9 +138,9 @@ def _cleaned(track: Track) -> CleanTrack:
     t, values = tidy.of(track.t), continuous(track.kind, tidy.of(track.values))
     kept = changes(values)
     held = len(kept) < len(t)
+    ticks = one_rate_ticks(t, kept)
     if held:
         t, values = t[kept], values[kept]
-    ticks = constant_rate_ticks(t)
     return CleanTrack(track.name, t, values, ticks, held, delay_std=track.delay_std)
 
 

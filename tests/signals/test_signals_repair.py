@@ -12,6 +12,8 @@ from imucalib_cli.estimate.estimate import Estimate
 from imucalib_cli.estimate.matched import calibrate_matched
 from imucalib_cli.signals.imu.repair import Repaired, check_alone, repair
 from imucalib_cli.signals.imu.units import Units
+from imucalib_cli.signals.prepare import clean_imu
+from imucalib_cli.signals.trajectory import clean_track
 from tests.estimate.estimate_arm import EXACT, Log, Moves, beside, make_log
 from tests.signals.signals_samples import arrivals
 from tests.slow import slow_after
@@ -126,6 +128,24 @@ def test_sigma_of_the_time_offset_knows_of_polls(poll: float, stream: str) -> No
     delay = float(np.mean(stamps - true)) * (1.0 if stream == "imu" else -1.0)
     for offset in (0.05, 0.05 + delay):
         assert abs(estimate.time_offset - offset) < 2.0 * estimate.time_offset_std
+
+
+@pytest.mark.parametrize("stream", ["imu", "robot"])
+def test_a_stream_whose_rate_changes_has_no_constant_rate(stream: str) -> None:
+    """One finding said that its stamps were used, another that a constant rate was."""
+    log, rng = _log(), np.random.default_rng(4)
+    (track,) = log.path.tracks
+    true = log.imu.t if stream == "imu" else track.t
+    kept = (true < true[len(true) // 2]) | (np.arange(len(true)) % 2 == 0)
+    stamps = true[kept] + rng.normal(0.0, 5e-4, kept.sum())
+    if stream == "imu":
+        log = log.with_imu(stamps, log.imu.gyro[kept], log.imu.accel[kept])
+    else:
+        log = log.with_joints(t=stamps, values=track.values[kept])
+    mended = _repaired(log)
+    assert [each.code for each in mended.findings] == ["stamps.rate_changes"]
+    clean = clean_imu(mended.samples) if stream == "imu" else clean_track(mended.path.tracks[0])
+    assert clean.ticks is None
 
 
 def test_faults_are_found_without_kinematics() -> None:

@@ -18,12 +18,13 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from imucalib_cli.signals.noise import MAD_TO_STD
 from imucalib_cli.signals.stretches import stretches_of
-from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, usual_interval
+from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, constant_rate_ticks, usual_interval
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from imucalib_cli.arrays import Bools, Floats, Indices
+    from imucalib_cli.signals.timing.stamps import Ticks
 
 _LEAST = 200
 """Least number of samples for a rate."""
@@ -224,6 +225,16 @@ def rate_stretches(t: Floats) -> tuple[Stretch, ...]:
             begun += _change_of_rate(steps, 1.0 / found[-1].rate, period)
         found.append(Stretch(1.0 / period, float(t[begun])))
     return tuple(found) if len(found) > 1 else ()
+
+
+def one_rate_ticks(t: Floats, kept: Indices | None = None) -> Ticks | None:
+    """Ticks of :func:`constant_rate_ticks` for the ``kept`` rows of stamps (N,), s; all by default.
+
+    None if the rate changes, though each of two rates may be a part of one: the stamps are used.
+    """
+    if rate_stretches(t):
+        return None
+    return constant_rate_ticks(t if kept is None else t[kept])
 
 
 def _change_of_rate(steps: Floats, before: float, after: float) -> int:
