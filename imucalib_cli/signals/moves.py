@@ -63,18 +63,21 @@ def track_moves(track: Track, *, large: bool = False) -> bool:
 
 
 def _moves(t: Floats, values: Floats, wander: float, shake: float) -> bool:
-    """Whether a value moves: over a long way, or over a short way and quickly."""
+    """Whether a value moves, far or quickly: noise, in which neighbours differ, does neither."""
     finite = np.isfinite(values) & np.isfinite(t)
     t, values = t[finite], values[finite]
     if len(values) < 2:
         return False
     low, high = np.percentile(values, _TAILS)
-    if high - low > wander:
-        return True
-    if high - low < shake or len(values) < _LEAST_ROWS:
+    far = bool(high - low > wander)
+    if not far and high - low < shake:
         return False
+    if len(values) < _LEAST_ROWS:
+        return far
     inside = np.clip(values, low, high) - np.mean(values)
     alike = float(np.sum(inside[1:] * inside[:-1]) / np.sum(inside**2))
+    if alike <= _SMOOTH:
+        return False
     step = float(np.median(np.diff(t)))
     speed = float(np.sqrt(np.mean(np.diff(inside) ** 2))) / step if step > 0.0 else 0.0
-    return alike > _SMOOTH and speed > _QUICK
+    return far or speed > _QUICK

@@ -26,12 +26,23 @@ def joints(values: Floats) -> Track:
     [
         np.full(len(T), 0.3),
         0.3 + RNG.normal(0.0, 1e-3, len(T)),
+        0.3 + RNG.normal(0.0, 5e-3, len(T)),
+        0.3 + RNG.normal(0.0, 0.05, len(T)),
         np.round(0.3 + RNG.normal(0.0, 3e-4, len(T)), 3),
         0.3 + GLITCH,
         0.3 + 1e-4 * T,
         np.full(len(T), np.nan),
     ],
-    ids=["exact", "noise", "steps of the encoder", "glitch", "drift", "no values"],
+    ids=[
+        "exact",
+        "noise",
+        "much noise",
+        "noise of a broken encoder",
+        "steps of the encoder",
+        "glitch",
+        "drift",
+        "no values",
+    ],
 )
 def test_still_track_is_not_moving(values: Floats) -> None:
     assert not track_moves(joints(values))
@@ -46,6 +57,12 @@ def test_moving_track_is_moving(values: Floats) -> None:
     track = joints(values + RNG.normal(0.0, 1e-4, len(T)))
     assert track_moves(track)
     assert track_moves(track, large=True) == (np.ptp(values) > 0.005)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3, 5e-3])
+def test_slow_motion_is_motion_in_noise(noise: float) -> None:
+    values = np.linspace(0.0, 0.03, len(T)) + np.random.default_rng(2).normal(0.0, noise, len(T))
+    assert track_moves(joints(values), large=True)
 
 
 @pytest.mark.parametrize(("turn", "shift", "moves"), [(0, 0, 0), (0.2, 0, 1), (0, 0.02, 1)])
