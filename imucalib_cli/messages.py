@@ -291,8 +291,8 @@ MESSAGES: Messages = {
     "turns: taken as {unit} and multiplied by {factor} (--gyro-unit {keep} keeps it)",
     "imu.gyro_factor_unknown": "{topic}: gyro reads [std?{factor:± std}||{factor:fig6}] times the "
     "rate at which the robot turns, a constant factor that belongs to no known unit "
-    "({known:list}): raw counts or a wrong scale of the gyroscope, or of the joint positions; "
-    "correct it in the driver and record again",
+    "({known:list}): raw counts or a wrong scale of the gyroscope, or of the joint positions or "
+    "odometry[link?, or the IMU is on another link]; correct it and record again",
     "imu.gyro_too_fast": "{topic}: gyro reaches {largest:.3g}, more than any gyroscope measures "
     "in rad/s, and [it is {ratio:.3g} times the robot's rate, where deg/s would be 57.3 "
     "times||the robot's own motion does not show its unit]: if it is in deg/s rerun with "

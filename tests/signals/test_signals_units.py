@@ -81,6 +81,8 @@ UNSURE = {"correlation": 0.8}
         (1.0 / DEG, UNSURE, "auto", 2.0),
         (8.0, UNSURE, "auto", 2.0),
         (0.1, UNSURE, "auto", 2.0),
+        (2.0, UNSURE, "auto", 2.0),
+        (0.5, {"scatter": 0.4}, "auto", 2.0),
         (8.0, {"scatter": 0.4}, "auto", 2.0),
         # what is stated is not contradicted
         (1.1, {}, "rad/s", 2.0),
@@ -96,7 +98,7 @@ def test_no_gyro_unit_is_found_beside_the_stated_one(
     assert stated != "auto" or found.value == 1.0
 
 
-@pytest.mark.parametrize("ratio", [8.0, 286.5, 0.1])
+@pytest.mark.parametrize("ratio", [8.0, 286.5, 0.1, 0.25, 0.5, 2.0, 4.0])
 def test_unknown_constant_factor_is_reported_with_deviation(ratio: float) -> None:
     with pytest.raises(InputError, match=r"times the rate .* belongs to no known unit") as caught:
         gyro_factor(resting(G), turning(ratio, scatter=0.05), "auto", most_angle=2.0)
@@ -108,6 +110,7 @@ def test_unknown_constant_factor_is_reported_with_deviation(ratio: float) -> Non
     # of the faster half of 400 bins, whose median scatters sqrt(pi / 2) as much as their mean
     assert std == pytest.approx(1.2533 * 0.05 * ratio / np.sqrt(200), rel=0.2)
     assert abs(factor - ratio) < 4.0 * std
+    assert ("another link" in finding.message) == (0.2 < ratio < 5.0)
 
 
 @pytest.mark.parametrize(

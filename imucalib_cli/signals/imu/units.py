@@ -77,9 +77,11 @@ KNOWN_RATIOS = {
     _TWICE: KnownRatio(1.0 / _DEG, "180/pi", AGREE),
 }
 """By unit; any other constant factor between the two rates is refused."""
-_FAR = 5.0
-"""Least factor between the ratio and 1 for a wrong unit: scale errors and other links make less.
-Tuned."""
+_FAR = 1.5
+"""Least factor between the ratio and 1 for a wrong scale: no sound sensor errs by a tenth, and the
+fit tells smaller scale errors of each axis. Tuned."""
+_OF_LINKS = 5.0
+"""Largest factor between the rates of two links that turn together. Tuned."""
 _CONSTANT = 0.2
 """Relative scatter of the bins' ratios up to which the ratio is constant, so not another motion.
 Tuned."""
@@ -152,6 +154,7 @@ def gyro_factor(
     if unit is None and ratio is not None and _is_constant(ratio, turning):
         listed = [f"{each.ratio:.3g} for {name}" for name, each in KNOWN_RATIOS.items()]
         values = {"factor": reads, "std": ratio.std, "known": listed}
+        values["link"] = _off(ratio) < _OF_LINKS or None
         raise InputError(untrusted("imu.gyro_factor_unknown", topic=imu.topic, **values))
     largest = largest_rate(imu)
     if largest > _MOST_RATE:
@@ -172,10 +175,15 @@ def _unit_of(ratio: RateRatio, correlation: float) -> str | None:
     return None
 
 
+def _off(ratio: RateRatio) -> float:
+    """The factor between a ratio and 1, at least 1."""
+    return max(ratio.value, 1.0 / max(ratio.value, 1e-300))
+
+
 def _is_constant(ratio: RateRatio, turning: Turning) -> bool:
     """Whether a ratio far from 1 is constant, as with a wrong unit."""
-    far = max(ratio.value, 1.0 / max(ratio.value, 1e-300)) > _FAR
-    return far and turning.correlation > AGREE and ratio.scatter < _CONSTANT
+    agree = turning.correlation > AGREE and ratio.scatter < _CONSTANT
+    return agree and _off(ratio) > _FAR
 
 
 def accel_factor(imu: ImuSamples, wanted: AccelUnit, *, gravity: float) -> Factor:
