@@ -232,8 +232,7 @@ MESSAGES: Messages = {
     "pose.told_twice": "{topic} also gives the pose of {child} in {parent}; {used} is used "
     "because it has more messages",
     "stream.rows_left_out": "{stream}: left out {not_finite} messages that are not finite, "
-    "{astray} with stamps far from the log and {repeated} with repeated stamps; stamps that went "
-    "backwards: {backward}",
+    "{astray} with stamps far from the log and {repeated} with repeated stamps",
     "stream.leaps": "{stream}: {count} messages in which a value jumps by more than {least:g} "
     "(rad or m) and back are left out: check the "
     "[kind=pose?tracker][kind=joints?encoder][kind=?encoder] or its driver",
@@ -279,6 +278,8 @@ MESSAGES: Messages = {
     "a driver or a recorder that sends a buffer twice",
     "stamps.rate_changes": "{stream}: the rate changes within the log ({rates:rates starts}): the "
     "stamps are used as recorded; check the driver's setting if one rate was intended",
+    "stamps.reordered": "{stream}: the stamps go back {count} times: the messages are put in the "
+    "order of their stamps; check for a driver or a network that sends them out of order",
     # Units and readings of the IMU.
     "imu.accel_looks_like": "{topic}: |accel| at rest is {norm:.4g}, which looks like {unit}; "
     "sensor_msgs/Imu is in m/s²",
@@ -434,7 +435,7 @@ MESSAGES: Messages = {
     "[tracked?stamp each pose when it is measured][tracked=?publish each sample of the controller "
     "with the controller's stamp]",
     "imu.samples_left_out": "IMU samples left out: {repeated} with repeated stamps, {not_finite} "
-    "not finite, {astray} with stamps far from the log; stamps that went backwards: {backward}",
+    "not finite, {astray} with stamps far from the log",
     "stamps.imu_ticks": "IMU stamps jitter by {jitter:ms.2g} about a constant rate; the constant "
     "rate fits the motion better and was used",
     "stamps.robot_ticks": "robot stamps jitter about a constant rate, which fits the motion better "

@@ -10,12 +10,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.spikes import find_spikes
 from imucalib_cli.signals.timing.bursts import one_rate_ticks
-from imucalib_cli.signals.timing.stamps import Ticks, tidy_rows
+from imucalib_cli.signals.timing.stamps import Ticks, TidyRows, tidy_rows
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
@@ -37,7 +38,7 @@ class CleanImu(Struct, frozen=True, eq=False, dict=True):
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
     spikes: int
-    left_out: dict[str, int]
+    disorder: tuple[Finding, ...] = ()
     """As of :func:`in_order`."""
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
@@ -70,7 +71,7 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
     Raises:
         InputError: Too few usable samples.
     """
-    tidy, left_out = in_order(imu)
+    tidy, disorder = in_order(imu)
     if len(tidy) < MIN_IMU_SAMPLES:
         raise InputError(
             f"the IMU has {len(tidy)} usable samples of {len(imu)}, need at least "
@@ -80,13 +81,24 @@ def clean_imu(imu: ImuSamples) -> CleanImu:
     accel, accel_spikes = _bridged(tidy.t, tidy.accel, _SPIKE_FLOOR_ACCEL)
     spikes = int((gyro_spikes | accel_spikes).sum())
     samples = replace(tidy, gyro=gyro, accel=accel)
-    return CleanImu(samples, one_rate_ticks(tidy.t), spikes, left_out)
+    return CleanImu(samples, one_rate_ticks(tidy.t), spikes, disorder)
 
 
-def in_order(imu: ImuSamples) -> tuple[ImuSamples, dict[str, int]]:
-    """The usable samples in order, and numbers of the others, as of :class:`TidyRows`."""
+def in_order(imu: ImuSamples) -> tuple[ImuSamples, tuple[Finding, ...]]:
+    """The usable samples in order, and what is said of the others."""
     tidy = tidy_rows(imu.t, imu.gyro, imu.accel)
-    return imu.at(tidy.rows) if any(tidy.left_out.values()) else imu, tidy.left_out
+    if not any(tidy.left_out.values()):
+        return imu, ()
+    found = reordered(imu.topic, tidy)
+    if sum(tidy.left_out.values()) > tidy.left_out["backward"]:
+        found = (warning("imu.samples_left_out", **tidy.left_out), *found)
+    return imu.at(tidy.rows), found
+
+
+def reordered(stream: str, tidy: TidyRows) -> tuple[Finding, ...]:
+    """A finding if rows of a stream were put in order, which loses none of them."""
+    count = tidy.left_out["backward"]
+    return (warning("stamps.reordered", stream=stream, count=count),) if count else ()
 
 
 def _bridged(t: Floats, values: Floats, floor: float) -> tuple[Floats, Bools]:

@@ -148,6 +148,20 @@ def test_a_stream_whose_rate_changes_has_no_constant_rate(stream: str) -> None:
     assert clean.ticks is None
 
 
+@pytest.mark.parametrize("stream", ["imu", "robot"])
+def test_reordered_messages_are_not_said_to_be_left_out(stream: str) -> None:
+    log = _log()
+    (track,) = log.path.tracks
+    order = np.arange(len(log.imu.t if stream == "imu" else track.t))
+    order[[1000, 1001]] = order[[1001, 1000]]
+    if stream == "imu":
+        moved = log.with_imu(log.imu.t[order], log.imu.gyro[order], log.imu.accel[order])
+    else:
+        moved = log.with_joints(t=track.t[order], values=track.values[order])
+    (told,) = _repaired(moved).findings
+    assert (told.code, told.values["count"]) == ("stamps.reordered", 1)
+
+
 def test_faults_are_found_without_kinematics() -> None:
     log = _log()
     imu = replace(log.imu, topic="/imu", gyro=np.clip(log.imu.gyro, -1.3, 1.3))

@@ -71,6 +71,12 @@ def stray(t: Floats) -> Floats:
     return t
 
 
+def overtaken(t: Floats) -> Floats:
+    """Two messages in five hundred have each other's stamps."""
+    t[100:-1:500], t[101::500] = t[101::500], t[100:-1:500].copy()
+    return t
+
+
 def half_the_rate() -> Recording:
     """From the middle on the IMU sends every other sample."""
     imu = noisy().imu
@@ -154,6 +160,7 @@ STAMPS: dict[str, Provocation] = {
     "clock-drift": stamped(lambda t: t * (1.0 + 2e-4)),
     "stamps-jump": stepped(9e5, "--clock", "header"),
     "stray-stamps": stamped(stray),
+    "overtaken": stamped(overtaken),
     "rate-changes": on_arm(half_the_rate),
     "bursts": on_arm(in_bursts),
     "junk-at-once": on_arm(junk_at_once),

@@ -615,8 +615,7 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
     attempt, clean = evidence.attempt, evidence.attempt.clean
     if evidence.sign == "reversed":
         yield warning("imu.accel_reversed")
-    if any(clean.left_out.values()):
-        yield warning("imu.samples_left_out", **clean.left_out)
+    yield from clean.disorder
     if attempt.imu_ticks and clean.ticks is not None:
         yield warning("stamps.imu_ticks", jitter=clean.ticks.jitter)
     if attempt.robot_ticks:

@@ -18,7 +18,7 @@ from imucalib_cli.signals.flips import find_flips
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
 from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
-from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES, in_order
+from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES, in_order, reordered
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.bursts import (
@@ -275,18 +275,17 @@ def mended_imu(
 ) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
     t, delay_std, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
-    imu, left_out = in_order(replace(imu, t=t, delay_std=delay_std))
-    if any(left_out.values()):
-        findings.append(warning("imu.samples_left_out", **left_out))
-    return imu, findings
+    imu, found = in_order(replace(imu, t=t, delay_std=delay_std))
+    return imu, [*findings, *found]
 
 
 def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
     """A track on even stamps, without single messages that jump away and back."""
     t, delay_std, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
-    if any(count for name, count in tidy.left_out.items() if name != "repeated"):
+    if tidy.left_out["not_finite"] or tidy.left_out["astray"]:
         findings.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
+    findings += reordered(track.name, tidy)
     read = tidy.of(track.values)
     values = continuous(track.kind, read)
     if values is not read:
