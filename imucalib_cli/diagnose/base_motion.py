@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 _MOVES: Final = (0.1, 0.01)
-"""m/s² and rad/s, for whether one moves and the other does not: an IMU that moves more than this
-does not stand still; a robot whose kinematics say a fifth of it does. Tuned."""
+"""m/s² and rad/s in windows, for whether one moves and the other does not: an IMU that moves more
+than this does not stand still; a robot whose kinematics say a fifth of it does. Tuned."""
 _NOISES: Final = 8.0
 """Times the sensor's own noise that its motion must reach. Tuned."""
 _SHARE: Final = 0.3

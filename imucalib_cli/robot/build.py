@@ -200,7 +200,10 @@ def _outside(edges: Sequence[Edge], links: set[str]) -> list[Edge]:
 
 
 def is_still(path: KinematicPath) -> bool:
-    """Whether nothing on the path ever moves, so that no log can determine the IMU's pose."""
+    """Whether nothing on the path ever moves, so that no log can determine the IMU's pose.
+
+    Any change counts, noise too: whether what changes is motion is asked of the whole log.
+    """
     for step in path.steps:
         if not isinstance(step, FixedStep):
             values = path.tracks[step.track].values

@@ -19,6 +19,9 @@ STILL_TURN = math.radians(0.5)
 STILL = 0.005
 """m, or rad of a joint: what travels less stands still. The noise of encoders, sag, a controller's
 dither, and the drift of trackers and odometry stay below these two."""
+REPEATED = 1e-6
+"""rad or m, and rad/s of a rate, for whether a publisher repeats one value: it does so exactly, up
+to rounding."""
 _SHAKE = (math.radians(0.02), 0.0002)
 """rad and m below which even a quick shake moves no IMU measurably."""
 _QUICK = 0.02

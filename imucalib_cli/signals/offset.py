@@ -19,8 +19,8 @@ _STEP_SECONDS = 0.01
 """Resolution of the search; the estimator refines the result."""
 _WINDOW_SECONDS = 0.1
 _STILL = (1e-3, 2e-2)
-"""rad/s, for whether a log has any rotation to search in: slower than the first nothing turns, and
-faster than the second something does, whatever the noise."""
+"""rad/s, of the fastest instant, for whether a log has any rotation to search in: slower than the
+first nothing turns, and faster than the second something does, whatever the noise."""
 _BLOCK = 1 << 14
 """Steps of the search whose poses are in memory at once."""
 

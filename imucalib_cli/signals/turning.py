@@ -13,6 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.signals.moves import REPEATED
 from imucalib_cli.signals.noise import MAD_TO_STD
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.lag import best_lag
@@ -28,8 +29,6 @@ TURNING = 0.05
 _STILL = 0.005
 """rad/s from the kinematics, for whether a gyroscope reads its bias: in a bin, encoder steps and
 tracker noise stay below it."""
-_EXACTLY_STILL = 1e-6
-"""rad/s, for whether a publisher repeats one position: it does so exactly, up to rounding."""
 _HELD_TURNING = 2.0 * TURNING
 _HELD_SECONDS = 0.5
 """The robot's stream is held if it is exactly still for this time, s, while the IMU turns faster
@@ -130,7 +129,7 @@ class Turning(Struct, frozen=True, eq=False):
 
     def held_robot(self) -> list[tuple[float, float]]:
         """Stretches, robot seconds, in which the kinematics stand still and the IMU turns."""
-        still = self.known & (self.derived < _EXACTLY_STILL)
+        still = self.known & (self.derived < REPEATED)
         # Half a bin of lag, and motion that begins within one.
         inner = still & np.roll(still, 1) & np.roll(still, -1)
         imu_turns = inner & (self.measured > _HELD_TURNING)

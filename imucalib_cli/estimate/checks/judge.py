@@ -54,7 +54,8 @@ Tuned."""
 UNEXPLAINED_ACCEL: Final = 1.0
 """m/s², averaged over a window: no sensor is as noisy as that."""
 STANDSTILL_GYRO: Final = 0.02
-"""rad/s: a log that turns less does not show a mismatch, and a residual that is larger does."""
+"""rad/s, root mean square: a log that turns less does not show a mismatch, and the residual of a
+window that is larger does."""
 LOUD: Final = 5.0
 """Ratio of residuals to the known noise that is reported. Where parts of a log scatter by more than
 that, the equations are wrong."""

@@ -18,6 +18,7 @@ from imucalib_cli.signals.flips import find_flips
 from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_impossible
 from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
+from imucalib_cli.signals.moves import REPEATED
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES, in_order, reordered
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stretches import stretches_of
@@ -44,7 +45,6 @@ _MOST_LOST = 0.5
 _FAR_BETTER = 0.5
 """Recorded stamps are kept if they reduce the unexplained rotation to this share of what even ticks
 give. Tuned."""
-_SAME = 1e-6
 _LEAP = 0.01
 """rad or m: a single message that jumps by more and back is faster than any robot."""
 _MOST_LEAPS = 0.05
@@ -342,7 +342,7 @@ def rows_at_fault(imu: ImuSamples, faults: list[Fault]) -> Bools:
 def _repeats(track: Track, start: float, end: float) -> bool:
     """Whether no value of a track moves in a stretch, except at its ends."""
     values = track.values[(track.t >= start + BIN) & (track.t <= end - 2.0 * BIN)]
-    return bool(len(values) < 2 or np.ptp(values, axis=0).max() < _SAME)
+    return bool(len(values) < 2 or np.ptp(values, axis=0).max() < REPEATED)
 
 
 def _without(track: Track, stretches: list[tuple[float, float]]) -> Track:
