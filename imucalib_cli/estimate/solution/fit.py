@@ -415,10 +415,10 @@ def _fitted(
 def _curvature(layout: Layout, seconds: float) -> Floats:
     """(n,), steps at which the model is bent.
 
-    A radian, a metre; of stamps a tenth of a window; what the softest joints bend, where a payload
-    acts by that.
+    A radian, also under gravity; a metre; of stamps a tenth of a window; what the softest joints
+    bend, where a payload acts by that.
     """
-    by_unit = {"s": 0.1 * seconds}
+    by_unit = {"s": 0.1 * seconds, "rad/(m/s²)": 0.1}
     if layout.has("payload"):
         by_unit["rad/(Nm/kg)"] = SCALES["joint_sag"].high
     found = np.ones(layout.size)
