@@ -72,7 +72,7 @@ def test_scatter_of_parts_is_in_sigma(seed: int) -> None:
 
 @pytest.mark.slow
 def test_jackknife_and_halves_agree_with_sigma_for_pure_noise() -> None:
-    found = [solve(clean().noisy(seed)) for seed in range(6)]
+    found = [solve(clean().noisy(seed)) for seed in range(12)]
     # Seven folds of one log give a sigma to a third; the mean over logs to a tenth.
     ratios = [agreement(each).fold_std / each.sigma for each in found]
     typical = np.sqrt(np.mean(np.square(ratios), axis=0))

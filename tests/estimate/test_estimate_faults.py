@@ -305,7 +305,7 @@ def test_zero_errors_of_still_joints_are_in_sigma(seed: int) -> None:
     assert exact.covered
 
 
-@pytest.mark.parametrize("seed", [1, *slow_after(0, (2, 4, 5, 6, 7))])
+@pytest.mark.parametrize("seed", [1, *slow_after(0, (3, 4, 5, 6, 7))])
 def test_error_curves_of_still_joints_are_in_sigma(seed: int) -> None:
     """A wrong gear ratio is a wrong zero where a joint stands still; joints that move show both."""
     gains = 2e-3 * np.random.default_rng(seed).normal(size=6)
