@@ -237,7 +237,7 @@ def turned_by(angle: Floats, gyro: Floats, accel: Floats) -> tuple[Floats, Float
 
 
 def turned_to_and_fro(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
-    return turned_by(3e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE)), gyro, accel)
+    return turned_by(5e-3 * np.sin(2.0 * np.pi * np.arange(len(gyro)) / (10.5 * RATE)), gyro, accel)
 
 
 def turned_slowly(gyro: Floats, accel: Floats) -> tuple[Floats, Floats]:
