@@ -232,9 +232,8 @@ def one_rate_ticks(t: Floats, kept: Indices | None = None) -> Ticks | None:
 
     None if the rate changes, though each of two rates may be a part of one: the stamps are used.
     """
-    if rate_stretches(t):
-        return None
-    return constant_rate_ticks(t if kept is None else t[kept])
+    ticks = constant_rate_ticks(t if kept is None else t[kept])
+    return None if ticks is None or rate_stretches(t) else ticks
 
 
 def _change_of_rate(steps: Floats, before: float, after: float) -> int:
