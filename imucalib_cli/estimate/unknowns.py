@@ -251,6 +251,12 @@ class Unknown(Struct, frozen=True, kw_only=True, eq=False):
     """Its group, where it is not that of its effect."""
 
     @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Its effect, and what the same components change of the other sensor."""
+        also = self.effect.also if isinstance(self.effect, Reading) else None
+        return (self.effect,) if also is None else (self.effect, also)
+
+    @property
     def of_either(self) -> Effect:
         """Its effect, whether of the one IMU or the other."""
         return self.effect.effect if isinstance(self.effect, OfBase) else self.effect

@@ -379,9 +379,9 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
         )
 
 
-def _beyond_sigma(fit: Fit, change: Floats) -> Bools:
+def _beyond_sigma(answer: Answer, change: Floats) -> Bools:
     """(6,), components of a change of the pose that are larger than its sigma."""
-    return np.asarray(np.abs(change) > fit.std[fit.layout.pose])
+    return np.asarray(np.abs(change) > answer.std[answer.layout.pose])
 
 
 def _parts(evidence: Evidence) -> Iterator[Finding]:
@@ -500,9 +500,8 @@ def _errors(  # noqa: C901 one case for each kind of error
 def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[Finding]:
     """An error that is clear, of covariance C, if it moves the pose or is larger than healthy."""
     unknown, part, value = each.unknown, each.part, answer.value(each)
-    std, stated = np.sqrt(np.diag(C)), answer.std[answer.layout.pose]
-    moves = _moves(answer, each, C)
-    matters = (np.abs(moves) > stated).any() or (np.abs(value) > unknown.healthy).any()
+    std, moves = np.sqrt(np.diag(C)), _moves(answer, each, C)
+    matters = _beyond_sigma(answer, moves).any() or (np.abs(value) > unknown.healthy).any()
     if matters and (np.abs(value) >= unknown.least).any():
         shown = isinstance(unknown.of_either, (JointCurve, Origin, PoseStream, Clock))
         make = note if shown and unknown.of_robot else warning

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.loads import Payload
     from imucalib_cli.estimate.model.state import BaseNodes, State
     from imucalib_cli.estimate.model.windows import WindowPlan
-    from imucalib_cli.estimate.unknowns import Samples
+    from imucalib_cli.estimate.unknowns import Effect, Samples
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
 
@@ -343,20 +343,21 @@ def _channels(layout: Layout, nodes: _Nodes) -> Channels:
     """Effects of the entries of a layout, without those that the mount hides."""
     channels: Channels = defaultdict(list)
     for placed in layout.placed:
-        if not placed.hidden:
-            _add(placed, nodes, channels)
+        for effect in () if placed.hidden else placed.unknown.effects:
+            _add(placed, effect, nodes, channels)
     return channels
 
 
-def _add(placed: Placed, nodes: _Nodes, channels: Channels) -> None:  # noqa: C901, PLR0912 a table
-    """Add the effect of one entry of the table along the nodes."""
-    part, effect = placed.part, placed.unknown.effect
+def _add(  # noqa: C901, PLR0912 a table
+    placed: Placed, effect: Effect, nodes: _Nodes, channels: Channels
+) -> None:
+    """Add an effect of one entry of the table along the nodes."""
+    part = placed.part
     match effect:
         case Reading():
             # To remove the error lowers the reading.
-            for each in (effect, effect.also) if effect.also else (effect,):
-                seen = -_in_world(each.basis(nodes.samples), nodes.R_world_imu)
-                channels["force" if each.sensor == "accel" else "rate"].append((part, seen))
+            seen = -_in_world(effect.basis(nodes.samples), nodes.R_world_imu)
+            channels["force" if effect.sensor == "accel" else "rate"].append((part, seen))
         case Gravity():
             down = nodes.gravity[None] / np.linalg.norm(nodes.gravity)
             turned = cross(gravity_axes(nodes.gravity), nodes.gravity)

@@ -154,11 +154,9 @@ class Layout(Prior, frozen=True, kw_only=True, eq=False):
     def of(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """Entries with an effect of a kind, and the effect; not those of the base IMU."""
         for each in self.placed:
-            if isinstance(each.unknown.effect, kind):
-                yield each, each.unknown.effect
-                also = getattr(each.unknown.effect, "also", None)
-                if also is not None:
-                    yield each, also
+            for effect in each.unknown.effects:
+                if isinstance(effect, kind):
+                    yield each, effect
 
     def of_base(self, kind: type[E]) -> Iterator[tuple[Placed, E]]:
         """The same of the IMU that measures how the base moves."""
