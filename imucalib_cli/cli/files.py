@@ -169,16 +169,17 @@ def deliver_into(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {error.strerror}") from error
-    suffix, render = FORMATS[fmt].suffix, FORMATS[fmt].render
+    suffix = FORMATS[fmt].suffix
+    texts = [FORMATS[fmt].render([result]) for result in results]
     stems = stems_of(
         log_name(log),
         results,
-        lambda stem, result: _is_free(folder / f"{stem}{suffix}", render([result]), result),
+        lambda stem, place: _is_free(folder / f"{stem}{suffix}", texts[place], results[place]),
     )
     paths = [folder / f"{stem}{suffix}" for _, stem in stems]
     check_places(read=read, written=paths, force=force)
-    for path, result in zip(paths, results, strict=True):
-        deliver(render([result]), path)
+    for path, text in zip(paths, texts, strict=True):
+        deliver(text, path)
     for path, (wanted, stem) in zip(paths, stems, strict=True):
         if stem != wanted:
             other = folder / f"{wanted}{suffix}"

@@ -56,19 +56,19 @@ def names_of(results: Sequence[Result], unfit: str = FILE) -> list[str]:
 def stems_of(
     log: str,
     results: Sequence[Result],
-    is_free: Callable[[str, Result], bool] = lambda _stem, _result: True,
+    is_free: Callable[[str, int], bool] = lambda _stem, _place: True,
 ) -> list[tuple[str, str]]:
     """For each IMU the name of its file without suffix, as it should be and as it is.
 
     It should be ``<log>.<imu>``; a number follows if another IMU has this name, or if it is not
-    free.
+    free for the result at its place.
     """
     taken: set[str] = set()
     stems = []
-    for result, label in zip(results, labels_of(results), strict=True):
+    for place, label in enumerate(labels_of(results)):
         wanted = shortened(f"{log}.{safe_name(label)}")
         for stem in numbered(wanted, "."):
-            if collision_key(stem) not in taken and is_free(stem, result):
+            if collision_key(stem) not in taken and is_free(stem, place):
                 break
         taken.add(collision_key(stem))
         stems.append((wanted, stem))
