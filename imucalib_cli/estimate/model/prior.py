@@ -65,6 +65,22 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             return np.array(self.std)
         return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
 
+    def with_one_gross(self, component: int) -> Prior:
+        """The same, one component of which may be as large as in the worst that is sold.
+
+        It no longer informs the scale that it shares with others: a single wrong part.
+        """
+        worst = np.exp(self.bounds[self.scale[component], 1])
+        one = np.arange(len(self.std)) == component
+        return Prior(
+            std=np.where(one, worst, self.std),
+            scale=np.where(one, -1, self.scale),
+            bounds=self.bounds,
+            scales=self.scales,
+            still=self.still,
+            worst=self.worst,
+        )
+
     @property
     def of_one_quality(self) -> Prior | None:
         """The same components in a system whose errors of all kinds are alike small.

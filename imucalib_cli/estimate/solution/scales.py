@@ -29,7 +29,7 @@ from imucalib_cli.estimate.solution.algebra import inverse_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.model.prior import Prior
 
 _POINTS: Final = (64, 256, 1024, 4096)
@@ -56,6 +56,16 @@ DECISIVE: Final = 20.0
 e^10 to one, and fewer than one false alarm in a thousand sound logs over all alternatives."""
 _RARE: Final = -0.5 * DECISIVE
 """Logarithm of how probable a system of one quality is before the log: e^-10."""
+
+_GROSS: Final = math.log(1e-2)
+"""The same that one component is of another size than all that share its scale: one in a hundred,
+as Tukey's contaminated normal has it."""
+_STANDS_OUT: Final = 2.0
+"""Least rise of the log likelihood from which that is integrated over: one less is of no weight."""
+_ENOUGH: Final = 3
+"""Components that must share a scale to tell which of them is gross."""
+_SMALLER: Final = 0.5 * np.arange(10.0)
+"""Falls of the logarithm of the scale without it that are tried."""
 
 
 class Problem(Struct, frozen=True, kw_only=True, eq=False):
@@ -123,17 +133,27 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
         the ratio of the new prior to the old. Only the few components that share the scale count.
         """
         step, inverse = self.solve(u)
-        mean, found = self.offset + step, []
+        found = []
         for index, (at, values) in enumerate(zip(u, tried, strict=True)):
             members = np.flatnonzero(self.prior.scale == index)
-            variances, turn = np.linalg.eigh(inverse[np.ix_(members, members)])
-            # By rounding it may be more than the prior's, which cannot be.
-            variances = np.clip(variances, 0.0, np.exp(2.0 * at))
-            more = (np.exp(-2.0 * values) - np.exp(-2.0 * at))[:, None]
-            share = 1.0 + more * variances
-            squares = (turn.T @ mean[members]) ** 2
-            changes = more * squares / share + np.log(share)
-            found.append(len(members) * (at - values) - 0.5 * changes.sum(axis=1))
+            share = _Share.of(self.offset + step, inverse, members, at)
+            found.append(share.along(values))
+        return found
+
+    def with_one_gross(self, u: Floats) -> Floats:
+        """(n,), rise of the log likelihood if one component alone is as in the worst that is sold.
+
+        The scale it shares with others is then smaller; all other scales are as in ``u``, so it is
+        a lower limit. -inf where too few components share the scale to tell which is gross.
+        """
+        step, inverse = self.solve(u)
+        found = np.full(len(step), -math.inf)
+        for index, (at, (low, high)) in enumerate(zip(u, self.bounds, strict=False)):
+            members = np.flatnonzero(self.prior.scale == index)
+            if len(members) < _ENOUGH:
+                continue
+            share = _Share.of(self.offset + step, inverse, members, at)
+            found[members] = share.with_one_gross(np.clip(at - _SMALLER, low, high), high)
         return found
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
@@ -158,6 +178,49 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
             more = whole @ (self.noise - self.information) @ whole
             whole = whole + 0.5 * (more + more.T)
         return np.array(steps), whole
+
+
+class _Share(Struct, frozen=True, eq=False):
+    """The M components that share a scale, in directions in which they are independent."""
+
+    at: float
+    """Logarithm of the scale."""
+    mean: Floats
+    """(M,), posterior."""
+    variances: Floats
+    """(M,), posterior."""
+    turn: Floats
+    """(M, M), from these directions to the components."""
+
+    @classmethod
+    def of(cls, mean: Floats, covariance: Floats, members: Indices, at: float) -> _Share:
+        """Of all n components, the posterior mean (n,) and covariance (n, n)."""
+        variances, turn = np.linalg.eigh(covariance[np.ix_(members, members)])
+        # By rounding it may be more than the prior's, which cannot be.
+        return cls(at, turn.T @ mean[members], np.clip(variances, 0.0, np.exp(2.0 * at)), turn)
+
+    def along(self, values: Floats) -> Floats:
+        """(v,), rise of the log likelihood with other values of the scale."""
+        more, share = self._changed(values)
+        changes = more * self.mean**2 / share + np.log(share)
+        return np.asarray(len(self.mean) * (self.at - values) - 0.5 * changes.sum(axis=1))
+
+    def with_one_gross(self, values: Floats, gross: float) -> Floats:
+        """(M,), the same for each component as the one that does not share, at the best value."""
+        _, share = self._changed(values)
+        mean, variance = (
+            (self.mean / share) @ self.turn.T,
+            (self.variances / share) @ self.turn.T**2,
+        )
+        more = (np.exp(-2.0 * gross) - np.exp(-2.0 * values))[:, None]
+        left = 1.0 + more * variance
+        rise = (values - gross)[:, None] - 0.5 * (more * mean**2 / left + np.log(left))
+        return np.asarray((self.along(values)[:, None] + rise).max(axis=0))
+
+    def _changed(self, values: Floats) -> tuple[Floats, Floats]:
+        """Rise of the prior's precision (v, 1), and of the posterior's as a factor (v, M)."""
+        more = (np.exp(-2.0 * values) - np.exp(-2.0 * self.at))[:, None]
+        return more, 1.0 + more * self.variances
 
 
 class Posterior(Struct, frozen=True, eq=False):
@@ -228,6 +291,9 @@ class Marginal(Protocol):
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """As :meth:`Problem.along`."""
 
+    def with_one_gross(self, u: Floats) -> Floats:
+        """As :meth:`Problem.with_one_gross`."""
+
     def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.posterior`."""
 
@@ -236,7 +302,8 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     """Importance points around the mode, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for usual sizes and
-    ratios: their logarithms are Cauchy's about the usual. Or, rarely, they are of one quality.
+    ratios: their logarithms are Cauchy's about the usual. Or, rarely, they are of one quality, or
+    one part is wrong.
 
     Args:
         problem: The normal equations.
@@ -245,28 +312,57 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    points, logs = _drawn(problem, mode)
-    if (prior := problem.prior.of_one_quality) is not None:
-        alike = problem.under(prior)
-        start = np.clip(np.append(prior.bounds[0].mean(), mode), *alike.bounds.T)
-        theirs, more = _drawn(alike, start, logs.max() - _RARE - _NOTHING)
-        points, logs = np.concatenate([points, theirs[:, 1:]]), np.append(logs, more + _RARE)
+    systems, drawn, best = _systems(problem, mode), [], -math.inf
+    for system, log_odds in systems:
+        points, logs = _drawn_of_either(system, mode, best - log_odds)
+        drawn.append((points, logs + log_odds))
+        best = max(best, float(drawn[-1][1].max()))
+    number = np.repeat(np.arange(len(systems)), [len(logs) for _, logs in drawn])
+    points, logs = (np.concatenate(each) for each in zip(*drawn, strict=True))
     log_likelihood = float(np.logaddexp.reduce(logs))
     weights = np.exp(logs - log_likelihood)
     # Others add nothing; rare points of large scales add to sigma.
-    counts = weights > math.exp(-_NOTHING)
-    points, weights = points[counts], weights[counts] / weights[counts].sum()
-    if len(points) > _KEPT:  # as many of each as its weight, at even steps of their sum
+    kept = np.flatnonzero(weights > math.exp(-_NOTHING))
+    weights = weights[kept] / weights[kept].sum()
+    if len(kept) > _KEPT:  # as many of each as its weight, at even steps of their sum
         place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
-        place, times = np.unique(np.minimum(place, len(points) - 1), return_counts=True)
-        points, weights = points[place], times / _KEPT
-    steps, covariance = problem.posterior(points, weights)
+        place, times = np.unique(np.minimum(place, len(kept) - 1), return_counts=True)
+        kept, weights = kept[place], times / _KEPT
+    number, points = number[kept], points[kept]
+    found = [
+        systems[each][0].posterior(points[number == each], weights[number == each])
+        for each in np.unique(number)
+    ]
+    steps = np.concatenate([steps for steps, _ in found])
+    covariance = np.sum([covariance for _, covariance in found], axis=0)
     mean = weights @ steps
     away = steps - mean
     covariance = covariance + away.T @ (weights[:, None] * away)
     return Posterior(
         mean, covariance, np.asarray(weights @ points), log_likelihood, points, weights
     )
+
+
+def _systems(problem: Marginal, mode: Floats) -> list[tuple[Marginal, float]]:
+    """What the system may be, and the logarithm of how probable that is before the log."""
+    gross = np.flatnonzero(problem.with_one_gross(mode) > _STANDS_OUT).tolist()
+    wrong = [(problem.under(problem.prior.with_one_gross(each)), _GROSS) for each in gross]
+    return [(problem, 0.0), *wrong]
+
+
+def _drawn_of_either(problem: Marginal, mode: Floats, best: float) -> tuple[Floats, Floats]:
+    """As :func:`_drawn`, of a system whose errors are of one quality too.
+
+    ``best`` is the likelihood of others.
+    """
+    points, logs = _drawn(problem, mode, best - _NOTHING)
+    if (prior := problem.prior.of_one_quality) is not None:
+        alike = problem.under(prior)
+        start = np.clip(np.append(prior.bounds[0].mean(), mode), *alike.bounds.T)
+        best = max(best, float(logs.max()))
+        theirs, more = _drawn(alike, start, best - _RARE - _NOTHING)
+        points, logs = np.concatenate([points, theirs[:, 1:]]), np.append(logs, more + _RARE)
+    return points, logs
 
 
 def _drawn(problem: Marginal, mode: Floats, least: float = -math.inf) -> tuple[Floats, Floats]:
