@@ -387,7 +387,8 @@ class EstimatorOptions(KnownOptions):
         metavar="NAME|FILE",
         autocompletion=complete.imu_models,
         help="Model of the IMU: a name from configs/imus (bmi088, adis16448 ...) or a file. Its "
-        "data sheet gives weak priors of the biases, and its noise is compared with the log's.",
+        "data sheet gives weak priors of the biases and limits of the errors of scales and axes, "
+        "and its noise is compared with the log's.",
     )
     method: Literal["matched", "paper"] = _estimator(
         "matched", help="matched: our estimator; paper: the published one."

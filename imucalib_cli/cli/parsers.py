@@ -377,7 +377,7 @@ def is_folder(output: str) -> bool:
 
 
 def _components(text: str, whole: str) -> list[int]:
-    from imucalib_cli.estimate.checks.stated import POSE_NAMES
+    from imucalib_cli.estimate.entries import POSE_NAMES
 
     given = names(text) or ("",)
     if unknown := [name for name in given if name not in POSE_NAMES]:

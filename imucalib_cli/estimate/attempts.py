@@ -32,6 +32,8 @@ _ENOUGH_IF_NOISY: Final = 20
 then fit the noise of the kinematics."""
 _SHORTEST: Final = 0.1
 """s: in shorter windows that noise drowns all else."""
+_SHORTER: Final = 0.7
+"""Factor of a window where too few fit: two steps are a halving."""
 
 
 class Attempt(Struct, frozen=True, eq=False):
@@ -103,7 +105,7 @@ def _windowing(
     length, window = choose_window(options.window, grid, trajectory, degree, seen)
     windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     while options.window == WindowChoice() and window.seconds > _SHORTEST:
-        shorter = 0.7 * window.seconds
+        shorter = _SHORTER * window.seconds
         noisy = is_drowned(shorter, grid, trajectory)
         if len(windowing.centres(offset)) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
             break

@@ -16,6 +16,8 @@ CorrectionName = Literal[
 ]
 Kind = Literal["translation", "rotation"]
 """Half of a pose."""
+POSE_NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
+"""Components of a pose."""
 UpTo3 = Annotated[list[float], Meta(min_length=1, max_length=3)]
 
 

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import Sensor
 
-SENSORS: Final[tuple[Sensor, Sensor]] = ("accel", "gyro")
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
 PLAY_RATE: Final = 0.01

@@ -21,7 +21,7 @@ from imucalib_cli.report.chart import (
 )
 from imucalib_cli.report.drawings import heat_map, parameter_table
 from imucalib_cli.report.words import WORDS
-from imucalib_cli.results.pose import PARTS
+from imucalib_cli.results.pose import POSE_PARTS
 from imucalib_cli.signals.samples import AXES
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def _so_far(stretches: LogParts) -> Figure:
                 y_label=f"1 σ, {unit}",
                 log="xy",
             )
-            for kind, (part, unit, factor) in PARTS.items()
+            for kind, (part, unit, factor) in POSE_PARTS.items()
         ),
     )
 
@@ -228,7 +228,7 @@ def _pose_plots(
             levels=(("", 0.0),),
             y_range=_shown_range(values[:, part] * factor, std[:, part] * factor),
         )
-        for kind, (part, unit, factor) in PARTS.items()
+        for kind, (part, unit, factor) in POSE_PARTS.items()
     ]
 
 

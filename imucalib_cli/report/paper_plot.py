@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucalib_cli.optional import optional
-from imucalib_cli.results.pose import PARTS
+from imucalib_cli.results.pose import POSE_PARTS
 from imucalib_cli.robot.rotations import matrix_from_quaternion, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ def _levels(
 ) -> list[tuple[Floats, Floats, Floats]]:
     """Lines of the mounts or of the drift on an axis: x, values and 1 sigma of their two ends."""
     part: Kind = "rotation" if what == "turn" else "translation"
-    block, unit, scale = PARTS[part]
+    block, unit, scale = POSE_PARTS[part]
     if answer.drift is not None:
         change = getattr(answer.drift, part)
         ends, halves = (getattr(change, f"{name}_{unit}")[axis] for name in ("vector", "std"))

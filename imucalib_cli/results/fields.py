@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from imucalib_cli.digits import figures, fixed, sigma, with_std
 from imucalib_cli.messages import REQUIREMENTS
-from imucalib_cli.results.pose import PARTS
+from imucalib_cli.results.pose import POSE_PARTS
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotvec_from_matrix, rpy_from_matrix
 from imucalib_cli.shown import readable
 
@@ -235,7 +235,7 @@ def _known(direction: Observable) -> str:
 def _direction_std(direction: Unobservable) -> str:
     if direction.std is None:
         return "unbounded"
-    _, unit, scale = PARTS[direction.kind]
+    _, unit, scale = POSE_PARTS[direction.kind]
     return f"{figures(direction.std * scale, 2)} {unit}"
 
 

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.findings import Finding, Severity
 from imucalib_cli.results import result as tree
-from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, orthogonal_complement
+from imucalib_cli.results.pose import LEAST_COMPONENT, POSE_PARTS, orthogonal_complement
 from imucalib_cli.robot.rotations import quaternion_from_matrix, rotation_angle, rpy_from_matrix
 from imucalib_cli.tree import Tree, plain
 
@@ -84,7 +84,7 @@ def known_directions(
     if covariance is None or not unobservable:
         return []
     found: list[tree.Observable] = []
-    for kind, (part, *_) in PARTS.items():
+    for kind, (part, *_) in POSE_PARTS.items():
         basis = orthogonal_complement(
             [each.direction_parent for each in unobservable if each.kind == kind]
         ).T

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.robot.urdf import Robot
 
-PARTS: dict[Kind, tuple[slice, str, float]] = {
+POSE_PARTS: dict[Kind, tuple[slice, str, float]] = {
     "translation": (slice(0, 3), "mm", 1e3),
     "rotation": (slice(3, 6), "deg", math.degrees(1.0)),
 }

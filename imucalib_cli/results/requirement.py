@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.findings import untrusted
-from imucalib_cli.results.pose import PARTS
+from imucalib_cli.results.pose import POSE_PARTS
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.entries import Kind
@@ -34,7 +34,7 @@ class Tolerance(Struct, frozen=True, kw_only=True):
 
     def words_of(self, kind: Kind) -> str:
         """Such as ``5 mm`` or ``0.5 deg``."""
-        _, unit, scale = PARTS[kind]
+        _, unit, scale = POSE_PARTS[kind]
         return f"{self.of(kind) * scale:.6g} {unit}"
 
     def __str__(self) -> str:
@@ -48,7 +48,7 @@ def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
     A method that states no covariance cannot meet a requirement, so it is distrusted too.
     """
     if estimate.covariance is None:
-        bounds = {kind: tolerance.of(kind) for kind in PARTS}
+        bounds = {kind: tolerance.of(kind) for kind in POSE_PARTS}
         finding = untrusted(
             "require.no_sigma",
             **{kind: bound if math.isfinite(bound) else None for kind, bound in bounds.items()},
@@ -58,7 +58,7 @@ def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
     stds = np.sqrt(np.diag(estimate.covariance))
     missed: dict[str, float | str] = {}
     excess = 1.0
-    for kind, (part, *_) in PARTS.items():
+    for kind, (part, *_) in POSE_PARTS.items():
         std, bound = stds[part], tolerance.of(kind)
         # negated comparison, so that a sigma that is not a number does not pass
         if not float(np.max(std)) <= bound:

@@ -16,7 +16,7 @@ STANDARD_GRAVITY = 9.80665
 """m/s², CGPM 1901."""
 AXES = "xyz"
 Sensor = Literal["gyro", "accel"]
-SENSORS: tuple[Sensor, Sensor] = ("gyro", "accel")
+SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
 class ImuSamples(Struct, frozen=True, kw_only=True, eq=False):

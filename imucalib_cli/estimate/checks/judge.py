@@ -8,14 +8,14 @@ import numpy as np
 from msgspec import Struct
 
 from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
-from imucalib_cli.estimate.checks.stated import POSE_NAMES, contradicted_by_log
+from imucalib_cli.estimate.checks.stated import contradicted_by_log
+from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRONG
 from imucalib_cli.estimate.unknowns import (
     SCALES,
-    SENSORS,
     TABLE,
     Clock,
     JointCurve,
@@ -28,7 +28,7 @@ from imucalib_cli.estimate.unknowns import (
 from imucalib_cli.estimate.window_choice import is_longest
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.samples import SENSORS, STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold, stretches_of
 from imucalib_cli.signals.timing.stamps import sample_interval
 
@@ -72,6 +72,20 @@ SLIP: Final = (2e-3, 5e-3)
 _NO_SENSOR: Final = 5.0
 """Times the usual bias that no sensor that is sold has: 2.5 m/s² and 1 rad/s, where the worst of
 consumer parts are specified to 2 m/s² and 0.7 rad/s."""
+_TILTED: Final = np.radians(20.0)
+"""rad: a base stands more level than this, or is mounted otherwise on purpose."""
+_CORRELATED: Final = 0.8
+"""Of the two rates: at the right time offset even a bad model has a higher one. Tuned."""
+_PLAIN: Final = 0.1
+"""m/s²: residual of a window that is plain. Without noise the corners of a motion lose their weight
+for a thousandth of its acceleration."""
+_LARGE_SHARE: Final = 0.2
+"""Share of the motion without which the rest does not represent the log. Tuned."""
+_STRIKE: Final = (0.05, 0.1)
+"""s: bursts with less between them are one strike; a burst that is longer is driven. Feet ring for
+some hundredths."""
+_SPIKES: Final = 0.005
+"""Share of samples: at 1 kHz every other window of 0.1 s has a spike then."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset with a larger sigma counts as unknown."""
 
@@ -211,7 +225,7 @@ def of_answer(
     gravity = answer.state.gravity
     if gravity.any() and not unobservable(answer):
         tilt = float(np.linalg.norm(tilt_from_down(gravity)))
-        if tilt > np.radians(20.0):  # a base stands level, or is mounted otherwise on purpose
+        if tilt > _TILTED:
             yield warning("gravity.tilted", tilt=tilt, tracked=_is_tracked(answer))
 
 
@@ -233,8 +247,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
     left = float(np.sqrt(np.mean(residuals.values[:, 3:] ** 2)))
     lag = evidence.attempt.lag
     if turning > STANDSTILL_GYRO and left > UNEXPLAINED_GYRO * turning:
-        # At the right time offset even a bad model has a high correlation of the rates.
-        far = lag is not None and lag.correlation < 0.8
+        far = lag is not None and lag.correlation < _CORRELATED
         yield untrusted(
             "fit.rotation_unexplained",
             share=left / turning,
@@ -275,12 +288,11 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     fit = evidence.fit
     residuals, lost = fit.windows.residuals, fit.windows.weights <= 0.0
     accel, gyro = np.linalg.norm(residuals.values.reshape(-1, 2, 3), axis=2).T
-    # Without noise the corners of a motion lose their weight for a thousandth of its acceleration.
-    plain = (accel > 0.1) | (gyro > STANDSTILL_GYRO)
+    plain = (accel > _PLAIN) | (gyro > STANDSTILL_GYRO)
     turning = (residuals.rate**2).sum(axis=1)
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
-    if share > 0.2:  # of the motion: the rest does not represent the log
+    if share > _LARGE_SHARE:
         yield untrusted("windows.motion_left_out", share=share, tracked=_is_tracked(fit))
     if count > _FEW * len(lost):
         when = fit.model.windowing.grid.t[fit.windows.centres]
@@ -303,10 +315,10 @@ def _strikes(evidence: Evidence) -> Iterator[Finding]:
     force = np.linalg.norm(grid.accel, axis=1)
     least = _FORCE * max(float(np.median(force[grid.usable])), STANDARD_GRAVITY)
     quiet = stretches_of((force <= least) | ~grid.usable)
-    # Bursts with less than 0.05 s between them are one strike; 0.1 s of force is driven.
-    ringing = quiet.where((quiet.lengths * grid.dt < 0.05) & (quiet.first > 0))
+    between, longest = _STRIKE
+    ringing = quiet.where((quiet.lengths * grid.dt < between) & (quiet.first > 0))
     bursts = stretches_of(((force > least) & grid.usable) | ringing.mask(len(force)))
-    bursts = bursts.where(bursts.lengths * grid.dt < 0.1)
+    bursts = bursts.where(bursts.lengths * grid.dt < longest)
     in_burst = bursts.mask(len(force))
     struck = ~all_hold(~in_burst, fit.windows.centres - length // 2, length)
     if struck.mean() > _FEW:
@@ -338,8 +350,7 @@ def _sampled(evidence: Evidence) -> Iterator[Finding]:
         quick = off > 0.25 * float(np.sqrt(accel.var(axis=0).mean()))
         if quick and off > UNEXPLAINED_ACCEL and interval > 1.0 / _ENOUGH_HERTZ:
             yield warning("imu.slow", topic=topic, rate=1.0 / interval, enough=_ENOUGH_HERTZ)
-        # At 1 kHz every other window of 0.1 s has a spike then. A quick strike looks like one.
-        elif not quick and spikes > 0.005 * len(accel):
+        elif not quick and spikes > _SPIKES * len(accel):  # a quick strike looks like a spike
             yield warning("imu.spikes", topic=topic, count=spikes, total=len(accel))
 
 

@@ -37,6 +37,10 @@ MEDIAN_CHI2: Final = 0.455
 _APART: Final = PARTS // 8
 """Parts over which the walk of a bias is measured: far enough to stand clear of the noise, near
 enough that a step lies between fewer than half of all pairs."""
+_BY_PRIOR: Final = 0.99
+"""Share of a prior's variance that is left in a direction that the log does not determine."""
+_GOOD_PART: Final = 0.2
+"""Share of large residuals that a change must explain to be their cause. Tuned."""
 Kind = Literal["mount", "drift", "clock", "gyro_bias", "accel_bias"]
 _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "mount": ("translation", "rotation"),
@@ -188,10 +192,10 @@ class Segments:
             left += 0.5 * inverse[block]
         difference = (solutions[1] - solutions[0])[pose]
         C = sum(covariances)[block]
-        # Directions that the halves do not determine are rounding.
+        # Others are rounding.
         precision = np.sqrt(np.diag(self._P)[pose])
         shares, axes = np.linalg.eigh(left * np.outer(precision, precision))
-        seen = np.diag(precision) @ axes[:, shares < 0.99]
+        seen = np.diag(precision) @ axes[:, shares < _BY_PRIOR]
         apart = squared_distance(seen.T @ difference, seen.T @ C @ seen)
         ratio, sigmas = self._disagreement(each, others[:, pose][:, :, pose], pose)
         return Consistency(
@@ -288,9 +292,8 @@ class Segments:
         gain[seen] = squared_distance(size[seen], inverse_of(left[seen]) + wander)
         gainful = gain > self._price(part)
         if self._loud:
-            # A change is the cause of large residuals only if it explains a good part of them.
             left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.equations.level
-            gainful &= gain >= 0.2 * left_over
+            gainful &= gain >= _GOOD_PART * left_over
         if not gainful.any():
             return None
         return least + int(np.argmax(np.where(gainful, gain, 0.0)))

@@ -14,6 +14,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from imucalib_cli.estimate.checks.observability import undetermined
+from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution.fit import lean_fit, transferred, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import prior_offset
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.solution.normal_equations import Answer, NormalEquations
 
 
-POSE_NAMES: Final = ("tx", "ty", "tz", "rx", "ry", "rz")
 _SLIP_OF_THE_PEN: Final = 0.3
 """m/s²: ten times the range of gravity on Earth."""
 _ANYWHERE: Final = (0.1, 0.1, 0.1, 0.3, 0.3, 0.3)

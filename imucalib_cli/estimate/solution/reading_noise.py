@@ -6,7 +6,7 @@ It is in such a column and in the residual alike, as if the readings had more in
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import Struct
@@ -15,14 +15,17 @@ from imucalib_cli.estimate.model.jacobian import plan_nodes
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.spectrum import one_sided
-from imucalib_cli.estimate.unknowns import SENSORS, PoseStream, Reading
+from imucalib_cli.estimate.unknowns import PoseStream, Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.samples import SENSORS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.windows import Windowing
+
+_LEAST_LEFT: Final = 0.1
+"""Power of a sensor's noise that its errors leave: more than a filter can take away is rounding."""
 
 
 class NoiseSpectrum(Struct, frozen=True, eq=False):
@@ -203,7 +206,7 @@ def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
         sensor = SENSORS.index(effect.sensor)
         response = effect.own_response(dt, levels[sensor])
         left[sensor] -= np.tensordot(x[each.part], response, axes=1) @ turn
-    return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), 0.1))
+    return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), _LEAST_LEFT))
 
 
 def _of_joints(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:

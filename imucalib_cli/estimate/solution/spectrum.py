@@ -38,6 +38,10 @@ _BAND_RATIO: Final = 1.5
 """Of a band's edges: within it a kernel's response is nearly constant."""
 _PASSED: Final = 0.03
 """Share of the largest response from which a band counts: below, it is rounding and aliases."""
+_LEAST_FREEDOM: Final = 0.25
+"""Share of a band's freedom that remains however many unknowns it determines. Tuned."""
+_SHOCK: Final = 10.0
+"""Medians of the size of residuals from which one is a shock. Tuned."""
 
 
 class Spectrum(Struct, frozen=True, kw_only=True, eq=False):
@@ -150,8 +154,7 @@ class Statistics(Struct, frozen=True, eq=False):
         x = np.concatenate([[1.0], step])
         power = np.einsum("p,sbpq,q->sb", x, self.normal, x)
         lost = np.einsum("sbpq,pq->sb", self.normal[:, :, 1:, 1:], covariance)
-        # However many unknowns a band determines, a share of its freedom remains.
-        left = np.maximum(self.freedom - lost, 0.25 * self.freedom)
+        left = np.maximum(self.freedom - lost, _LEAST_FREEDOM * self.freedom)
         return np.asarray(power / np.maximum(left * self.response, 1e-300))
 
     def score_covariance(self, levels: Floats) -> Floats:
@@ -257,9 +260,9 @@ def _transform_length(slots: Indices) -> int:
 
 
 def _bounded(residuals: Floats) -> Floats:
-    """Residuals with shocks, which no model describes, held at ten times the median."""
+    """Residuals with shocks, which no model describes, held at a multiple of the median."""
     size = np.linalg.norm(residuals, axis=1)
-    most = 10.0 * float(np.median(size))
+    most = _SHOCK * float(np.median(size))
     return np.asarray(residuals * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None])
 
 

@@ -10,10 +10,10 @@ from msgspec.structs import replace
 
 from imucalib_cli.estimate.entries import ImuModelEntry, SensorCheckEntry
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
-from imucalib_cli.estimate.unknowns import SENSORS
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.noise import noise_level
+from imucalib_cli.signals.samples import SENSORS
 from imucalib_cli.signals.timing.stamps import tidy_rows
 
 if TYPE_CHECKING:

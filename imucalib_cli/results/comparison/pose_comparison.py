@@ -13,7 +13,7 @@ from imucalib_cli.digits import decimals, figures, fixed, with_std
 from imucalib_cli.estimate.solution.algebra import squared_distance
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.bounds import chance_of_more, norm_bounds
-from imucalib_cli.results.pose import LEAST_COMPONENT, PARTS, orthogonal_complement
+from imucalib_cli.results.pose import LEAST_COMPONENT, POSE_PARTS, orthogonal_complement
 from imucalib_cli.robot.rotations import (
     left_jacobian_inverse,
     matrix_from_rotvec,
@@ -312,7 +312,7 @@ def _comparison(
             meaningful=means_something,
         )
         for (kind, (block, unit, scale)), directions, means_something in zip(
-            PARTS.items(), unknown, meaningful, strict=True
+            POSE_PARTS.items(), unknown, meaningful, strict=True
         )
     )
     return PoseComparison(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from msgspec import UNSET
 
 from imucalib_cli.digits import figures
-from imucalib_cli.estimate.checks.stated import POSE_NAMES
+from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.findings import warning
 from imucalib_cli.results.comparison import answers
 from imucalib_cli.results.comparison.pose_comparison import PoseComparison, compare_poses

@@ -12,7 +12,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from imucalib_cli.digits import figures, sigma
-from imucalib_cli.estimate.checks.stated import POSE_NAMES
+from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.findings import warning
 from imucalib_cli.results.comparison import answers

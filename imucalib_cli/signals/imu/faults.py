@@ -119,7 +119,7 @@ def sensor_faults(
     stuck = _outside(_frozen_gyro(imu, turning), cut["gyro"])
     held = _outside(_frozen_accel(imu, turning, stuck), cut["accel"])
     found = []
-    for sensor, runs in zip(SENSORS, (stuck, held), strict=True):
+    for sensor, runs in zip(SENSORS, (held, stuck), strict=True):
         values = imu.of(sensor)
         if len(runs):
             found.append(_frozen(sensor, runs, values, AXES))
