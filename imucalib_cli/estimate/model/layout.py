@@ -28,7 +28,7 @@ from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.moves import STILL, STILL_TURN, travel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
@@ -353,8 +353,12 @@ class _Chain:
             of_stream = self._behind(index) in self._streams
             meant = self._inside(index) and not of_base and of_stream == origin.of_stream
             if isinstance(step, FixedStep) and meant:
-                whole = origin.what == "translation" or of_stream
-                own = np.eye(3) if whole else self._not_of_joints(index, step)
+                if of_stream:
+                    own = np.eye(3)
+                elif origin.what == "translation":
+                    own = self._not_along_joint(index)
+                else:
+                    own = self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index, own) if index < self._last else own
                 if len(directions):
@@ -364,6 +368,16 @@ class _Chain:
         """The step before one, without joints at which a base may tilt."""
         tilts = (i for i, step in self._path.joint_steps.items() if not self._path.weighs(step))
         return index - 1 - len(set(tilts) & {index - 1, index - 2})
+
+    def _not_along_joint(self, index: int) -> Floats:
+        """(k, 3), directions in which the translation of a constant step is not that before it.
+
+        Along the axis of the joint between the two it is.
+        """
+        before = self._path.joint_steps.get(index - 1)
+        if before is None or not self._path.weighs(before):
+            return np.eye(3)
+        return _across([before.axis])
 
     def _not_of_joints(self, index: int, fixed: FixedStep) -> Floats:
         """(k, 3), axes about which the rotation of a constant step is no error of another kind.
@@ -384,8 +398,7 @@ class _Chain:
             moved = cross(before.axis, fixed.p)
             in_mount = index + 1 == self._last and any(abs(moved @ a) > _DISPLACED for a in axes)
             axes += [before.axis] * (plain and turns and not in_mount)
-        *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
-        return _towards_axes(directions[len(axes) :])
+        return _across(axes)
 
     def _turning(self, step: int, among: Floats) -> Floats:
         """(k, 3), directions at a step that turn in the parent link; others are the mount's."""
@@ -405,6 +418,12 @@ def _differs(error: Reading | Mount | Clock) -> bool:
     filters shows.
     """
     return isinstance(error, Reading) and not error.cancels
+
+
+def _across(axes: Sequence[Floats]) -> Floats:
+    """(3 - n, 3), directions perpendicular to n axes."""
+    *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
+    return _towards_axes(directions[len(axes) :])
 
 
 def _towards_axes(directions: Floats) -> Floats:
