@@ -294,6 +294,8 @@ class Scale(Struct, frozen=True, kw_only=True):
     """Its size in what is sold most; None where no size is more usual than others."""
     walking: float | None = None
     """Upper limit on robots whose base is measured by an IMU: those that walk, if it differs."""
+    one_gross: bool = False
+    """Whether one part alone may be wrong while the others are as usual: set or typed one by one."""
 
     def highest(self, *, walks: bool) -> float:
         """Upper limit on a robot."""
@@ -354,8 +356,8 @@ SCALES: Final[dict[str, Scale]] = {
     "pose_filter": Scale(low=3e-8, high=3e-4),
     "base_place": Scale(low=3e-4, high=1e-2),
     "base_turn": Scale(low=1e-3, high=5e-2),
-    "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2),
-    "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}),
+    "joint_zero": Scale(low=3e-4, high=5e-3, walking=2e-2, one_gross=True),
+    "length": Scale(low=2e-6, high=3e-3, like={"joint_zero": 0.5}, one_gross=True),
     "joint_axis": Scale(low=2e-6, high=5e-3, like={"length": 0.4}),
     "joint_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_play": 1.0, "joint_zero": 0.5}),
     "joint_second_harmonic": Scale(low=5e-7, high=2e-3, like={"joint_harmonic": 0.5}),

@@ -25,6 +25,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.estimate.solution.algebra import inverse_of
+from imucalib_cli.estimate.unknowns import SCALES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -144,16 +145,16 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
         """(n,), rise of the log likelihood if one component alone is as in the worst that is sold.
 
         The scale it shares with others is then smaller; all other scales are as in ``u``, so it is
-        a lower limit. -inf where too few components share the scale to tell which is gross.
+        a lower limit. -inf where that is not known of a kind, or too few share the scale to tell.
         """
         step, inverse = self.solve(u)
         found = np.full(len(step), -math.inf)
-        for index, (at, (low, high)) in enumerate(zip(u, self.bounds, strict=False)):
+        for index, name in enumerate(self.prior.scales):
             members = np.flatnonzero(self.prior.scale == index)
-            if len(members) < _ENOUGH:
-                continue
-            share = _Share.of(self.offset + step, inverse, members, at)
-            found[members] = share.with_one_gross(np.clip(at - _SMALLER, low, high), high)
+            if SCALES[name].one_gross and len(members) >= _ENOUGH:
+                at, (low, high) = u[index], self.bounds[index]
+                share = _Share.of(self.offset + step, inverse, members, at)
+                found[members] = share.with_one_gross(np.clip(at - _SMALLER, low, high), high)
         return found
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
