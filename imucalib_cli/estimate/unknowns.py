@@ -295,7 +295,7 @@ class Scale(Struct, frozen=True, kw_only=True):
     walking: float | None = None
     """Upper limit on robots whose base is measured by an IMU: those that walk, if it differs."""
     one_gross: bool = False
-    """Whether one part alone may be wrong while the others are as usual: set or typed one by one."""
+    """Whether one part alone may be wrong, as what is set or typed one by one, others as usual."""
 
     def highest(self, *, walks: bool) -> float:
         """Upper limit on a robot."""

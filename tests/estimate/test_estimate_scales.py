@@ -165,6 +165,52 @@ def test_system_without_errors_is_taken_to_be_of_one_quality() -> None:
     assert sigmas[0] < 0.8 * sigmas[1]
 
 
+def lengths(wrong: float) -> Problem:
+    """Twelve lengths of about 0.1 mm, measured to 0.3 mm, of which the third has an error."""
+    rng = np.random.default_rng(7)
+    truth = 1e-4 * rng.normal(size=12)
+    truth[2] = wrong
+    J = rng.normal(size=(30, 12)) / (3e-4 * math.sqrt(30))
+    e = rng.normal(size=30) - J @ truth
+    prior = Prior(
+        std=np.full(12, np.nan),
+        scale=np.zeros(12, np.intp),
+        bounds=np.log([[SCALES["length"].low, SCALES["length"].high]]),
+        scales=("length",),
+        still=("elbow",),  # not of one quality
+    )
+    return Problem(information=J.T @ J, score=J.T @ e, offset=np.zeros(12), prior=prior)
+
+
+def test_rise_by_one_gross_part_is_that_of_the_likelihood() -> None:
+    given = lengths(2e-3)
+    at = most_likely(given)
+    smaller = at[0] - 0.5 * np.arange(10)
+    for component, rise in enumerate(given.with_one_gross(at)):
+        other = given.under(given.prior.with_one_gross(component))
+        expected = [other.likelihood(np.array([u])) - given.likelihood(at) for u in smaller]
+        assert rise == pytest.approx(max(expected), rel=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [1.6e-3, 2.4e-3])
+def test_one_gross_part_matches_a_dense_grid(wrong: float) -> None:
+    """Over all twelve that may be wrong, one in a hundred each, and over the scale."""
+    given = lengths(wrong)
+    found = integrate(given, most_likely(given))
+    points = []
+    (low, high), *_ = given.bounds.tolist()
+    for u in np.linspace(low, high, 200)[:, None]:
+        points.append((given.likelihood(u), *given.solve(u)))
+        for component in range(12):
+            other = given.under(given.prior.with_one_gross(component))
+            points.append((other.likelihood(u) + math.log(0.01), *other.solve(u)))
+    mean, covariance = weighed(points)
+    sigma = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(found.step / sigma, mean / sigma, atol=0.3)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)) / sigma, 1.0, atol=0.25)
+    assert abs(found.step[2] - wrong) < 3.0 * math.sqrt(found.covariance[2, 2])
+
+
 @pytest.mark.slow
 def test_mean_over_many_scales_matches_monte_carlo() -> None:
     """Twelve of four components each, seen by sixteen readings: few points by themselves count."""

@@ -353,10 +353,9 @@ class _Chain:
             of_stream = self._behind(index) in self._streams
             meant = self._inside(index) and not of_base and of_stream == origin.of_stream
             if isinstance(step, FixedStep) and meant:
-                if of_stream:
-                    own = np.eye(3)
-                elif origin.what == "translation":
-                    own = self._not_along_joint(index)
+                if origin.what == "translation" or of_stream:
+                    # What no log shows has the priors of all origins.
+                    own = np.eye(3) if of_stream or index > self._last else self._not_along(index)
                 else:
                     own = self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
@@ -369,10 +368,10 @@ class _Chain:
         tilts = (i for i, step in self._path.joint_steps.items() if not self._path.weighs(step))
         return index - 1 - len(set(tilts) & {index - 1, index - 2})
 
-    def _not_along_joint(self, index: int) -> Floats:
-        """(k, 3), directions in which the translation of a constant step is not that before it.
+    def _not_along(self, index: int) -> Floats:
+        """(k, 3), directions in which a constant step does not move what the one before it moves.
 
-        Along the axis of the joint between the two it is.
+        Along the axis of the joint between them it does.
         """
         before = self._path.joint_steps.get(index - 1)
         if before is None or not self._path.weighs(before):
