@@ -390,14 +390,16 @@ def parts_of_log(log: LogStatistics, std: Floats) -> LogParts | None:
 
     None where a component of the pose is held.
     """
-    equations, layout = log.equations, log.equations.layout
+    equations = log.equations
+    answer = equations.solve(log.options)
+    layout = answer.layout
     free = np.flatnonzero(layout.free)
     pose = np.flatnonzero(np.isin(free, layout.pose))
     if len(pose) < len(layout.pose):
         return None
-    problem, u = equations.problem(layout, log.options), equations.solve(log.options).u
+    problem = equations.problem(layout, log.options)
     noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
-    sums = PartSums.of(log.parts, noise, problem, u, equations)
+    sums = PartSums.of(log.parts, noise, problem, answer.u, equations)
     A, P = sums.A, sums.P
     whole = inverse_of(A.sum(axis=0) + P)[pose]
     shares = np.einsum("pi,kij,pj->kp", whole, A, whole)

@@ -28,7 +28,7 @@ from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.moves import STILL, STILL_TURN, travel
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
@@ -43,6 +43,8 @@ _PERPENDICULAR = 1e-2
 """Cosine of axes that are perpendicular: a per cent of a wrong axis does not matter."""
 _DISPLACED = 1e-3
 """m: a milliradian of a shorter lever is less than any mount is known to."""
+_APART = 0.5
+"""Sine of axes that are far from parallel: 30 degrees."""
 _CONSTANT = 1e-8
 """Variance of a direction cosine below which a direction does not turn: rounding."""
 
@@ -353,13 +355,13 @@ class _Chain:
             of_stream = self._behind(index) in self._streams
             meant = self._inside(index) and not of_base and of_stream == origin.of_stream
             if isinstance(step, FixedStep) and meant:
-                if origin.what == "translation" or of_stream:
-                    # What no log shows has the priors of all origins.
-                    own = np.eye(3) if of_stream or index > self._last else self._not_along(index)
-                else:
-                    own = self._not_of_joints(index, step)
+                whole = origin.what == "translation" or of_stream
+                own = np.eye(3) if whole else self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index, own) if index < self._last else own
+                before = self._path.joint_steps.get(index - 1)
+                if whole and not of_stream and index < self._last and before is not None:
+                    directions = _not_along(before.axis, directions)
                 if len(directions):
                     yield index, directions, step.R
 
@@ -367,16 +369,6 @@ class _Chain:
         """The step before one, without joints at which a base may tilt."""
         tilts = (i for i, step in self._path.joint_steps.items() if not self._path.weighs(step))
         return index - 1 - len(set(tilts) & {index - 1, index - 2})
-
-    def _not_along(self, index: int) -> Floats:
-        """(k, 3), directions in which a constant step does not move what the one before it moves.
-
-        Along the axis of the joint between them it does.
-        """
-        before = self._path.joint_steps.get(index - 1)
-        if before is None or not self._path.weighs(before):
-            return np.eye(3)
-        return _across([before.axis])
 
     def _not_of_joints(self, index: int, fixed: FixedStep) -> Floats:
         """(k, 3), axes about which the rotation of a constant step is no error of another kind.
@@ -397,7 +389,8 @@ class _Chain:
             moved = cross(before.axis, fixed.p)
             in_mount = index + 1 == self._last and any(abs(moved @ a) > _DISPLACED for a in axes)
             axes += [before.axis] * (plain and turns and not in_mount)
-        return _across(axes)
+        *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
+        return _towards_axes(directions[len(axes) :])
 
     def _turning(self, step: int, among: Floats) -> Floats:
         """(k, 3), directions at a step that turn in the parent link; others are the mount's."""
@@ -419,10 +412,17 @@ def _differs(error: Reading | Mount | Clock) -> bool:
     return isinstance(error, Reading) and not error.cancels
 
 
-def _across(axes: Sequence[Floats]) -> Floats:
-    """(3 - n, 3), directions perpendicular to n axes."""
-    *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
-    return _towards_axes(directions[len(axes) :])
+def _not_along(axis: Floats, directions: Floats) -> Floats:
+    """(k, 3), directions of an origin without the one along the axis of the joint before.
+
+    In that one the origin before moves the same. Where it moves the mount too, it is not among the
+    directions, and an axis that is nearly parallel to it says nothing about the others.
+    """
+    along = directions @ axis
+    if np.linalg.norm(along) < _APART:
+        return directions
+    *_, others = np.linalg.svd(along[None])
+    return _towards_axes(others[1:] @ directions)
 
 
 def _towards_axes(directions: Floats) -> Floats:

@@ -7,11 +7,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.unknowns import SCALES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from typing_extensions import Self
 
     from imucalib_cli.arrays import Bools, Floats, Indices
 
@@ -65,21 +68,15 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             return np.array(self.std)
         return np.where(self.scale >= 0, np.exp(u)[self.scale], self.std)
 
-    def with_one_gross(self, component: int) -> Prior:
+    def with_one_gross(self, component: int) -> Self:
         """The same, one component of which may be as large as in the worst that is sold.
 
         It no longer informs the scale that it shares with others: a single wrong part.
         """
         worst = np.exp(self.bounds[self.scale[component], 1])
         one = np.arange(len(self.std)) == component
-        return Prior(
-            std=np.where(one, worst, self.std),
-            scale=np.where(one, -1, self.scale),
-            bounds=self.bounds,
-            scales=self.scales,
-            still=self.still,
-            worst=self.worst,
-        )
+        std, scale = np.where(one, worst, self.std), np.where(one, -1, self.scale)
+        return replace(self, std=std, scale=scale)
 
     @property
     def of_one_quality(self) -> Prior | None:

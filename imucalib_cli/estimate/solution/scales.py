@@ -239,6 +239,8 @@ class Posterior(Struct, frozen=True, eq=False):
     """(m, k), logarithms of the scales."""
     weights: Floats
     """(m,), how likely each is; their sum is 1."""
+    gross: int | None = None
+    """The component that is gross in the most likely system, if one is."""
 
 
 def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
@@ -313,8 +315,10 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    systems, drawn, best = _systems(problem, mode), [], -math.inf
-    for system, log_odds in systems:
+    gross = np.flatnonzero(problem.with_one_gross(mode) > _STANDS_OUT).tolist()
+    systems = [problem, *(problem.under(problem.prior.with_one_gross(each)) for each in gross)]
+    drawn, best = [], -math.inf
+    for system, log_odds in zip(systems, [0.0, *[_GROSS] * len(gross)], strict=True):
         points, logs = _drawn_of_either(system, mode, best - log_odds)
         drawn.append((points, logs + log_odds))
         best = max(best, float(drawn[-1][1].max()))
@@ -330,25 +334,25 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
         place, times = np.unique(np.minimum(place, len(kept) - 1), return_counts=True)
         kept, weights = kept[place], times / _KEPT
     number, points = number[kept], points[kept]
-    found = [
-        systems[each][0].posterior(points[number == each], weights[number == each])
-        for each in np.unique(number)
-    ]
-    steps = np.concatenate([steps for steps, _ in found])
-    covariance = np.sum([covariance for _, covariance in found], axis=0)
+    shares = np.bincount(number, weights, len(systems))
+    steps, covariance = np.empty((len(points), len(problem.prior.std))), 0.0
+    for index in np.flatnonzero(shares):
+        one = number == index
+        steps[one], C = systems[index].posterior(points[one], weights[one] / shares[index])
+        covariance = covariance + shares[index] * C
     mean = weights @ steps
     away = steps - mean
     covariance = covariance + away.T @ (weights[:, None] * away)
+    likely = int(np.argmax(shares))
     return Posterior(
-        mean, covariance, np.asarray(weights @ points), log_likelihood, points, weights
+        mean,
+        covariance,
+        np.asarray(weights @ points),
+        log_likelihood,
+        points,
+        weights,
+        gross[likely - 1] if likely else None,
     )
-
-
-def _systems(problem: Marginal, mode: Floats) -> list[tuple[Marginal, float]]:
-    """What the system may be, and the logarithm of how probable that is before the log."""
-    gross = np.flatnonzero(problem.with_one_gross(mode) > _STANDS_OUT).tolist()
-    wrong = [(problem.under(problem.prior.with_one_gross(each)), _GROSS) for each in gross]
-    return [(problem, 0.0), *wrong]
 
 
 def _drawn_of_either(problem: Marginal, mode: Floats, best: float) -> tuple[Floats, Floats]:
