@@ -156,6 +156,36 @@ def test_wrong_joint_axes_are_in_sigma(robot: str, seed: int) -> None:
     assert np.linalg.norm(found.sigma[:3]) < 3e-4
 
 
+@pytest.mark.parametrize(
+    ("robot", "row", "seed"),
+    slow_after(
+        2,
+        [
+            ("ur10e", "gross-zero", 0),
+            ("panda", "gross-link", 0),
+            ("ur10e", "gross-link", 1),
+            ("mobile", "gross-zero", 1),
+        ],
+    ),
+)
+def test_one_wrong_part_of_a_robot_is_found(robot: str, row: str, seed: int) -> None:
+    """A zero by 10 mrad, or a length by 1 %, of a robot that is exact in all else."""
+    log, drawn = everyday(robot, row, seed)
+    found = solve_well(log)
+    if row == "gross-zero":
+        name, label = "joint_zero", f"j{drawn['gross_zero']}"
+        error = -drawn["zero"][drawn["gross_zero"]]
+    else:
+        off = -np.array(drawn["origin"][drawn["long_link"]])
+        axis = int(np.argmax(np.abs(off)))
+        name, label, error = "origin", f"j{drawn['long_link']} {'xyz'[axis]}", off[axis]
+    finding = found.finding("unknown.found")
+    assert finding["name"] == name
+    place = finding["labels"].index(label)
+    assert abs(finding["values"][place] - error) < 3.0 * finding["stds"][place]
+    assert finding["stds"][place] < 0.2 * abs(error)
+
+
 @pytest.mark.slow
 def test_axis_that_moves_the_imu_along_the_last_axis_is_in_sigma() -> None:
     """Without its own unknown it looks like a zero, and the IMU is 0.17 mm off, six sigma."""
