@@ -39,9 +39,6 @@ def run(job: Job) -> tuple[Part, tuple[float, float, bool, float]]:
     else:
         joint = int(case.drawn["long_link"])
         off = -np.array(case.drawn["origin"][joint])
-        # Along the axis of the joint before, z, it is an error of the origin before.
-        while joint > 0 and abs(off[2]) > 0.9 * np.linalg.norm(off):
-            joint, off = joint - 1, ROBOTS[robot].origins[joint - 1].R @ off
         axis = int(np.argmax(np.abs(off)))
         label, error = f"j{joint} {'xyz'[axis]}", off[axis]
     value, std = next(

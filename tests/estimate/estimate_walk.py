@@ -173,12 +173,8 @@ class Walk:
 
     @property
     def first_off(self) -> Floats:
-        """(3,), m: true less reported place of the first joint in the trunk.
-
-        A displacement of the second joint along the axis of the first is the same.
-        """
-        (first, second, *_), axis = self._origins - ORIGINS, np.array(self.axes[0])
-        return np.asarray(first + axis * (axis @ second))
+        """(3,), m: true less reported place of the first joint in the trunk."""
+        return np.asarray(self._origins[0] - ORIGINS[0])
 
     def seen(self, mount: Mount, count: int) -> Mount:
         """The mount behind so many joints that fits the URDF, which contains no errors.

@@ -86,6 +86,8 @@ _STRIKE: Final = (0.05, 0.1)
 some hundredths."""
 _SPIKES: Final = 0.005
 """Share of samples: at 1 kHz every other window of 0.1 s has a spike then."""
+_THE_SAME: Final = 0.999
+"""Correlation of two components, by the motion, from which the log shows only their sum."""
 _OFFSET_LIMIT: Final = 0.02
 """s: a time offset with a larger sigma counts as unknown."""
 
@@ -597,17 +599,24 @@ def _too_large(
 
 def _like(answer: Answer, place: int) -> str:
     """Another unknown that the log hardly distinguishes from a component; empty if none."""
-    std = answer.std
-    shared = np.abs(answer.covariance[place]) / np.maximum(std * std[place], 1e-300)
+    alike = np.abs(_correlations(answer.covariance, place))
+    # Errors of two that act the same are not correlated where only one of them may be gross.
+    alike[np.abs(_correlations(answer.motion, place)) > _THE_SAME] = 1.0
     for each in answer.layout.placed:
         inside = each.part.start <= place < each.part.stop
-        if inside or isinstance(each.unknown.effect, Mount) or not shared[each.part].size:
+        if inside or isinstance(each.unknown.effect, Mount) or not alike[each.part].size:
             continue
-        worst = int(np.argmax(shared[each.part]))
-        if shared[each.part][worst] > 0.9:  # alone it is known to less than half of its sigma
+        worst = int(np.argmax(alike[each.part]))
+        if alike[each.part][worst] > 0.9:  # alone it is known to less than half of its sigma
             what = each.unknown.words.split(":")[0]
             return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
     return ""
+
+
+def _correlations(C: Floats, place: int) -> Floats:
+    """(n,), of one component with all."""
+    size = np.sqrt(np.maximum(np.diag(C), 0.0))
+    return np.asarray(C[place] / np.maximum(size * size[place], 1e-300))
 
 
 def _resting_on_priors(answer: Answer) -> Iterator[Finding]:

@@ -43,8 +43,6 @@ _PERPENDICULAR = 1e-2
 """Cosine of axes that are perpendicular: a per cent of a wrong axis does not matter."""
 _DISPLACED = 1e-3
 """m: a milliradian of a shorter lever is less than any mount is known to."""
-_APART = 0.5
-"""Sine of axes that are far from parallel: 30 degrees."""
 _CONSTANT = 1e-8
 """Variance of a direction cosine below which a direction does not turn: rounding."""
 
@@ -359,9 +357,6 @@ class _Chain:
                 own = np.eye(3) if whole else self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
                 directions = self._turning(index, own) if index < self._last else own
-                before = self._path.joint_steps.get(index - 1)
-                if whole and not of_stream and index < self._last and before is not None:
-                    directions = _not_along(before.axis, directions)
                 if len(directions):
                     yield index, directions, step.R
 
@@ -410,19 +405,6 @@ def _differs(error: Reading | Mount | Clock) -> bool:
     filters shows.
     """
     return isinstance(error, Reading) and not error.cancels
-
-
-def _not_along(axis: Floats, directions: Floats) -> Floats:
-    """(k, 3), directions of an origin without the one along the axis of the joint before.
-
-    In that one the origin before moves the same. Where it moves the mount too, it is not among the
-    directions, and an axis that is nearly parallel to it says nothing about the others.
-    """
-    along = directions @ axis
-    if np.linalg.norm(along) < _APART:
-        return directions
-    *_, others = np.linalg.svd(along[None])
-    return _towards_axes(others[1:] @ directions)
 
 
 def _towards_axes(directions: Floats) -> Floats:

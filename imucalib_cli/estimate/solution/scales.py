@@ -315,7 +315,9 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    gross = np.flatnonzero(problem.with_one_gross(mode) > _STANDS_OUT).tolist()
+    rises, gross = np.unique(problem.with_one_gross(mode).round(6), return_index=True)
+    # Of components that act the same, the first stands for all.
+    gross = gross[rises > _STANDS_OUT][::-1].tolist()
     systems = [problem, *(problem.under(problem.prior.with_one_gross(each)) for each in gross)]
     drawn, best = [], -math.inf
     for system, log_odds in zip(systems, [0.0, *[_GROSS] * len(gross)], strict=True):
