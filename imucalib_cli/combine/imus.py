@@ -137,7 +137,7 @@ def solve_together(logs: Sequence[LogStatistics]) -> list[Answer]:
     """Every unknown of every IMU of one log, errors of the robot in common."""
     system = System.of(logs)
     posterior = integrate(system.problem, most_likely(system.problem))
-    common = system.common_noise(posterior.u)
+    common = system.common_noise(posterior)
     return [each.answer(posterior, common, system.scales) for each in system.parts]
 
 
@@ -202,7 +202,7 @@ class System(Struct, frozen=True, eq=False):
     """Of the free components."""
     scales: tuple[Limits, ...]
 
-    def common_noise(self, u: Floats) -> Floats:
+    def common_noise(self, posterior: Posterior) -> Floats:
         """(N, N), added to the covariance of all components by noise that IMUs share.
 
         Noise of the joints and of the base IMU is in the windows of each IMU: their scores vary
@@ -211,7 +211,8 @@ class System(Struct, frozen=True, eq=False):
         scores = [each.scores for each in self.parts]
         every = np.sum(scores, axis=0)
         across = every.T @ every - sum(each.T @ each for each in scores)
-        _, inverse = self.problem.solve(u)
+        likely = self.problem.under(posterior.of_system(self.problem.prior))
+        _, inverse = likely.solve(posterior.u)
         return np.asarray(inverse @ across @ inverse)
 
     @classmethod

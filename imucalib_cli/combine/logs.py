@@ -109,8 +109,9 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         scattered=moves // 3,
     )
     posterior = integrate(*most_likely_together(equations))
+    equations = equations.under(posterior.of_system(equations.prior))
     answer = Answer(
-        layout=shared,
+        layout=posterior.of_system(shared),
         options=options[0],
         state=at.moved(shared, embedded(posterior.step, shared.free)),
         covariance=embedded(posterior.covariance, shared.free),

@@ -55,8 +55,7 @@ class NormalEquations(Struct, frozen=True, eq=False):
         layout = self.layout.under(options)
         problem = self.problem(layout, options)
         posterior = integrate(problem, most_likely(problem))
-        if posterior.gross is not None:
-            layout = layout.with_one_gross(int(np.flatnonzero(layout.free)[posterior.gross]))
+        layout = posterior.of_system(layout)
         step = embedded(posterior.step, layout.free)
         step -= np.where(layout.free, 0.0, prior_offset(layout, options, self.at))
         return Answer(

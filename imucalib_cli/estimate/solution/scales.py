@@ -18,7 +18,7 @@ Rubin, J. Am. Stat. Assoc. 82(398), 1987; at even steps, Kitagawa, J. Comput. Gr
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.model.prior import Prior
+
+    P = TypeVar("P", bound=Prior)
 
 _POINTS: Final = (64, 256, 1024, 4096)
 """Importance points: more where few of them count, as where scales are correlated. Thirty times as
@@ -240,7 +242,13 @@ class Posterior(Struct, frozen=True, eq=False):
     weights: Floats
     """(m,), how likely each is; their sum is 1."""
     gross: int | None = None
-    """The component that is gross in the most likely system, if one is."""
+    """The free component that is gross in the most likely system, if one is."""
+
+    def of_system(self, prior: P) -> P:
+        """The prior of the most likely system, of free components or of all."""
+        if self.gross is None:
+            return prior
+        return prior.with_one_gross(int(np.flatnonzero(prior.free)[self.gross]))
 
 
 def most_likely(problem: Problem, start: Floats | None = None) -> Floats:
