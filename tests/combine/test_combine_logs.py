@@ -140,6 +140,25 @@ def test_disagreeing_log_is_found_and_its_offset_measured() -> None:
     np.testing.assert_allclose(found.own[-1].distance[:3], away, atol=1e-3)
 
 
+def test_wrong_zero_of_the_robot_is_found_and_no_log_disagrees() -> None:
+    zeros = np.array([0.0, 0.0, 0.0, 1e-2, 0.0, 0.0])
+    logs = [
+        make_log(Moves(seed=seed, seconds=15.0), zeros=zeros).noisy(seed, "industrial")
+        for seed in range(3)
+    ]
+    combined = together([solve(log) for log in logs])
+    part = next(
+        each.part
+        for each in combined.answer.layout.placed
+        if each.labels == ("j3",) and each.unknown.name == "joint_zero"
+    )
+    value, std = combined.answer.state.x[part], combined.answer.std[part]
+    assert abs(value[0] + 1e-2) < 4.0 * std[0] < 2e-3
+    assert not any(own.disagrees for own in combined.own)
+    pose, covariance = error_of(combined.answer.state, MOUNT), combined.answer.pose_covariance
+    assert nees(pose, covariance) < 22.5
+
+
 def test_each_log_keeps_its_own_biases() -> None:
     logs = recordings(2, 3)
     estimates = [solve(log) for log in logs]
