@@ -1,6 +1,7 @@
 """How well the parts of a log agree: the numbers against repeated and separate estimates."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from tests.estimate.estimate_arm import (
     Moves,
     Solved,
     make_log,
+    prior,
     solve,
     solve_exact,
 )
@@ -71,6 +73,24 @@ def test_scatter_of_parts_is_in_sigma(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("held", [{"tz": 0.0}, {"tz": 0.0, "rx": 0.0, "ry": 0.0}])
+def test_parts_and_windows_are_compared_where_components_are_held(held: dict[str, Any]) -> None:
+    """As the mount of a planar robot is; about an axis that is free it scatters here."""
+    known = prior(**held)
+    log = clean(replace(MOVES, seconds=40.0)).noisy(1)
+    sound = solve(log, pose=known)
+    assert sound.trusted
+    parts, free = agreement(sound), sound.sigma > 0.0
+    assert 0.3 < parts.segment_chi2 < 2.5
+    assert ((parts.fold_std > 0.0) == free).all()
+    assert ((parts.halves_difference != 0.0) == free).all()
+    assert len(sound.log_statistics.windows) == 2
+    angle = 2e-3 * np.sin(2 * np.pi * log.imu.t / 13.0)
+    turned = Rotation.from_rotvec(np.outer(angle, [0.0, 0.0, 1.0]))
+    wobbling = log.with_imu(gyro=turned.apply(log.imu.gyro), accel=turned.apply(log.imu.accel))
+    assert "parts.disagree" in solve(wobbling, pose=known).codes
+
+
 def test_jackknife_and_halves_agree_with_sigma_for_pure_noise() -> None:
     found = [solve(clean().noisy(seed)) for seed in range(12)]
     # Seven folds of one log give a sigma to a third; the mean over logs to a tenth.

@@ -174,17 +174,18 @@ class Segments:
         return np.flatnonzero(np.isin(self._free, wanted))
 
     def consistency(self) -> Consistency | None:
-        """Folds and halves of the pose; None where it is not free."""
+        """Folds and halves of the pose, zero of what is held; None where all of it is."""
         pose = self._places("translation", "rotation")
-        if len(pose) < 6:
+        if not len(pose):
             return None
+        moves = self._fit.layout.free[self._fit.layout.pose]
         A, b = self._sums.folds()
         others = inverse_of(self._total - A)
         each = (others @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
         half, block = len(self._A) // 2, np.ix_(pose, pose)
-        solutions, covariances, left = [], [], np.zeros((6, 6))
+        solutions, covariances, left = [], [], np.zeros((len(pose),) * 2)
         for part in (slice(0, half), slice(half, None)):
             inverse = inverse_of(self._A[part].sum(axis=0) + self._P)
             solutions.append(-(inverse @ self._b[part].sum(axis=0)))
@@ -200,8 +201,8 @@ class Segments:
         ratio, sigmas = self._disagreement(each, others[:, pose][:, :, pose], pose)
         return Consistency(
             folds=FOLDS,
-            fold_std=fold_std,
-            halves_difference=difference,
+            fold_std=embedded(fold_std, moves),
+            halves_difference=embedded(difference, moves),
             halves_sigmas=float(np.sqrt(apart / max(seen.shape[1], 1))),
             segment_chi2=ratio,
             segment_sigmas=sigmas,
@@ -214,16 +215,17 @@ class Segments:
         The chance as a normal deviate: the cube root of chi-squared is nearly normal.
 
         Args:
-            changes: (FOLDS, 6), of the pose if a fold is left out.
-            left: (FOLDS, 6, 6), inverse information of the other folds.
-            pose: Places of the pose.
+            changes: (FOLDS, p), of the free pose if a fold is left out.
+            left: (FOLDS, p, p), inverse information of the other folds.
+            pose: (p,), places of the free pose.
 
         Source: the ratio, Birge, Phys. Rev. 40(2), 1932; Wilson and Hilferty, PNAS 17(12), 1931.
         """
-        whole, C = self._inverse[np.ix_(pose, pose)], self._fit.pose_covariance
+        moves = self._fit.layout.free[self._fit.layout.pose]
+        whole, C = self._inverse[np.ix_(pose, pose)], self._fit.pose_covariance[moves][:, moves]
         # A change is large where the others know little: its covariance is what they know less.
         expected = (left - whole) * (np.trace(inverse_of(whole) @ C) / len(pose))
-        weight = inverse_of(expected + _MATTERS**2 * C + np.diag(NEGLIGIBLE**2))
+        weight = inverse_of(expected + _MATTERS**2 * C + np.diag(NEGLIGIBLE[moves] ** 2))
         share = weight @ expected
         total = float(np.trace(share.sum(axis=0)))
         squares = max(float(np.einsum("kij,kji->", share, share)), 1e-300)

@@ -42,7 +42,7 @@ class Dependence(WindowAnswer, frozen=True, kw_only=True, eq=False):
     """How the pose changes with the window."""
 
     difference: Floats
-    """(6,), of the pose, m and rad."""
+    """(6,), of the pose, m and rad; zero of what is held."""
     covariance: Floats
     """(6, 6), of that difference by noise and priors."""
     parts: int
@@ -50,7 +50,10 @@ class Dependence(WindowAnswer, frozen=True, kw_only=True, eq=False):
 
     @property
     def sigmas(self) -> float:
-        """Size of the difference as a normal deviate of the same probability (Hotelling 1931)."""
+        """Size of the difference as a normal deviate of the same probability (Hotelling 1931).
+
+        Of six components, which is a little less where some are held.
+        """
         floor = np.diag(NEGLIGIBLE**2)
         square = float(squared_distance(self.difference, self.covariance + floor))
         freedom = self.parts - len(self.difference)
@@ -61,8 +64,6 @@ class Dependence(WindowAnswer, frozen=True, kw_only=True, eq=False):
 def window_dependence(fit: Fit) -> list[Dependence]:
     """Solve at half and at twice the window; nothing where the log or the window is too short."""
     windowing = fit.model.windowing
-    if not fit.layout.free[fit.layout.pose].all():
-        return []
     own_answer = _solved(
         fit, fit.parts.sum(axis=0), fit.parts[:, 1:, 0], fit.statistics.noise_score
     )
@@ -129,11 +130,13 @@ def _solved(
         Step (n,) of the free components, the contribution (PARTS, 6) of each part of the log to the
         pose, and the pose's rows (6, n) of the inverse information.
     """
-    free = np.flatnonzero(fit.layout.free)
+    layout = fit.layout
+    free = np.flatnonzero(layout.free)
     step, inverse = fit.problem(total, noise_score).solve(fit.u)
-    inverse = inverse[np.searchsorted(free, fit.layout.pose)]
+    rows = np.zeros((layout.size, len(free)))
+    rows[free] = inverse
     each = scores[:, free] / fit.equations.level
-    return step, -(each @ inverse.T), np.asarray(inverse)
+    return step, -(each @ rows[layout.pose].T), rows[layout.pose]
 
 
 def _sound(fit: Fit, length: int) -> bool:
