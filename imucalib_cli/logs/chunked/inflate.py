@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
 import numpy as np
@@ -135,9 +136,19 @@ def inflate(compression: str, packed: memoryview, claimed: int, scratch: Scratch
             decompressor = zstandard.ZstdDecompressor()
             source = decompressor.stream_reader(packed, read_across_frames=True)
         case "lz4":
-            source = _Lz4(packed)
+            import lz4.frame
+
+            context = lz4.frame.create_decompression_context()
+            source = _Stepwise(packed, partial(lz4.frame.decompress_chunk, context))
         case "bz2":
-            source = _Bz2(packed)
+            import bz2
+
+            unpacker = bz2.BZ2Decompressor()
+
+            def unpack(data: memoryview, max_length: int) -> tuple[bytes, int, bool]:
+                return unpacker.decompress(data, max_length), len(data), unpacker.eof
+
+            source = _Stepwise(packed, unpack)
         case _:
             raise ValueError(f"compression {compression[:_LONGEST_NAME]!r} is not known")
     most = min(_LARGEST, max(_ALWAYS, _MOST_RATIO * len(packed)))
@@ -170,53 +181,25 @@ class _Part:
 class _Stepwise:
     """Decompress in steps: the allocator would map and unmap large results each time."""
 
+    def __init__(self, packed: memoryview, unpack: Any) -> None:
+        self._left = packed
+        self._unpack = unpack
+        """Returns unpacked bytes, how many packed ones it has used, and whether it has ended."""
+        self._ended = False
+
     def readinto(self, buffer: memoryview, /) -> int:
         done = 0
-        while done < len(buffer):
+        while done < len(buffer) and not self._ended:
+            room = min(_STEP, len(buffer) - done)
             try:
-                out = self.step(min(_STEP, len(buffer) - done))
+                out, used, self._ended = self._unpack(self._left, max_length=room)
             except (OSError, RuntimeError):
                 if done:  # bytes before the damage are sound; the next call raises again
                     return done
                 raise
-            if out is None:
+            if not out and not used:
                 break
+            self._left = self._left[used:]
             buffer[done : done + len(out)] = out
             done += len(out)
         return done
-
-    def step(self, size: int) -> bytes | None:
-        """Up to this many further bytes; None at the end."""
-        raise NotImplementedError
-
-
-class _Lz4(_Stepwise):
-    def __init__(self, packed: memoryview) -> None:
-        import lz4.frame
-
-        self._left = packed
-        self._context: Any = lz4.frame.create_decompression_context()
-        self._unpack: Any = lz4.frame.decompress_chunk
-        self._ended = False
-
-    def step(self, size: int) -> bytes | None:
-        if self._ended:
-            return None
-        out, used, self._ended = self._unpack(self._context, self._left, max_length=size)
-        self._left = self._left[used:]
-        return out if out or used else None
-
-
-class _Bz2(_Stepwise):
-    def __init__(self, packed: memoryview) -> None:
-        import bz2
-
-        self._input: bytes | memoryview = packed
-        self._decompressor = bz2.BZ2Decompressor()
-
-    def step(self, size: int) -> bytes | None:
-        if self._decompressor.eof:
-            return None
-        out = self._decompressor.decompress(self._input, max_length=size)
-        self._input = b""
-        return out or None
