@@ -286,8 +286,6 @@ class ChunkedFile(LogFile):
             DamageError: There is no chunk.
             ValueError: Its compression is not known.
         """
-        if chunk.length:
-            return inflate_file(file, chunk.start, chunk.length, self._scratch, chunk.length), 0
         head = chunk.head = chunk.head or self._chunk_head(file, chunk.start)
         size = max(0, min(head.end, self.size) - head.start)
         if head.is_plain:
@@ -370,7 +368,9 @@ class Scan:
             return
         index = {number: np.array(rows, dtype=np.int64) for number, rows in self._run.items()}
         self._run = {}
-        self._add(Chunk(start=self._run_start, length=stop - self._run_start, index=index))
+        size = stop - self._run_start
+        head = ChunkHead(self._run_start, packed=size, claimed=size, compression="")
+        self._add(Chunk(start=self._run_start, head=head, index=index))
 
     def _chunk(self, at: int) -> None:
         chunk = Chunk(start=at)

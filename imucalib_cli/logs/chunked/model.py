@@ -23,8 +23,6 @@ class Chunk(Struct, kw_only=True):
 
     start: int
     """File offset of the chunk's record; of the first message where there is no chunk."""
-    length: int = 0
-    """Bytes of messages outside of any chunk; 0 for a chunk."""
     index_at: dict[int, int] | None = None
     """Channel to the file offset of its message index; None if the channels are not listed."""
     index: Index | None = None
@@ -36,7 +34,7 @@ class Chunk(Struct, kw_only=True):
     is_plain: bool = False
     """Whether its messages are stored uncompressed, by the file's index."""
     head: ChunkHead | None = None
-    """Once it has been read."""
+    """Once it has been read; of messages outside of any chunk as if they had one."""
 
     @property
     def index_start(self) -> int:
