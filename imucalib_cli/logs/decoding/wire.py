@@ -117,8 +117,15 @@ class _Shape:
                 case messages.Numbers(_, count, name, kind):
                     known = self._count(int(kind[1])) if count is None else count
                     self._numbers(place, name, known, kind)
-                case messages.Structs() | messages.Interfaces() | messages.Repeat():
-                    self._structs(each, place)
+                case messages.Structs(_, inner, count):
+                    for _ in range(self._count(1) if count is None else self._bounded(count, 1)):
+                        self._fields(inner, place)
+                case messages.Repeat(_, inner):
+                    for _ in range(self._count(_LEAST_ELEMENT)):
+                        self.places.append(_Place({**self._texts}))
+                        self._fields(inner, self.places[-1])
+                case messages.Interfaces():
+                    self._interfaces(place)
                 case _:
                     self._labels(each, place)
 
@@ -142,18 +149,6 @@ class _Shape:
                 # A string takes at least its length field, which bounds the count.
                 texts = tuple(self._text(name) for _ in range(self._count(4)))
                 place.texts |= {name: texts} if name else {}
-
-    def _structs(self, each: messages.Field, place: _Place) -> None:
-        match each:
-            case messages.Structs(_, inner, count):
-                for _ in range(self._count(1) if count is None else self._bounded(count, 1)):
-                    self._fields(inner, place)
-            case messages.Interfaces():
-                self._interfaces(place)
-            case messages.Repeat(_, inner):
-                for _ in range(self._count(_LEAST_ELEMENT)):
-                    self.places.append(_Place({**self._texts}))
-                    self._fields(inner, self.places[-1])
 
     def _interfaces(self, place: _Place) -> None:
         measured = []
