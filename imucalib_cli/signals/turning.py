@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from imucalib_cli.errors import InputError
 from imucalib_cli.signals.moves import REPEATED
 from imucalib_cli.signals.noise import MAD_TO_STD
-from imucalib_cli.signals.stretches import stretches_of
+from imucalib_cli.signals.stretches import Stretches, stretches_of
 from imucalib_cli.signals.timing.lag import best_lag
 
 if TYPE_CHECKING:
@@ -207,8 +207,7 @@ def _mean_rates(t: Floats, gyro: Floats, edges: Floats) -> Floats:
     outside = (edges[:-1] < t[0]) | (edges[1:] > t[-1])
     wide = max(_HOLES * float(np.median(steps)), BIN)
     holes = np.flatnonzero(steps > wide)
-    count = np.zeros(len(edges), np.intp)
-    np.add.at(count, np.searchsorted(edges[1:], t[holes], side="right"), 1)
-    np.add.at(count, np.searchsorted(edges[:-1], t[holes + 1], side="left"), -1)
-    rates[outside | (np.cumsum(count)[:-1] > 0)] = np.nan
+    first = np.searchsorted(edges[1:], t[holes], side="right")
+    end = np.searchsorted(edges[:-1], t[holes + 1], side="left")
+    rates[outside | Stretches(first, end).mask(len(rates))] = np.nan
     return np.asarray(rates)
