@@ -290,10 +290,6 @@ class RangedReader(io.RawIOBase):
         self._at = offset + {io.SEEK_SET: 0, io.SEEK_CUR: self._at}.get(whence, self.file.size or 0)
         return self._at
 
-    def tell(self) -> int:
-        """Position."""
-        return self._at
-
     def readinto(self, buffer: Buffer, /) -> int:
         """Fill a buffer, but for the end of the file."""
         got = self.file.read_into(self._at, memoryview(buffer).cast("B"))

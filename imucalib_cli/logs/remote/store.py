@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 from msgspec import Struct
 
 from imucalib_cli.logs.remote.url import protocol_of
 from imucalib_cli.shown import without_secrets
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 Span = tuple[int, int]
 """Start and end of some bytes of a file."""
@@ -95,21 +92,16 @@ class AnyStore:
     def copy_to(self, target: BinaryIO, received: Received) -> None:
         """Read the whole file from front to back."""
         self._traffic.requests += 1
-        for data in self._blocks():
-            target.write(data)
-            self._traffic.count(len(data), received)
+        with _translated(lambda: self._fs.open(self._path, "rb")) as file:
+            while data := _translated(lambda: file.read(_STEP)):
+                target.write(data)
+                self._traffic.count(len(data), received)
 
     def check_unchanged(self) -> None:
         """Check that the file is still the one that was opened."""
         self._fs.invalidate_cache()
         if self._identity() != (self.size, self.version):
             raise RemoteError(CHANGED)
-
-    def _blocks(self) -> Iterator[bytes]:
-        file = _translated(lambda: self._fs.open(self._path, "rb"))
-        with file:
-            while data := _translated(lambda: file.read(_STEP)):
-                yield data
 
     def _identity(self) -> tuple[int | None, str]:
         self._traffic.requests += 1
