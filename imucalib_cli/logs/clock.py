@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.findings import Finding, note, warning, warnings
+from imucalib_cli.findings import Finding, note, warning
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,11 +56,6 @@ class Clock(Struct, frozen=True, kw_only=True):
     """Problems of the stamps of single topics, and how they were handled."""
     alternative: Kind | None = None
     """The kind that is not used, if its stamps are others and look sound."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return warnings(self.findings)
 
     def stamps_ns(self, stream: Stream) -> Nanoseconds:
         """The stamps that are used, (N,), ns."""

@@ -9,7 +9,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.findings import Finding, warning, warnings
+from imucalib_cli.findings import Finding, warning
 from imucalib_cli.logs.messages.protobuf import is_damaged
 from imucalib_cli.logs.messages.shapes import numbers_of
 from imucalib_cli.logs.open import check_csv_columns, open_files, readers_with
@@ -48,11 +48,6 @@ class LogData(Struct, kw_only=True):
     """Texts of topics of strings, each once, in the order of the log."""
     findings: tuple[Finding, ...] = ()
     """Damage, rows left out, and anything unusual, each about a ``file`` or a ``topic``."""
-
-    @property
-    def losses(self) -> tuple[str, ...]:
-        """The findings in words."""
-        return warnings(self.findings)
 
 
 class Log:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs.clock import Kind, choose_clock
 from imucalib_cli.logs.streams import PoseStream, Stream
 
@@ -39,7 +40,7 @@ def test_valid_headers_are_used() -> None:
     imu, joints = stream(), stream("/joints", rate=50.0)
     clock = choose_clock([imu, joints])
     assert clock.kind == "header"
-    assert clock.warnings == ()
+    assert warnings(clock.findings) == ()
     assert clock.origin_ns == START
     np.testing.assert_allclose(clock.seconds(imu), np.arange(2000) / 100, atol=1e-12)
     assert choose_clock([imu, joints], "log").kind == "log"
@@ -71,9 +72,9 @@ def test_one_stream_with_bad_headers_switches_all_to_receive_times(header: Any, 
     others = [stream("/joints", rate=50.0), stream("/tf", rate=30.0)]
     clock = choose_clock([imu, *others])
     assert clock.kind == "log"
-    assert len(clock.warnings) == 1
-    assert says in clock.warnings[0]
-    assert "/imu" in clock.warnings[0]
+    assert len(warnings(clock.findings)) == 1
+    assert says in warnings(clock.findings)[0]
+    assert "/imu" in warnings(clock.findings)[0]
     np.testing.assert_array_equal(clock.stamps_ns(imu), imu.log_ns)
     assert choose_clock([imu, *others], "header").kind == "header"
 
@@ -94,7 +95,7 @@ def test_mutually_consistent_headers_are_used(header: Any) -> None:
     streams = [stream(header=header), stream("/joints", rate=500.0, header=header)]
     clock = choose_clock(streams)
     assert clock.kind == "header"
-    assert clock.warnings == ()
+    assert warnings(clock.findings) == ()
     assert float(np.median(clock.seconds(streams[0]))) < 21
 
 
@@ -119,14 +120,14 @@ def test_times_of_a_table_may_be_negative() -> None:
     """They count from the start of a motion; only zero says that nobody set a stamp."""
     motion = table(stream(header=lambda t: t - 10 * SECOND).header_ns)
     clock = choose_clock([motion])
-    assert clock.warnings == ()
+    assert warnings(clock.findings) == ()
     assert clock.seconds(motion)[0] == 0.0
 
 
 def test_two_bad_clocks_keep_headers_with_a_warning() -> None:
     clock = choose_clock([unreceived(np.zeros_like)])
     assert clock.kind == "header"
-    assert "no better" in clock.warnings[0]
+    assert "no better" in warnings(clock.findings)[0]
     assert clock.alternative is None
     assert choose_clock([]).origin_ns == 0
 
@@ -140,10 +141,10 @@ def test_only_valid_stamps_are_an_alternative() -> None:
 
 
 def test_requested_clock_warns_only_if_another_is_better() -> None:
-    (warning,) = choose_clock([stream(header=np.zeros_like)], "header").warnings
+    (warning,) = warnings(choose_clock([stream(header=np.zeros_like)], "header").findings)
     assert warning.endswith("yet --clock header was asked for: try --clock log")
     wishes: tuple[tuple[Kind, str], ...] = (("header", "receive times"), ("log", "header stamps"))
     for kind, other in wishes:
-        (warning,) = choose_clock([unreceived(np.zeros_like)], kind).warnings
+        (warning,) = warnings(choose_clock([unreceived(np.zeros_like)], kind).findings)
         assert "try" not in warning
         assert f"and {other} of /imu are all zero" in warning

@@ -18,6 +18,7 @@ import zstandard
 from mcap.writer import CompressionType, IndexType
 
 from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs import unpacked
 from imucalib_cli.logs.decoding import decode
 from imucalib_cli.logs.log import LogData, open_log
@@ -65,7 +66,7 @@ def assert_read(content: bytearray, damaged: Path, said: list[Said], least: int,
     damaged.write_bytes(content)
     data = read_all(damaged)
     assert_part(data, said, at_least=least)
-    assert any(loss in each for each in data.losses)
+    assert any(loss in each for each in warnings(data.findings))
 
 
 def without_index(content: bytes) -> bytearray:
@@ -116,8 +117,8 @@ def test_truncated_log_is_used_up_to_the_cut(
         count = assert_prefix(data, whole)
         assert count > (share - 0.25) * len(whole.imus["/imu"])
         if share < 0.95:  # an MCAP file ends with the index alone
-            assert data.losses
-            assert str(damaged) in data.losses[0]
+            assert warnings(data.findings)
+            assert str(damaged) in warnings(data.findings)[0]
 
 
 @pytest.mark.parametrize(
@@ -131,7 +132,7 @@ def test_log_without_index_loses_no_message(
     damaged.write_bytes(without_index(path.read_bytes()) + junk)
     data = read_all(damaged)
     assert assert_prefix(data, read_all(path)) == 300
-    assert data.losses
+    assert warnings(data.findings)
 
 
 @pytest.mark.parametrize(
@@ -157,7 +158,7 @@ def test_mcap_with_partial_index_is_read(
     data = read_all(path)
     assert assert_prefix(data, whole) == 300
     assert len(data.poses["/tf"]) == 3
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 def test_other_encodings_do_not_affect_reading(messages: list[Said], tmp_path: Path) -> None:
@@ -181,7 +182,7 @@ def test_other_encodings_do_not_affect_reading(messages: list[Said], tmp_path: P
     ]
     data = log.read(["/imu"])
     assert len(data.imus["/imu"]) == 300
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 @pytest.mark.parametrize("storage", ["bag-none", "mcap-zstd", "db3"])
@@ -198,7 +199,7 @@ def test_invalid_messages_are_skipped_and_counted(storage: str, written: Write) 
     data = read_all(one_file(written(imus, storage)))
     bad = 6 if storage == "db3" else 5
     assert len(data.imus["/imu"]) == 300 - bad
-    assert data.losses == (
+    assert warnings(data.findings) == (
         f"/imu: {bad} of 300 messages do not fit sensor_msgs/Imu and are left out",
     )
 
@@ -212,7 +213,7 @@ def test_frame_of_joint_states_may_be_anything(storage: str, written: Write) -> 
         each.message = replace(each.message, header=header)
     data = read_all(one_file(written(joints, storage)))
     assert sum(map(len, data.joints["/joint_states"])) == len(joints)
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 def test_damaged_chunk_loses_only_its_messages(tmp_path: Path, damaged: Path) -> None:
@@ -223,7 +224,7 @@ def test_damaged_chunk_loses_only_its_messages(tmp_path: Path, damaged: Path) ->
     data = read_all(damaged)
     assert_part(data, said, at_least=201)
     assert len(data.imus["/imu"]) < 300
-    assert any("checksum" in loss for loss in data.losses)
+    assert any("checksum" in loss for loss in warnings(data.findings))
 
 
 def test_wiped_summary_loses_no_message(tmp_path: Path, damaged: Path) -> None:
@@ -297,7 +298,7 @@ def test_unchunked_mcap_is_read_past_damage(tmp_path: Path, damaged: Path) -> No
     damaged.write_bytes(content)
     data = read_all(damaged)
     assert_part(data, said, at_least=len(said) - 6)
-    assert sum("are damaged and left out" in loss for loss in data.losses) == 3
+    assert sum("are damaged and left out" in loss for loss in warnings(data.findings)) == 3
 
 
 def test_damaged_chunk_without_checksum_is_reported(tmp_path: Path, damaged: Path) -> None:
@@ -338,7 +339,7 @@ def test_many_losses_are_summarised(tmp_path: Path, damaged: Path) -> None:
     for start, _ in chunks_of(content)[::2]:
         content[start] = 0
     damaged.write_bytes(content)
-    losses = read_all(damaged).losses
+    losses = warnings(read_all(damaged).findings)
     assert len(losses) < 12
     assert any("further losses" in loss for loss in losses)
 
@@ -392,7 +393,7 @@ def test_decompression_bomb_chunk_loses_only_its_messages(tmp_path: Path) -> Non
     with limited(1 << 30):
         data_read = open_log([path]).read(["/imu"])
     assert len(data_read.imus["/imu"]) == 100
-    assert any("used as far as it can be unpacked" in loss for loss in data_read.losses)
+    assert any("used as far as it can be unpacked" in loss for loss in warnings(data_read.findings))
 
 
 @pytest.mark.slow
@@ -408,7 +409,7 @@ def test_decompression_bomb_messages_are_skipped(
     with limited(1 << 29):
         data = open_log([path]).read(["/imu"])
     assert len(data.imus["/imu"]) == 100
-    assert any("100 of 200 messages do not fit" in loss for loss in data.losses)
+    assert any("100 of 200 messages do not fit" in loss for loss in warnings(data.findings))
 
 
 def test_decompression_bomb_file_is_stopped(
@@ -441,7 +442,7 @@ def test_claimed_element_counts_are_not_trusted(written: Write) -> None:
     with limited(1 << 28):
         data = open_log([path]).read(["/joint_states", "/tf"])
     assert data.joints["/joint_states"]
-    assert any("do not fit" in loss for loss in data.losses)
+    assert any("do not fit" in loss for loss in warnings(data.findings))
 
 
 @pytest.mark.parametrize(
@@ -459,7 +460,10 @@ def test_memory_is_bounded_by_log_size(
     write_mcap(path, [first] * 40_000, chunk_size=1 << 18)
     data = open_log([path]).read(["/imu"])
     assert 0 < len(data.imus["/imu"]) < 40_000
-    assert any("which no log does: the part before them is used" in loss for loss in data.losses)
+    assert any(
+        "which no log does: the part before them is used" in loss
+        for loss in warnings(data.findings)
+    )
 
 
 def test_temporary_copies_are_removed_when_reading_is_done(
@@ -490,7 +494,8 @@ def test_decompression_bomb_table_is_truncated(
     (topic,) = log.topics
     assert 0 < topic.count <= (1 << 20) // 14
     assert any(
-        "unpacks to over 100 times its size" in loss for loss in log.read([topic.name]).losses
+        "unpacks to over 100 times its size" in loss
+        for loss in warnings(log.read([topic.name]).findings)
     )
 
 
@@ -506,7 +511,7 @@ def test_well_compressed_log_is_read_completely(
     write_mcap(path, said)
     data = open_log([path]).read(["/imu"])
     assert len(data.imus["/imu"]) == 5000
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 def test_claimed_lengths_are_not_allocated(tmp_path: Path, damaged: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs.db3.file import Db3File
 from imucalib_cli.logs.db3.pages import salvage
 from imucalib_cli.logs.log import open_log
@@ -205,7 +206,7 @@ def test_db3_is_read_past_a_damaged_page(tmp_path: Path, page: str) -> None:
     known = {each.log_ns for each in said}
     assert len(set(imu.log_ns.tolist()) & known) == len(imu)
     if len(imu) < len(said) or page == "root":
-        assert any("damaged" in loss for loss in data.losses)
+        assert any("damaged" in loss for loss in warnings(data.findings))
 
 
 def test_reading_a_write_ahead_log_leaves_no_files(tmp_path: Path) -> None:
@@ -228,13 +229,13 @@ def test_reading_a_write_ahead_log_leaves_no_files(tmp_path: Path) -> None:
     (crashed / "a.db3-wal").write_bytes(wal)
     whole = read_all(crashed / "a.db3")
     assert len(whole.imus["/imu"]) == 400
-    assert whole.losses == ()
+    assert warnings(whole.findings) == ()
     assert sorted(each.name for each in crashed.iterdir()) == ["a.db3", "a.db3-wal"]
     # Cut off while it was written: the transactions before count, and the rest is reported.
     (crashed / "a.db3-wal").write_bytes(wal[: len(wal) * 3 // 4])
     cut = read_all(crashed / "a.db3")
     assert len(cut.imus["/imu"]) in {200, 300}
-    assert any("its -wal is damaged or was cut off" in loss for loss in cut.losses)
+    assert any("its -wal is damaged or was cut off" in loss for loss in warnings(cut.findings))
     # Where SQLite cannot work beside the file, it works on a copy.
     (crashed / "a.db3-wal").write_bytes(wal)
     (crashed / "a.db3-shm").mkdir()
@@ -250,7 +251,7 @@ def test_file_in_wal_mode_is_not_modified(tmp_path: Path) -> None:
     assert path.read_bytes()[18:20] == b"\2\2"
     data = read_all(path)
     assert len(data.imus["/imu"]) == 30
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
     assert sorted(each.name for each in path.parent.iterdir()) == before
 
 

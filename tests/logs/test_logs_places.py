@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs.log import open_log
 from tests.logs.logs_samples import (
     Said,
@@ -105,7 +106,7 @@ def test_vanishing_or_shrinking_file_gives_no_traceback(
         except ImucalibError as error:
             assert "\n" not in str(error)  # noqa: PT017 - either way is right
         else:
-            assert data.losses
+            assert warnings(data.findings)
 
 
 @pytest.mark.parametrize("storage", ["mcap-zstd", "bag-none"])
@@ -133,7 +134,7 @@ def test_unusable_parts_lose_only_their_messages(tmp_path: Path) -> None:
         metadata.write_text(named.replace(f"- {name}", f"- {other}\n  - {name}"))
         data = open_log([folder]).read(["/imu"])
         assert len(data.imus["/imu"]) == 20
-        assert any("left out" in loss and other in loss for loss in data.losses)
+        assert any("left out" in loss and other in loss for loss in warnings(data.findings))
     (folder / name).write_bytes(b"")
     assert "is empty" in refused(folder / name)
 
@@ -164,7 +165,10 @@ def test_renamed_files_of_a_folder_are_found(tmp_path: Path) -> None:
     path.rename(folder / "renamed.bag")
     data = open_log([folder]).read(["/imu"])
     assert len(data.imus["/imu"]) == 5
-    assert any(f"{path.name} is named in metadata.yaml but is not" in loss for loss in data.losses)
+    assert any(
+        f"{path.name} is named in metadata.yaml but is not" in loss
+        for loss in warnings(data.findings)
+    )
 
 
 def test_invalid_strings_drop_only_their_messages(written: Write) -> None:
@@ -178,7 +182,7 @@ def test_invalid_strings_drop_only_their_messages(written: Write) -> None:
     data = open_log([written(said, "mcap-none")]).read(["/vicon"])
     (pose,) = data.poses["/vicon"]
     assert len(pose) == 37
-    assert data.losses == (
+    assert warnings(data.findings) == (
         "/vicon: 3 of 40 messages do not fit geometry_msgs/TransformStamped and are left out",
     )
 
@@ -195,6 +199,6 @@ def test_impossible_joint_positions_are_dropped_row_by_row(written: Write) -> No
     streams = {len(each.names): each for each in data.joints["/joint_states"]}
     assert len(streams[3]) == len(arm) - 4
     assert len(streams[1]) == len(said) - len(arm)  # a joint without an encoder
-    assert data.losses == (
+    assert warnings(data.findings) == (
         "/joint_states: 4 messages whose positions are not finite or beyond 1e+09 are left out",
     )

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2
 
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs.decoding import wire
 from imucalib_cli.logs.log import LogData, open_log
 from imucalib_cli.logs.messages.columns import joint_columns
@@ -92,7 +93,7 @@ def test_low_state_contains_imu_and_joints(
     if slow:
         monkeypatch.setattr(wire, "MAX_SHAPES", 0)
     data = read(log)
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
     imu, (joints,) = data.imus["/lowstate"], data.joints["/lowstate"]
     np.testing.assert_array_equal(np.hstack([imu.gyro, imu.accel]), numbers[:, :6])
     np.testing.assert_array_equal(joints.position, numbers[:, 6:])
@@ -253,7 +254,7 @@ def test_foxglove_transforms_and_poses_are_read(encoding: str, tmp_path: Path) -
         said.append(("/pose", "foxglove.PoseInFrame", message, ns))
     path = shapes.write_plain(tmp_path / "log.mcap", said, encoding)
     data = read(path)
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
     found = {(each.parent, each.child): each for each in data.poses["/tf"]}
     assert found.keys() == {("world", "base"), ("base", "arm")}
     (of_map,) = data.poses["/pose"]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs.decoding import decode, wire
 from imucalib_cli.logs.log import LogData, open_log
 from tests.logs.logs_samples import (
@@ -138,7 +139,7 @@ def test_every_storage_reads_like_rosbags(
     data = log.read([topic.name for topic in log.topics if topic.kinds], told.append)
     assert told == sorted(told)
     assert told[0] < told[-1] == 1
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
     assert_same(data, rows)
     topics = {topic.name: topic for topic in log.topics}
     assert len(topics) == 10
@@ -187,7 +188,7 @@ def test_large_messages_among_wanted_ones_are_handled(storage: str, written: Wri
     only = open_log([path]).read(["/imu"])
     assert len(only.imus["/imu"]) == 20
     assert only.joints == {}
-    assert only.losses == ()
+    assert warnings(only.findings) == ()
 
 
 @pytest.mark.parametrize("storage", ["mcap-zstd", "bag-lz4"])
@@ -227,7 +228,7 @@ def test_files_of_one_recording_are_joined_in_any_storage(
     parts = [written(messages[half:], *second), written(messages[:half], *first)]
     data = read_all(*parts)
     assert_same(data, rows_of_messages(messages))
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
     if parts[0].name == "split_1.mcap":  # by their numbers, those of a folder are one recording
         assert_same(read_all(parts[0].parent), rows_of_messages(messages))
 
@@ -272,14 +273,14 @@ def test_parts_of_one_recording_raise_no_warning(tmp_path: Path) -> None:
     parts.append(_part(tmp_path / "c.bag", 20.0, "bag-none"))
     data = open_log(parts).read(["/imu"])
     assert len(data.imus["/imu"]) == 3 * len(open_log(parts[:1]).read(["/imu"]).imus["/imu"])
-    assert data.losses == open_log(parts[:1]).read(["/imu"]).losses == ()
+    assert warnings(data.findings) == warnings(open_log(parts[:1]).read(["/imu"]).findings) == ()
 
 
 def test_overlapping_files_are_reported(tmp_path: Path) -> None:
     first, second = _part(tmp_path / "a.mcap", 0.0), _part(tmp_path / "b.mcap", 0.5)
-    (told,) = open_log([second, first]).read(["/joint_states"]).losses
+    (told,) = warnings(open_log([second, first]).read(["/joint_states"]).findings)
     assert told == (
         f"{first} and {second} overlap by 0.995 s: if they are two recordings, name each alone"
     )
     again = _part(tmp_path / "c.mcap", 0.0)
-    assert len(open_log([first, second, again]).read(["/joint_states"]).losses) == 2
+    assert len(warnings(open_log([first, second, again]).read(["/joint_states"]).findings)) == 2

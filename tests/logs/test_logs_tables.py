@@ -11,6 +11,7 @@ import pytest
 import zstandard
 
 from imucalib_cli.errors import ImucalibError, InputError
+from imucalib_cli.findings import warnings
 from imucalib_cli.logs.log import LogData, open_log
 from tests.logs.logs_samples import mixed_messages, write_log
 
@@ -100,7 +101,7 @@ def test_imu_is_recognised_by_column_names(tmp_path: Path, header: str, separato
     path = write(tmp_path / "imu.csv", imu_rows(header, separator=separator))
     data = read(path)
     assert_imu(data, "/imu")
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 @pytest.mark.parametrize("gyro", ["gx,gy,gz", "gyroscope_x,gyroscope_y,gyroscope_z"])
@@ -262,7 +263,7 @@ def test_one_table_can_contain_everything(tmp_path: Path) -> None:
     assert joints.names == ("elbow", "wrist")
     np.testing.assert_array_equal(joints.header_ns, STAMPS + 1)
     np.testing.assert_array_equal(joints.position[:, 0], np.arange(COUNT) + 0.5)
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 def test_invalid_rows_are_skipped_and_counted(tmp_path: Path) -> None:
@@ -273,7 +274,7 @@ def test_invalid_rows_are_skipped_and_counted(tmp_path: Path) -> None:
     )
     data = read(path)
     assert_imu(data, "/imu")
-    assert data.losses == (
+    assert warnings(data.findings) == (
         f"{path}: row 10 is the first that cannot be read: '12,1,2,3,4,5'",
         "/imu: 5 of 55 messages do not fit sensor_msgs/Imu and are left out",
     )
@@ -281,7 +282,7 @@ def test_invalid_rows_are_skipped_and_counted(tmp_path: Path) -> None:
 
 def test_decimal_commas_are_named(tmp_path: Path) -> None:
     path = write(tmp_path / "imu.csv", f"{TIMED.replace(',', ';')}\n1;0,5;0;0;0;0;9,8\n")
-    assert read(path).losses[0] == (
+    assert warnings(read(path).findings)[0] == (
         f"{path}: row 1 is the first that cannot be read: '1;0,5;0;0;0;0;9,8': write numbers with "
         "a decimal point"
     )
@@ -295,7 +296,7 @@ def test_tum_trajectory_is_read_beside_an_imu(tmp_path: Path) -> None:
     )
     assert_imu(data, "/imu")
     assert_pose(data, "/groundtruth")
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 @pytest.mark.parametrize("pose_header", [EUROC_POSE, OPENVINS_POSE])
@@ -320,7 +321,7 @@ def test_euroc_folder_is_read(
     assert_imu(data, "/imu0")
     assert_pose(data, f"/{name}")
     assert (list(data.imus), list(data.joints), list(data.poses)) == (["/imu0"], [], [f"/{name}"])
-    assert data.losses == ()
+    assert warnings(data.findings) == ()
 
 
 def test_a_folder_of_tables_is_one_recording(tmp_path: Path) -> None:
