@@ -47,20 +47,7 @@ def message_class(type_name: str, definition: str) -> Any:
         optional(f"google.protobuf.{name}", "messages in protobuf need", "protobuf")
         for name in ("descriptor_pb2", "descriptor_pool", "message_factory")
     )
-    files = {
-        each.name: each
-        for each in descriptors.FileDescriptorSet.FromString(definition.encode("latin-1")).file
-    }
+    files = descriptors.FileDescriptorSet.FromString(definition.encode("latin-1")).file
     pool = pools.DescriptorPool()
-
-    def add(name: str) -> None:
-        """Add a file after those that it builds on."""
-        file = files.pop(name, None)
-        if file is not None:
-            for needed in file.dependency:
-                add(needed)
-            pool.AddSerializedFile(file.SerializeToString())
-
-    while files:
-        add(next(iter(files)))
+    classes.GetMessages(files, pool)  # adds each file after those that it builds on
     return classes.GetMessageClass(pool.FindMessageTypeByName(type_name))
