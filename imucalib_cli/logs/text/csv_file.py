@@ -207,12 +207,6 @@ class CsvFile(LogFile):
         return set() if layout is None else {each.kind for each in layout[2] if each.named}
 
     @classmethod
-    def holds_numbers(cls, head: bytes) -> bool:
-        """Whether a text begins with a row of numbers, as tables without a header do."""
-        cells = _header(iter(_filled(head)), ())[0] if b"\0" not in head else []
-        return len(cells) > 2 and all(map(_is_number, cells))
-
-    @classmethod
     def with_columns(cls, names: Sequence[str]) -> type[CsvFile]:
         """Return a reader of tables without a header; further columns may be ``...`` at the end.
 
@@ -234,7 +228,8 @@ class CsvFile(LogFile):
             timed = _layout(["t", *names])
             if timed is not None and any(group.named for group in timed[2]):
                 return _NO_TIME
-            is_table = name.lower().endswith(".csv") or cls.holds_numbers(head)
+            has_numbers = b"\0" not in head and len(names) > 2 and all(map(_is_number, names))
+            is_table = name.lower().endswith(".csv") or has_numbers
             known = f"has no header with known columns: {NAMES}, or use --csv-columns"
             return known if is_table else ""
         if names and _is_number(names[0]):
