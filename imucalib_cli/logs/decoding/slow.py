@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from imucalib_cli.logs.decoding.wire import Element, WireError
+from imucalib_cli.logs.decoding.wire import Element, WireError, sound
 from imucalib_cli.logs.messages import table as messages
 from imucalib_cli.logs.messages.definitions import TIME_PARTS
 from imucalib_cli.logs.messages.protobuf import message_class
@@ -96,9 +96,9 @@ def _element(
                 stamp = int(_get(message, path)) * 1_000_000
             case messages.Text(path, name, is_name) if name:
                 text = _get(message, path)
-                texts[name] = _sound(text) if is_name else text
+                texts[name] = sound(text) if is_name else text
             case messages.Texts(path, name) if name:
-                texts[name] = tuple(map(_sound, _get(message, path)))
+                texts[name] = tuple(map(sound, _get(message, path)))
             case messages.Numbers(path, count, name) if name:
                 values = _flatten(_get(message, path))
                 if count not in {None, len(values)}:
@@ -143,12 +143,6 @@ def _stamp(value: Any) -> int:
         next((int(_get(value, name)) * unit for name in names if _has(value, name)), 0)
         for unit, names in TIME_PARTS.items()
     )
-
-
-def _sound(text: str) -> str:
-    if not messages.is_sound_text(text):
-        raise WireError("a string is not valid text")
-    return text
 
 
 def _has(message: Any, name: str) -> bool:

@@ -47,6 +47,13 @@ class WireError(Exception):
     """A payload does not fit its type."""
 
 
+def sound(text: str) -> str:
+    """A frame id or joint name, or a WireError if it is not plausible, as damaged ones often."""
+    if not text.isprintable() or "\N{REPLACEMENT CHARACTER}" in text:
+        raise WireError("a string is not valid text")
+    return text
+
+
 class Element(Struct, frozen=True, eq=False):
     """Rows of a stream that have all texts in common."""
 
@@ -209,9 +216,7 @@ class _Shape:
         if not self.ros1:
             raw = raw[:-1]
         text = raw.decode("utf-8", errors="replace")
-        if is_name and not messages.is_sound_text(text):
-            raise WireError("a string is not valid text")
-        return text
+        return sound(text) if is_name else text
 
     def _numbers(self, place: _Place, name: str, count: int, kind: str) -> None:
         size = int(kind[1])

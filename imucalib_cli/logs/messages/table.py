@@ -295,8 +295,3 @@ MESSAGE_TYPES: dict[str, MessageType] = {
 def normalise_type(name: str) -> str:
     """Drop the ``/msg/`` of ROS 2 names: sensor_msgs/msg/Imu becomes sensor_msgs/Imu."""
     return name.replace("/msg/", "/")
-
-
-def is_sound_text(text: str) -> bool:
-    """Whether a frame id or joint name is plausible; damaged ones often are not."""
-    return text.isprintable() and "\N{REPLACEMENT CHARACTER}" not in text
