@@ -308,9 +308,8 @@ def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, li
         out[np.flatnonzero(~out)[leaps]] = True
     if not out.any():
         return track, findings
-    keep = np.ones(len(t), dtype=bool)
-    keep[tidy.rows[out]] = False
-    return replace(track, t=t[keep], values=track.values[keep]), findings
+    t, values = (np.delete(each, tidy.rows[out], axis=0) for each in (t, track.values))
+    return replace(track, t=t, values=values), findings
 
 
 def _flipped(stream: str, t: Floats, values: Floats) -> tuple[Bools, list[Finding]]:
