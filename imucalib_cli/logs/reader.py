@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from msgspec import Struct, field
+from msgspec.structs import asdict
 
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.messages.shapes import reading_of
@@ -89,9 +90,7 @@ class Catalogue(Struct):
                     type=normalise_type(type_name),
                     encoding=encoding,
                     definition=definition,
-                    count=seen.count,
-                    start_ns=seen.start_ns,
-                    end_ns=seen.end_ns,
+                    **asdict(seen),
                 )
             )
         return tuple(found)
