@@ -13,9 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.logs.streams import Nanoseconds, Stream
-
-Kind = Literal["header", "log"]
+    from imucalib_cli.logs.streams import Nanoseconds, StampKind, Stream
 
 _MAX_OFFSET_S = 2.0
 """Streams whose header stamps differ by more than this, relative to receive times, do not share a
@@ -49,21 +47,17 @@ class Clock(Struct, frozen=True, kw_only=True):
     a false time offset between them.
     """
 
-    kind: Kind
+    kind: StampKind
     origin_ns: int
     """First plausible stamp of all streams that are not static, ns."""
     findings: tuple[Finding, ...] = ()
     """Problems of the stamps of single topics, and how they were handled."""
-    alternative: Kind | None = None
+    alternative: StampKind | None = None
     """The kind that is not used, if its stamps are others and look sound."""
-
-    def stamps_ns(self, stream: Stream) -> Nanoseconds:
-        """The stamps that are used, (N,), ns."""
-        return _stamps(stream, self.kind)
 
     def seconds(self, stream: Stream) -> Floats:
         """Seconds since the origin, (N,); may repeat, jitter or run backwards as stamped."""
-        seconds: Floats = (self.stamps_ns(stream) - self.origin_ns) / _NS
+        seconds: Floats = (stream.stamps_ns(self.kind) - self.origin_ns) / _NS
         return seconds
 
 
@@ -78,13 +72,13 @@ def choose_clock(
             mostly backwards) or on another clock than the others, and receive times do better.
     """
     moving = [each for each in streams if len(each) and not each.is_static]
-    kinds: tuple[Kind, Kind] = ("header", "log")
+    kinds: tuple[StampKind, StampKind] = ("header", "log")
     faults = {kind: _faults(moving, kind) for kind in kinds}
     if wanted == "auto" and len(moving) > 1 and not any(faults.values()):
         faults["header"] = _different_clocks(moving)
-    better: Kind = "log" if faults["header"] and not faults["log"] else "header"
+    better: StampKind = "log" if faults["header"] and not faults["log"] else "header"
     kind = better if wanted == "auto" else wanted
-    other: Kind = "log" if kind == "header" else "header"
+    other: StampKind = "log" if kind == "header" else "header"
     if wanted != "auto":  # no advice to try what is broken too
         findings = [_handled(fault, "asked", faults[other], clock=kind) for fault in faults[kind]]
     elif kind == "log":
@@ -95,7 +89,7 @@ def choose_clock(
             findings.append(note("stamps.none", topics=[each.values["topic"] for each in missing]))
     else:
         findings = [_handled(fault, "no better", faults["log"]) for fault in faults["header"]]
-    origin = min((first_plausible(_stamps(each, kind)) for each in moving), default=0)
+    origin = min((first_plausible(each.stamps_ns(kind)) for each in moving), default=0)
     # of a table both are the same
     differ = any(not np.array_equal(each.header_ns, each.log_ns) for each in moving)
     sound = other if differ and not faults[other] else None
@@ -109,15 +103,11 @@ def _handled(fault: Finding, then: str, others: Sequence[Finding] = (), **facts:
     return fault.with_values(then=then, **facts)
 
 
-def _stamps(stream: Stream, kind: Kind) -> Nanoseconds:
-    return stream.header_ns if kind == "header" else stream.log_ns
-
-
-def _faults(streams: Sequence[Stream], kind: Kind) -> list[Finding]:
+def _faults(streams: Sequence[Stream], kind: StampKind) -> list[Finding]:
     """Faults of the stamps, one finding for each topic that has one."""
     found = {}
     for stream in streams:
-        fault = _fault(_stamps(stream, kind))
+        fault = _fault(stream.stamps_ns(kind))
         if fault is None and kind == "header":
             fault = _step(stream)
         if fault is not None:

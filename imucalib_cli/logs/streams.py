@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Progress = Callable[[float], None]
 """Told the share that is done, 0 to 1."""
 Nanoseconds = Integers
+StampKind = Literal["header", "log"]
 
 
 class Stream(Struct, frozen=True, kw_only=True, eq=False):
@@ -34,6 +35,10 @@ class Stream(Struct, frozen=True, kw_only=True, eq=False):
 
     def __len__(self) -> int:
         return len(self.header_ns)
+
+    def stamps_ns(self, kind: StampKind) -> Nanoseconds:
+        """(N,), stamps of one kind, ns."""
+        return self.header_ns if kind == "header" else self.log_ns
 
 
 class ImuStream(Stream, frozen=True, kw_only=True, eq=False):

@@ -7,8 +7,8 @@ import pytest
 from msgspec.structs import replace
 
 from imucalib_cli.findings import warnings
-from imucalib_cli.logs.clock import Kind, choose_clock
-from imucalib_cli.logs.streams import PoseStream, Stream
+from imucalib_cli.logs.clock import choose_clock
+from imucalib_cli.logs.streams import PoseStream, StampKind, Stream
 
 START = 1_700_000_000_000_000_000
 SECOND = 1_000_000_000
@@ -75,7 +75,7 @@ def test_one_stream_with_bad_headers_switches_all_to_receive_times(header: Any, 
     assert len(warnings(clock.findings)) == 1
     assert says in warnings(clock.findings)[0]
     assert "/imu" in warnings(clock.findings)[0]
-    np.testing.assert_array_equal(clock.stamps_ns(imu), imu.log_ns)
+    np.testing.assert_array_equal(imu.stamps_ns(clock.kind), imu.log_ns)
     assert choose_clock([imu, *others], "header").kind == "header"
 
 
@@ -143,7 +143,10 @@ def test_only_valid_stamps_are_an_alternative() -> None:
 def test_requested_clock_warns_only_if_another_is_better() -> None:
     (warning,) = warnings(choose_clock([stream(header=np.zeros_like)], "header").findings)
     assert warning.endswith("yet --clock header was asked for: try --clock log")
-    wishes: tuple[tuple[Kind, str], ...] = (("header", "receive times"), ("log", "header stamps"))
+    wishes: tuple[tuple[StampKind, str], ...] = (
+        ("header", "receive times"),
+        ("log", "header stamps"),
+    )
     for kind, other in wishes:
         (warning,) = warnings(choose_clock([unreceived(np.zeros_like)], kind).findings)
         assert "try" not in warning

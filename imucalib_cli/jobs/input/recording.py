@@ -222,7 +222,7 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
 
 def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
     for imu in imus:
-        stamps = clock.stamps_ns(imu)
+        stamps = imu.stamps_ns(clock.kind)
         if len(stamps) > 1 and not np.diff(stamps).any():
             name = "header stamps" if clock.kind == "header" else "receive times"
             remedy = "the log has no other sound stamps, so record again"
