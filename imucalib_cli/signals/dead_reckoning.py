@@ -12,29 +12,21 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.robot.rotations import cross, matrix_from_quaternion
+from imucalib_cli.signals.kernels import cubic_weights
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
 
-_PLACES: Final = np.arange(-1, 3)
-"""Samples whose cubic approximates the signal in the interval from 0 to 1, as in the filters'
-quadrature (kernels.py): so noise has the same effect on both sides of the comparison."""
 _GAUSS: Final = np.sqrt(3.0) / 6.0
 _STRETCH: Final = 4
 """Samples whose rotations are multiplied one after the other."""
-
-
-def _weights(moments: Floats) -> Floats:
-    """(4,), weights of the samples that give these values for the powers 0 to 3 of time."""
-    return np.asarray(np.linalg.solve(np.vander(_PLACES, increasing=True).T, moments))
-
-
-_POWERS: Final = np.arange(len(_PLACES))
-_EARLY, _LATE = (_weights(at**_POWERS) for at in (0.5 - _GAUSS, 0.5 + _GAUSS))
-"""Values at the nodes of Gauss's quadrature."""
-_SUM: Final = _weights(1.0 / (_POWERS + 1))
+_POWERS: Final = np.arange(4)
+_EARLY, _LATE = (cubic_weights(at**_POWERS) for at in (0.5 - _GAUSS, 0.5 + _GAUSS))
+"""Values at the nodes of Gauss's quadrature; of the cubic that the filters use too, so that noise
+has the same effect on both sides of the comparison."""
+_SUM: Final = cubic_weights(1.0 / (_POWERS + 1))
 """Integral over the interval."""
-_SUM_OF_SUM: Final = _weights(1.0 / ((_POWERS + 1) * (_POWERS + 2)))
+_SUM_OF_SUM: Final = cubic_weights(1.0 / ((_POWERS + 1) * (_POWERS + 2)))
 """Integral of the integral."""
 
 
@@ -65,8 +57,7 @@ def dead_reckon(gyro: Floats, accel: Floats, dt: float) -> tuple[Floats, Floats]
 
 def _between(values: Floats, weights: Floats) -> Floats:
     """(N - 1, C), weighted sums of the samples about each interval."""
-    before, behind = -int(_PLACES[0]), int(_PLACES[-1]) - 1
-    padded = np.pad(values, ((before, behind), (0, 0)), mode="reflect", reflect_type="odd")
+    padded = np.pad(values, ((1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     count = len(values) - 1
     total = np.zeros((count, values.shape[1]))
     for first, weight in enumerate(weights.tolist()):

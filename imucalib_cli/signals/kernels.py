@@ -62,6 +62,15 @@ def peano_kernel(s: Floats, h: Floats, order: int) -> Floats:
     return np.asarray(distance @ h / math.factorial(order - 1), dtype=np.float64)
 
 
+def cubic_weights(moments: Floats) -> Floats:
+    """Weights of the samples at -1, 0, 1 and 2 for a value of the cubic through them, (4, ...).
+
+    The value is a linear functional, such as that at an instant or the integral from 0 to 1. Its
+    ``moments`` (4, ...) are what it gives for the powers 0 to 3 of time.
+    """
+    return np.asarray(np.linalg.solve(np.vander(np.arange(-1, 3), increasing=True).T, moments))
+
+
 def quadrature_weights(h: Floats, order: int) -> Floats:
     """Weights that integrate samples of a signal against the Peano kernel of ``h``.
 
@@ -76,15 +85,7 @@ def quadrature_weights(h: Floats, order: int) -> Floats:
     # Gauss-Legendre with 4 points is exact to degree 7: cubic times kernel has 3 + order - 1.
     nodes, gauss = np.polynomial.legendre.leggauss(4)
     u = 0.5 * (nodes + 1.0)
-    # Lagrange basis on the samples -1, 0, 1, 2 around the interval [0, 1].
-    basis = np.stack(
-        [
-            -u * (u - 1) * (u - 2) / 6,
-            (u + 1) * (u - 1) * (u - 2) / 2,
-            -(u + 1) * u * (u - 2) / 2,
-            (u + 1) * u * (u - 1) / 6,
-        ]
-    )
+    basis = cubic_weights(u ** np.arange(4)[:, None])
     starts = np.arange(-half, half, dtype=np.float64)
     kernel = peano_kernel(starts[:, None] + u, h, order)
     per_interval = np.einsum("iq,q,bq->ib", kernel, 0.5 * gauss, basis)
