@@ -59,14 +59,10 @@ _PLACES = {
 _UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9}
 """Nanoseconds."""
 _UNIT_WORDS = {
-    word: unit
-    for unit, words in {
-        "ns": "nsec nanoseconds",
-        "us": "µs usec microseconds",
-        "ms": "msec milliseconds",
-        "s": "sec seconds",
-    }.items()
-    for word in (unit, *words.split())
+    **dict.fromkeys(("ns", "nsec", "nanoseconds"), "ns"),
+    **dict.fromkeys(("us", "µs", "usec", "microseconds"), "us"),
+    **dict.fromkeys(("ms", "msec", "milliseconds"), "ms"),
+    **dict.fromkeys(("s", "sec", "seconds"), "s"),
 }
 _OF_ROBOTS = frozenset({"", "-", "1", "m", "rad"})
 """Units of joints and poses that are read as they are; of IMUs the values show the unit."""

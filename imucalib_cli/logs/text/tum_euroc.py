@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
 from imucalib_cli.logs.text.csv_file import CsvFile
@@ -24,13 +25,10 @@ class TumFile(CsvFile):
     @classmethod
     def matches(cls, head: bytes, path: Path) -> bool:  # noqa: ARG003 - content decides
         """Whether the first line that is no comment has eight numbers, a unit quaternion last."""
-        for line in head.split(b"\n"):
-            if line.strip() and not line.startswith(b"#"):
-                try:
-                    numbers = [float(each) for each in line.split()]
-                except ValueError:
-                    return False
-                return len(numbers) == 8 and abs(math.hypot(*numbers[4:]) - 1.0) < 0.1
+        lines = (line for line in head.split(b"\n") if line.strip() and not line.startswith(b"#"))
+        with suppress(ValueError):
+            numbers = [float(each) for each in next(lines, b"").split()]
+            return len(numbers) == 8 and abs(math.hypot(*numbers[4:]) - 1.0) < 0.1
         return False
 
 
