@@ -303,18 +303,11 @@ def _several(
         ),
         notes={"logs": len(logs)},
     )
-    offset, std = common.pop("time_offset"), common.pop("time_offset_std")
-    estimate = replace(
-        estimate,
-        time_offset=float(offset[0]),
-        time_offset_std=None if std is None else float(std[0]),
-        **common,
-    )
-    return estimate, _entry(logs, found, values, left_out)
+    return replace(estimate, **common), _entry(logs, found, values, left_out)
 
 
 def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Any]:
-    """Biases (3,), gravity (3,) and time offset (1,) of one log."""
+    """Biases (3,), gravity (3,) and time offset of one log."""
     layout, state = log.statistics.equations.layout, own.state
     values: dict[str, Any] = {
         "time_offset": np.array([state.held_offset]),
@@ -324,7 +317,11 @@ def _own_values(log: StoredLog, own: OwnValues) -> dict[str, Any]:
     for name in values:
         if layout.has(name):
             values[name] = state.x[layout.part(name)]
-    return {**values, "gravity_world": state.gravity}
+    return {
+        **values,
+        "time_offset": float(values["time_offset"][0]),
+        "gravity_world": state.gravity,
+    }
 
 
 def _contradicted(
@@ -428,10 +425,7 @@ def _entry(
                 distance_deg=float(np.degrees(own.apart[1])),
                 sigmas=own.sigmas,
                 disagrees=own.disagrees,
-                time_offset=float(value["time_offset"][0]),
-                accel_bias=plain(value["accel_bias"]),
-                gyro_bias=plain(value["gyro_bias"]),
-                gravity_world=plain(value["gravity_world"]),
+                **{name: plain(each) for name, each in value.items()},
             )
             for log, own, value in zip(logs, found.own, values, strict=True)
         ],
