@@ -165,7 +165,7 @@ def _shares_samples(log: StoredLog, other: StoredLog) -> bool:
         return True
     if one.recorded_at is None or one.provenance.recording != same.provenance.recording:
         return False
-    if _robot(log) != _robot(other):
+    if one.provenance.robot != same.provenance.robot:
         return False
     apart = pose_error(one.pose.R, one.pose.t, same.pose.R, same.pose.t)  # no two noises agree
     return apart.translation < _SAME_POSE and apart.rotation < _SAME_POSE
@@ -205,17 +205,10 @@ def _one_left(left: StoredLog, other: StoredLog) -> Finding:
     )
 
 
-def _robot(log: StoredLog) -> str | None:
-    """The content of a log's URDF."""
-    urdf = log.result.provenance.urdf
-    return None if urdf is None else urdf.identity
-
-
 def _require_one_robot(logs: Sequence[StoredLog]) -> None:
     """Raise ChoiceError if errors of the robot are about different URDFs."""
-    robots = [_robot(log) for log in logs]
-    for log, robot in zip(logs, robots, strict=True):
-        if robot != robots[0]:
+    for log in logs:
+        if log.result.provenance.robot != logs[0].result.provenance.robot:
             raise ChoiceError(
                 f"{logs[0].name} and {log.name} were made with different URDFs: the errors that "
                 "they share belong to one URDF, so run both with the same --urdf"

@@ -370,6 +370,11 @@ class Provenance(Tree, frozen=True):
         part = () if self.part is UNSET else (f"part {self.part}",)
         return (*sorted(file.identity for file in self.files), *part)
 
+    @property
+    def robot(self) -> str | None:
+        """The same text for URDFs of the same content; None without a URDF."""
+        return None if self.urdf is None else self.urdf.identity
+
     recording: RecordingEntry | None = None
     """null in results of earlier versions."""
 

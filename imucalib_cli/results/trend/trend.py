@@ -292,7 +292,7 @@ def _steps(
             **apart.entries(),
             evidence=_evidence(without, found),
             place_probability=plain(search.certainty_of_place(series, found, rows[k], rows[k + 1])),
-            other_urdf=_urdf(last) != _urdf(first),
+            other_urdf=last.provenance.robot != first.provenance.robot,
         )
         changes.append(change)
         moves.append(apart)
@@ -480,8 +480,3 @@ def _evidence_words(evidence: float) -> str:
 def _named(name: str, when: datetime | None) -> str:
     """A recording: its file, and when it was made."""
     return name if when is None else f"{name} ({instant(when)})"
-
-
-def _urdf(result: Result) -> str:
-    urdf = result.provenance.urdf
-    return "" if urdf is None else urdf.identity
