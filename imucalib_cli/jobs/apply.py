@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.digits import figures
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.jobs.result_files import read_result_files, results_of
+from imucalib_cli.results.fields import mm_and_deg
 from imucalib_cli.results.formats import refuse_untrusted
 from imucalib_cli.results.kinematics import SIGNIFICANT_SIGMAS, corrected_origins
+from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.urdf_edit import (
     JointOrigin,
     MissingJointError,
@@ -20,7 +21,7 @@ from imucalib_cli.results.urdf_edit import (
     joint_for,
     replace_origin,
 )
-from imucalib_cli.robot.rotations import matrix_from_rpy, rotation_angle
+from imucalib_cli.robot.rotations import matrix_from_rpy
 from imucalib_cli.robot.urdf import load_robot, read_urdf
 
 if TYPE_CHECKING:
@@ -141,16 +142,12 @@ def _with_origins(content: bytes, origins: Iterable[JointOrigin]) -> bytes:
     return content
 
 
-def _shown(size: float) -> str:
-    """A size in mm or degrees; rounding of the URDF's numbers is none."""
-    return figures(round(size, 6), 3)
-
-
 def _change(robot: Robot, origin: JointOrigin) -> str:
-    joint = robot.joint_by_name[origin.joint]
-    shift = float(np.linalg.norm(np.array(origin.xyz) - joint.p_origin))
-    turn = float(rotation_angle(joint.R_origin.T @ matrix_from_rpy(origin.rpy)))
+    joint, R = robot.joint_by_name[origin.joint], matrix_from_rpy(origin.rpy)
+    moved = pose_error(R, np.array(origin.xyz), joint.R_origin, joint.p_origin)
+    # rounding of the URDF's numbers is no change
+    mm, deg = round(moved.translation * 1e3, 6), round(math.degrees(moved.rotation), 6)
     return (
         f"joint '{origin.joint}' ({joint.child} on {joint.parent}): its origin moved by "
-        f"{_shown(shift * 1e3)} mm and {_shown(math.degrees(turn))} deg"
+        f"{mm_and_deg(mm, deg, 3)}"
     )
