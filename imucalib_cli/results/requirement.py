@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.findings import untrusted
 from imucalib_cli.results.pose import POSE_PARTS
+from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.entries import Kind
@@ -48,12 +49,8 @@ def require(estimate: Estimate, parent: str, tolerance: Tolerance) -> Estimate:
     A method that states no covariance cannot meet a requirement, so it is distrusted too.
     """
     if estimate.covariance is None:
-        bounds = {kind: tolerance.of(kind) for kind in POSE_PARTS}
-        finding = untrusted(
-            "require.no_sigma",
-            **{kind: bound if math.isfinite(bound) else None for kind, bound in bounds.items()},
-            method=estimate.method,
-        )
+        bounds = {kind: plain(tolerance.of(kind)) for kind in POSE_PARTS}
+        finding = untrusted("require.no_sigma", **bounds, method=estimate.method)
         return replace(estimate, findings=(*estimate.findings, finding))
     stds = np.sqrt(np.diag(estimate.covariance))
     missed: dict[str, float | str] = {}

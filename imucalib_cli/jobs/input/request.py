@@ -199,12 +199,8 @@ def recorded_estimator(options: MatchedOptions | PaperOptions) -> dict[str, Scal
 
 def _tolerance(tolerance: Tolerance) -> str:
     """As a user would write it, such as ``1mm,0.1deg``; infinite components are left out."""
-    parts = []
-    if math.isfinite(tolerance.translation):
-        parts.append(f"{tolerance.translation * 1e3:.12g}mm")
-    if math.isfinite(tolerance.rotation):
-        parts.append(f"{math.degrees(tolerance.rotation):.12g}deg")
-    return ",".join(parts)
+    sizes = {"mm": tolerance.translation * 1e3, "deg": math.degrees(tolerance.rotation)}
+    return ",".join(f"{size:.12g}{unit}" for unit, size in sizes.items() if math.isfinite(size))
 
 
 def _numbers(values: ArrayLike) -> str:
