@@ -66,9 +66,8 @@ def compare_command(
             deliver_blocks(words, output)
         else:
             deliver((to_json if chosen == "json" else to_yaml)([answer]), output)
-        trusted = answer.status == "ok"
-        if chosen != "summary":
             remark("compared", answer.reason)
+        trusted = answer.status == "ok"
         for warning in answer.warnings:
             remark("warning", warning)
         if not trusted:

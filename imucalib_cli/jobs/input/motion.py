@@ -24,7 +24,7 @@ from imucalib_cli.robot.frames import Edge, frame_path, with_static_frames
 from imucalib_cli.robot.mount import Mount, NominalPose, find_mount, require_nominal
 from imucalib_cli.robot.names import name_without_prefix
 from imucalib_cli.robot.path import FixedStep
-from imucalib_cli.shown import near_matches
+from imucalib_cli.shown import listed, near_matches
 from imucalib_cli.signals.imu.base import is_turning, turning_rate
 from imucalib_cli.signals.moves import track_moves
 
@@ -179,9 +179,8 @@ def _urdf_of_fixed(sources: Sources) -> str:
     if sources.robot is None or not missing:
         return text
     some = "none" if len(missing) == len(names) else "not all"
-    more = ", …" if len(missing) > _MOST_LISTED else ""
-    listed = ", ".join(missing[:_MOST_LISTED]) + more
-    return f"{text} and which has {some} of the log's joints ({listed} missing)"
+    shown = listed(missing, _MOST_LISTED, more=", …")
+    return f"{text} and which has {some} of the log's joints ({shown} missing)"
 
 
 def _nothing_moves(path: KinematicPath, sources: Sources) -> bool:
@@ -357,10 +356,10 @@ def _from_frames(sources: Sources, frame_id: str, request: CalibrationRequest) -
 def _without_chain(sources: Sources, otherwise: str = "") -> ChoiceError:
     """The error for joints without the robot's chain, with ``otherwise`` as another remedy."""
     topics = sources.topics_of(sources.joints)
-    listed = ", ".join(dict.fromkeys((*topics, *sources.unused_joints)))
+    joints = ", ".join(dict.fromkeys((*topics, *sources.unused_joints)))
     remedy = f"give --urdf, or record /robot_description{otherwise}"
     return ChoiceError(
-        f"joint states ({listed}) cannot be used without the robot's chain: "
+        f"joint states ({joints}) cannot be used without the robot's chain: "
         f"{'; '.join((remedy, *sources.undescribed, *sources.unused))}"
     )
 
