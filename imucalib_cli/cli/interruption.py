@@ -35,6 +35,13 @@ def was_interrupted() -> bool:
     return bool(_came)
 
 
+def is_by_interruption(error: BaseException | None) -> bool:
+    """Whether Ctrl-C caused an error: compiled modules report it as a failed import."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
 def interrupt(_number: int, _frame: FrameType | None) -> None:
     """Interrupt the command; a second interruption, or a command that goes on, ends the process.
 
@@ -52,12 +59,8 @@ def _again(_number: int, _frame: FrameType | None) -> None:
     """Repeat an interruption that a library has ignored; end a process that still goes on."""
     if time.monotonic() - _came[0] > _PATIENCE:
         leave(0, None)
-    handled = sys.exc_info()[1]
-    while handled is not None:
-        if isinstance(handled, KeyboardInterrupt):
-            return  # the command tidies up
-        handled = handled.__context__
-    raise KeyboardInterrupt
+    if not is_by_interruption(sys.exc_info()[1]):  # else the command tidies up
+        raise KeyboardInterrupt
 
 
 def leave_from_callback(unraisable: "sys.UnraisableHookArgs") -> None:

@@ -12,7 +12,7 @@ import typer
 
 from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE, EXIT_CODES, EXIT_INPUT, exit_code
 from imucalib_cli.cli.help import Command
-from imucalib_cli.cli.interruption import EXIT_INTERRUPTED, was_interrupted
+from imucalib_cli.cli.interruption import EXIT_INTERRUPTED, is_by_interruption, was_interrupted
 from imucalib_cli.cli.options import with_groups
 from imucalib_cli.cli.output import be_quiet, deliver, guard_streams, say, say_error
 from imucalib_cli.cli.parsers import WrongValue
@@ -118,7 +118,7 @@ def _run(argv: list[str]) -> int:
         raise
     except Exception as error:
         # an import that was interrupted looks like a package that is not installed
-        if was_interrupted() or _is_interruption(error):
+        if was_interrupted() or is_by_interruption(error):
             raise KeyboardInterrupt from None
         # usage errors of typer, whichever click it is built on
         if hasattr(error, "format_message") and hasattr(error, "exit_code"):
@@ -149,15 +149,6 @@ def _known_error(error: Exception) -> ImucalibError | None:
         except OSError:
             return InputError("the working folder no longer exists: change to another")
     return None
-
-
-def _is_interruption(error: BaseException | None) -> bool:
-    """Whether Ctrl-C caused an error: compiled modules report it as a failed import."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
 
 
 def _say_usage_error(error: Exception) -> None:
