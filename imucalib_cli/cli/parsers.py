@@ -66,8 +66,7 @@ class Pose(NamedTuple):
 def seconds(text: str, expected: str = "seconds, such as 0.5 or 500ms") -> float:
     """A duration with its unit (s, ms, us), or a bare number of seconds; may be negative."""
     value, unit = _split(text, expected)
-    if unit not in {"", *_SECONDS}:
-        raise WrongValue(f"{text}: this is not a unit of time; expected {expected}")
+    _expect(unit in {"", *_SECONDS}, text, expected, "this is not a unit of time")
     return value * _SECONDS.get(unit, 1.0)
 
 
@@ -85,8 +84,7 @@ def moment(text: str) -> datetime:
 def unix_time(text: str) -> int:
     """A moment from 1970 on, as whole seconds since then."""
     found = round(moment(text).timestamp())
-    if not 0 <= found <= _LAST_START:
-        raise WrongValue(f"{text}: expected a time from 1970 to 2037")
+    _expect(0 <= found <= _LAST_START, text, "a time from 1970 to 2037")
     return found
 
 
@@ -112,8 +110,7 @@ def log_time(text: str) -> float:
 def largest_offset(text: str) -> float:
     """A positive number of seconds, at most _LONGEST_OFFSET."""
     value = seconds(text)
-    if not 0.0 < value <= _LONGEST_OFFSET:
-        raise WrongValue(f"{text}: expected more than 0 and at most {_LONGEST_OFFSET:g} s")
+    _expect(0.0 < value <= _LONGEST_OFFSET, text, f"more than 0 and at most {_LONGEST_OFFSET:g} s")
     return value
 
 
@@ -126,12 +123,11 @@ def window(text: str) -> WindowChoice:
         return WindowChoice()
     if re.fullmatch(r"\d+", text):
         samples = int(text)
-        if samples < 3 or samples % 2 == 0:
-            raise WrongValue(f"{text}: samples must be odd and at least 3; expected {expected}")
+        is_fit = samples >= 3 and samples % 2 == 1
+        _expect(is_fit, text, expected, "samples must be odd and at least 3")
         return WindowChoice(samples=samples)
     value, unit = _split(text, expected)
-    if unit not in _SECONDS or value <= 0.0:
-        raise WrongValue(f"{text}: expected {expected}")
+    _expect(unit in _SECONDS and value > 0.0, text, expected)
     return WindowChoice(seconds=value * _SECONDS[unit])
 
 
@@ -175,11 +171,9 @@ def tolerance(text: str, left_out: Tolerance | None = None) -> Tolerance:
     for part in text.split(","):
         value, unit = _split(part.strip(), expected, text)
         _positive(value, text, expected)
-        name = "translation" if unit in _METRES else "rotation"
-        factor = (_METRES | _RADIANS).get(unit)
-        if factor is None or name in found:
-            raise WrongValue(f"{text}: expected {expected}")
-        found[name] = value * factor
+        name, units = ("translation", _METRES) if unit in _METRES else ("rotation", _RADIANS)
+        _expect(unit in units and name not in found, text, expected)
+        found[name] = value * units[unit]
     return replace(left_out or Tolerance(), **found)
 
 
@@ -242,8 +236,7 @@ def robot(text: str) -> str | tuple[float, float]:
         return text
     expected = "nominal, exact, or 1 sigma of angles and lengths, such as 0.05deg,0.5mm"
     length, *_, zero = pose_std(text, expected)
-    if math.isinf(length + zero):
-        raise WrongValue(f"{text}: expected {expected}")
+    _expect(math.isfinite(length + zero), text, expected)
     return zero, length
 
 
@@ -251,8 +244,7 @@ def memory(text: str) -> int:
     """A number of bytes with its unit: 800MB, 2GB, 1.5GiB."""
     expected = "an amount of memory, such as 800MB or 2GB"
     value, unit = _split(text, expected)
-    if unit not in _BYTES or value <= 0.0:
-        raise WrongValue(f"{text}: expected {expected}")
+    _expect(unit in _BYTES and value > 0.0, text, expected)
     return round(value * _BYTES[unit])
 
 
@@ -340,8 +332,8 @@ def file_ending(*suffixes: str) -> Callable[[str], Path]:
 
     def parse(text: str) -> Path:
         path = local_file(text)
-        if path.suffix.lower() not in suffixes:
-            raise WrongValue(f"{text}: expected a file ending in {' or '.join(suffixes)}")
+        ending = f"a file ending in {' or '.join(suffixes)}"
+        _expect(path.suffix.lower() in suffixes, text, ending)
         return path
 
     return parse
@@ -388,29 +380,31 @@ def _components(text: str, whole: str) -> list[int]:
 
 def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
     parts = text.replace(",", " ").split()
-    if len(parts) != count:
-        raise WrongValue(f"{text!r}: expected {expected}")
+    _expect(len(parts) == count, repr(text), expected)
     return tuple(_number(part, expected) for part in parts)
 
 
 def _at_least_zero(text: str, expected: str) -> float:
     value = _number(text, expected)
-    if value < 0.0:
-        raise WrongValue(f"{text}: is negative; expected {expected}")
+    _expect(value >= 0.0, text, expected, "is negative")
     return value
 
 
 def _positive(value: float, text: str, expected: str) -> float:
-    if value <= 0.0:
-        raise WrongValue(f"{text}: must be positive; expected {expected}")
+    _expect(value > 0.0, text, expected, "must be positive")
     return value
 
 
 def _number(text: str, expected: str) -> float:
     value, unit = _split(text, expected)
-    if unit:
-        raise WrongValue(f"{text}: has a unit; expected {expected}")
+    _expect(not unit, text, expected, "has a unit")
     return value
+
+
+def _expect(holds: bool, text: str, expected: str, fault: str = "") -> None:
+    """Raise WrongValue with the fault, if it has a name, and what is expected."""
+    if not holds:
+        raise WrongValue(f"{text}: {fault and f'{fault}; '}expected {expected}")
 
 
 def _split(text: str, expected: str, whole: str | None = None) -> tuple[float, str]:
