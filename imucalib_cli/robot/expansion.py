@@ -8,7 +8,7 @@ import sys
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.process import children_ignore_interruptions, limit_memory
@@ -29,15 +29,7 @@ _CODE = (".py", ".pyc")
 """Suffixes of files that Python opens for itself."""
 
 
-class _Outcome(NamedTuple):
-    urdf: bytes
-    """Empty if there is a reason why not."""
-    reason: str
-    opened: tuple[Path, ...]
-    """Files that were opened for it."""
-
-
-_ahead: dict[Path, _Outcome] = {}
+_ahead: dict[Path, tuple[bytes, str]] = {}
 """Expansions that were made for the names of their files, and are not used yet."""
 _opened: dict[Path, tuple[Path, ...]] = {}
 """Files that the last expansion of each file opened."""
@@ -66,16 +58,17 @@ def expanded(path: Path, *, patience: float | None = None) -> bytes:
             f"{path}: is xacro: expand it with {command}, or let imucalib expand it: "
             "pip install 'imucalib[xacro]'"
         )
-    outcome = _ahead.pop(path, None) or _outcome(path, patience)
-    if not outcome.reason:
-        return outcome.urdf
+    urdf, reason = _ahead.pop(path) if path in _ahead else _outcome(path, patience)
+    if not reason:
+        return urdf
     raise InputError(
-        f"{path}: xacro cannot expand it ({outcome.reason}): if it needs arguments or other "
+        f"{path}: xacro cannot expand it ({reason}): if it needs arguments or other "
         f"packages, expand it with {command}"
     )
 
 
-def _outcome(path: Path, patience: float | None = None) -> _Outcome:
+def _outcome(path: Path, patience: float | None = None) -> tuple[bytes, str]:
+    """The URDF, and why there is none: one of the two is empty."""
     seconds = patience or _SECONDS
     arguments = [sys.executable, "-W", "ignore", "-c", _PROGRAM, str(path), *sys.path]
     with children_ignore_interruptions():
@@ -96,10 +89,8 @@ def _outcome(path: Path, patience: float | None = None) -> _Outcome:
     said, *opened = answer.split(b"\0")
     _opened[path] = tuple(Path(os.fsdecode(each)) for each in opened)
     if child.returncode == 0:
-        return _Outcome(said, "", _opened[path])
-    return _Outcome(
-        b"", late or said.decode(errors="replace") or "its process was killed", _opened[path]
-    )
+        return said, ""
+    return b"", late or said.decode(errors="replace") or "its process was killed"
 
 
 def expand_here(path: str) -> int:
