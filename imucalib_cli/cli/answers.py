@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
     from pathlib import Path
 
-    from imucalib_cli.results.fields import Field
     from imucalib_cli.results.result import Result
 
 
@@ -90,12 +89,15 @@ def report_findings(
 def give_answers(
     answers: Sequence[Any],
     failures: Sequence[ImucalibError],
-    findings: Iterable[Field],
+    findings: Sequence[tuple[str, str]],
     *,
     fmt: str | None,
     output: Path | None,
 ) -> int:
-    """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU."""
+    """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU.
+
+    ``findings`` are pairs of a label and a sentence.
+    """
     from imucalib_cli.results.codec import to_json, to_jsonl, to_yaml
     from imucalib_cli.results.comparison.answers import as_csv
 
@@ -103,7 +105,7 @@ def give_answers(
 
     def to_words(answers: Iterable[Any]) -> str:
         return plain(
-            f"{answer.verdict}: {named(answer, answer.reason, several=several)}"
+            f"{answer.verdict}: {named(answer.about, answer.reason, several=several)}"
             for answer in answers
         )
 
@@ -115,20 +117,19 @@ def give_answers(
         "summary": to_words,
     }
     chosen = chosen_format(fmt, output)
-    shown = [(finding.label, finding.text) for finding in findings]
-    for label, text in shown:
+    for label, text in findings:
         remark(label, text)
-    explain_sigma(text for _, text in shown)
+    explain_sigma(text for _, text in findings)
     if answers:
         deliver(renderers[chosen](answers), output)
     if chosen != "summary" or output is not None:
         for answer in answers:
-            remark(answer.verdict, named(answer, answer.reason, several=several))
+            remark(answer.verdict, named(answer.about, answer.reason, several=several))
     for failure in failures:
         say_error(failure)
     return exit_code_of_answers(answers, failures)
 
 
-def named(answer: Any, sentence: str, *, several: bool) -> str:
-    """A sentence on an answer; if there are several, its file comes first."""
-    return f"{answer.about}: {sentence}" if several and answer.about else sentence
+def named(file: str, sentence: str, *, several: bool) -> str:
+    """A sentence on the answer for a file; if there are several, the file comes first."""
+    return f"{file}: {sentence}" if several and file else sentence

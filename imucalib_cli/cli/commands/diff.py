@@ -34,12 +34,7 @@ def diff_command(
     with writing(output, read=files_of(first, *others, urdf)):
         from imucalib_cli.cli.answers import give_answers
         from imucalib_cli.jobs.diff import diff_results
-        from imucalib_cli.results.fields import Field
 
         answers, failures = diff_results(first, others, urdf=urdf, within=within)
-        warnings = [
-            Field("warning", warning, "warning")
-            for answer in answers
-            for warning in answer.warnings
-        ]
+        warnings = [("warning", said) for answer in answers for said in answer.warnings]
         raise typer.Exit(give_answers(answers, failures, warnings, fmt=fmt, output=output))

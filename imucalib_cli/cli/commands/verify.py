@@ -1,6 +1,8 @@
 """``imucalib verify``: is the pose of the IMU in this URDF right?"""
 
 from dataclasses import fields
+from itertools import groupby
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import typer
@@ -10,8 +12,6 @@ from imucalib_cli.cli.files import files_of, reading, writing
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
-    from imucalib_cli.results.comparison.answers import VerifyAnswer
-
     Components = list[int]
 else:  # typer evaluates it
     Components = object
@@ -45,8 +45,6 @@ def verify_command(
     verbose: options.Verbose = False,
 ) -> None:
     """Is the pose of the IMU in this URDF right? Exit 0: yes, 4: no, 3: unknown."""
-    from msgspec.structs import replace
-
     from imucalib_cli.cli.answers import give_answers, named
     from imucalib_cli.cli.progress import ProgressBar
     from imucalib_cli.cli.request import PLANAR, calibration_request
@@ -80,12 +78,9 @@ def verify_command(
             request = calibration_request(ctx, paths, recording, estimator)
             with ProgressBar() as bar:
                 found = verify_recording(request, within, bar.report, ignored=ignored)
-        by_file: dict[str, list[VerifyAnswer]] = {}
-        for answer in found[0]:
-            by_file.setdefault(answer.about, []).append(answer)
         findings = [
-            replace(each, text=named(given[0], each.text, several=len(logs) > 1))
-            for given in by_file.values()
+            (each.label, named(file, each.text, several=len(logs) > 1))
+            for file, given in groupby(found[0], attrgetter("about"))
             for each in findings_of([answer.found for answer in given])
         ]
         raise typer.Exit(give_answers(*found, findings, fmt=fmt, output=output))
