@@ -125,20 +125,15 @@ class CalibrationRequest(Struct, frozen=True, kw_only=True, eq=False):
         Raises:
             InputError: As :func:`imucalib_cli.signals.imu.repair.repair`.
         """
+        options = self.estimator
         return repair(
             samples,
             path,
             units=self.units,
             gravity=self.gravity,
-            max_offset=self.max_offset,
+            max_offset=options.max_offset if isinstance(options, MatchedOptions) else _SEARCH,
             accel_ranges=() if self.imu is None else self.imu.model.ranges("accel"),
         )
-
-    @property
-    def max_offset(self) -> float:
-        """Largest time offset looked for, s."""
-        options = self.estimator
-        return options.max_offset if isinstance(options, MatchedOptions) else _SEARCH
 
 
 _DEFAULTS: dict[str, str] = {
