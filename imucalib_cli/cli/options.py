@@ -49,13 +49,16 @@ _known = partial(typer.Option, rich_help_panel=KNOWN)
 _estimator = partial(typer.Option, rich_help_panel=ESTIMATOR)
 _paper = partial(typer.Option, rich_help_panel=PAPER)
 output_option = partial(typer.Option, rich_help_panel=OUTPUT)
+local_file_option = partial(typer.Option, metavar="FILE", parser=parsers.local_file)
 _frame = partial(_robot, metavar="FRAME", parser=parsers.frame, autocompletion=complete.links)
 _pose_std = partial(_known, metavar="2mm,0.5deg|tx=1mm,rz=0.2deg", parser=parsers.pose_std)
 _bias = partial(_known, metavar="free|none|STD", parser=parsers.bias_std, show_default="free")
 
 
-def _topics(kind: Kind, flag: str, **settings: Any) -> Any:
-    settings |= {"metavar": "TOPIC", "parser": parsers.topic}
+def _topics(
+    kind: Kind, flag: str, *, show_default: str = "found automatically", **settings: Any
+) -> Any:
+    settings |= {"metavar": "TOPIC", "parser": parsers.topic, "show_default": show_default}
     return _log([], flag, autocompletion=complete.topics(kind), **settings)
 
 
@@ -210,13 +213,11 @@ class RecordingOptions:
         "--gyro-topic",
         help="Gyroscope whose accelerometer has another topic; the IMU has the name of the "
         "gyroscope's topic. Repeatable.",
-        show_default="found automatically",
     )
     accel_topics: list[str] = _topics(
         "imu",
         "--accel-topic",
         help="Accelerometer of this gyroscope. Repeatable, in the same order.",
-        show_default="found automatically",
     )
     joint_topics: list[str] = _topics(
         "joints",
@@ -228,7 +229,6 @@ class RecordingOptions:
         "pose",
         "--pose-topic",
         help="Poses (tf, odometry, motion capture) to use. Repeatable.",
-        show_default="found automatically",
     )
     clock: Literal["auto", "header", "log"] = _log(
         "auto",
@@ -262,7 +262,6 @@ class RecordingOptions:
         "--description-topic",
         rich_help_panel=ROBOT,
         help="Topic of the URDF in the log, if several fit.",
-        show_default="found automatically",
     )
     joint_prefix: str | None = _robot(
         None,

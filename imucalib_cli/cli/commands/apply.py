@@ -4,22 +4,18 @@ from pathlib import Path
 
 import typer
 
-from imucalib_cli.cli import complete
+from imucalib_cli.cli import complete, options
 from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, files_of
-from imucalib_cli.cli.options import OutputFile, Quiet, ResultFiles, output_option
 from imucalib_cli.cli.output import deliver, remark, say_error
-from imucalib_cli.cli.parsers import local_file
 from imucalib_cli.errors import ChoiceError
 
 
 def apply_command(
-    results: ResultFiles,
+    results: options.ResultFiles,
     *,
-    urdf: Path = typer.Option(
-        metavar="FILE",
-        parser=local_file,
-        help="URDF or xacro to calibrate, - for stdin; only --in-place changes the file.",
+    urdf: Path = options.local_file_option(
+        help="URDF or xacro to calibrate, - for stdin; only --in-place changes the file."
     ),
     imu: list[str] | None = typer.Option(
         None,
@@ -37,14 +33,14 @@ def apply_command(
         help="Also correct joint zeros, axes and origins whose error exceeds 5 sigma. Writes "
         "<urdf>.kinematics.urdf or -o, never the file of --urdf.",
     ),
-    in_place: bool = output_option(False, "--in-place", help="Change the file of --urdf."),
-    output: OutputFile = None,
-    force: bool = output_option(
+    in_place: bool = options.output_option(False, "--in-place", help="Change the file of --urdf."),
+    output: options.OutputFile = None,
+    force: bool = options.output_option(
         False,
         "--force",
         help="Use a result that should not be trusted, and overwrite another URDF or a log.",
     ),
-    _quiet: Quiet = False,
+    _quiet: options.Quiet = False,
 ) -> None:
     """Write a URDF with each IMU's joint at the calibrated pose; all other bytes stay the same."""
     from imucalib_cli.jobs.apply import apply

@@ -5,12 +5,11 @@ from typing import Literal
 
 import typer
 
-from imucalib_cli.cli import complete
+from imucalib_cli.cli import complete, options
 from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import WORDS_OR_YAML, OutputFile, Quiet, output_option
 from imucalib_cli.cli.output import chosen_format, deliver, deliver_blocks, remark
-from imucalib_cli.cli.parsers import local_file, named
+from imucalib_cli.cli.parsers import named
 
 
 def compare_command(
@@ -23,10 +22,8 @@ def compare_command(
         parser=named,
         help="camchain-imucam.yaml of kalibr_calibrate_imu_camera; - reads stdin.",
     ),
-    urdf: Path = typer.Option(
-        metavar="FILE",
-        parser=local_file,
-        help="URDF whose fixed joints lead from the IMU's link to the camera.",
+    urdf: Path = options.local_file_option(
+        help="URDF whose fixed joints lead from the IMU's link to the camera."
     ),
     camera_link: str | None = typer.Option(
         None,
@@ -44,14 +41,14 @@ def compare_command(
     truth: str | None = typer.Option(
         None, metavar="FILE", help="truth.yaml of a simulated log; shows the errors of both."
     ),
-    fmt: Literal["yaml", "json", "summary"] | None = output_option(
+    fmt: Literal["yaml", "json", "summary"] | None = options.output_option(
         None,
         "--format",
         help="Format of the answer; summary: plain text.",
-        show_default=WORDS_OR_YAML,
+        show_default=options.WORDS_OR_YAML,
     ),
-    output: OutputFile = None,
-    _quiet: Quiet = False,
+    output: options.OutputFile = None,
+    _quiet: options.Quiet = False,
 ) -> None:
     """Compare a result with Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
     with writing(output, read=files_of(result, kalibr, truth, urdf)):

@@ -5,8 +5,8 @@ from pathlib import Path
 import typer
 
 from imucalib_cli.cli.files import files_of, writing
-from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within
-from imucalib_cli.cli.parsers import local_file, named
+from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within, local_file_option
+from imucalib_cli.cli.parsers import named
 
 
 def diff_command(
@@ -19,11 +19,8 @@ def diff_command(
         help="Later results, each compared with the first; - reads stdin.",
     ),
     *,
-    urdf: Path | None = typer.Option(
-        None,
-        metavar="FILE",
-        parser=local_file,
-        help="URDF whose fixed joints relate the frames of the results.",
+    urdf: Path | None = local_file_option(
+        None, help="URDF whose fixed joints relate the frames of the results."
     ),
     within: Within = None,
     fmt: AnswersFormat = None,

@@ -17,11 +17,10 @@ from typer.models import OptionInfo
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
-from imucalib_cli.cli.options import Quiet, flag_of
+from imucalib_cli.cli.options import Quiet, flag_of, local_file_option
 from imucalib_cli.cli.output import remark
 from imucalib_cli.cli.parsers import (
     imu_name,
-    local_file,
     log_file,
     names,
     seconds,
@@ -54,7 +53,6 @@ _PARSERS: dict[str, Any] = {
 }
 """By what the help shows for the value."""
 _sensors = partial(typer.Option, rich_help_panel=SENSORS)
-_camera = partial(typer.Option, rich_help_panel=CAMERA)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -76,15 +74,15 @@ class SimulateOptions:
     )
     accel_noise_ug: float | None = _sensors(None, help="Noise density, µg/sqrt(Hz).")
     gyro_noise_deg: float | None = _sensors(None, help="Noise density, deg/s/sqrt(Hz).")
-    camera: bool = _camera(
+    camera: bool = typer.Option(
         False,
         "--camera",
+        rich_help_panel=CAMERA,
         help="Move in front of an AprilGrid; also write images and the files that Kalibr needs.",
     )
-    camera_config: Path | None = _camera(
+    camera_config: Path | None = local_file_option(
         None,
-        metavar="FILE",
-        parser=local_file,
+        rich_help_panel=CAMERA,
         help="File with your own camera, like those in configs/cameras.",
     )
 
@@ -137,17 +135,11 @@ def simulate_command(
         parser=log_file,
         help="Log to write: .mcap, .bag, .db3, or a name without suffix for a folder.",
     ),
-    config: Path | None = typer.Option(
-        None,
-        metavar="FILE",
-        parser=local_file,
-        help="File with your own system, like those in configs/.",
+    config: Path | None = local_file_option(
+        None, help="File with your own system, like those in configs/."
     ),
-    urdf: Path | None = typer.Option(
-        None,
-        metavar="FILE",
-        parser=local_file,
-        help="Also write the URDF, with the IMU's nominal pose.",
+    urdf: Path | None = local_file_option(
+        None, help="Also write the URDF, with the IMU's nominal pose."
     ),
     force: bool = typer.Option(
         False,

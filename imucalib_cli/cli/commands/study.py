@@ -9,9 +9,9 @@ import typer
 
 from imucalib_cli.cli import complete
 from imucalib_cli.cli.files import files_of
-from imucalib_cli.cli.options import Quiet
+from imucalib_cli.cli.options import Quiet, local_file_option
 from imucalib_cli.cli.output import deliver, deliver_blocks, is_terminal, remark
-from imucalib_cli.cli.parsers import local_file, output_folder
+from imucalib_cli.cli.parsers import output_folder
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
@@ -33,11 +33,8 @@ def study_command(
     quick: bool = typer.Option(
         False, "--quick", help="Do only a few runs, for a first look or for CI."
     ),
-    config: Path | None = typer.Option(
-        None,
-        metavar="FILE",
-        parser=local_file,
-        help="File with your own parameters, like those in configs/studies/.",
+    config: Path | None = local_file_option(
+        None, help="File with your own parameters, like those in configs/studies/."
     ),
     folder: Path = typer.Option(
         FOLDER,

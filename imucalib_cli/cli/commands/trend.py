@@ -6,16 +6,9 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
+from imucalib_cli.cli import options
 from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import Outputs, files_of
-from imucalib_cli.cli.options import (
-    OutputFile,
-    Quiet,
-    ResultFiles,
-    Within,
-    file_option,
-    output_option,
-)
 from imucalib_cli.cli.output import deliver, deliver_blocks, remark, say_error
 from imucalib_cli.cli.parsers import moment
 
@@ -26,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def trend_command(
-    results: ResultFiles,
+    results: options.ResultFiles,
     *,
-    within: Within = None,
+    within: options.Within = None,
     since: datetime | None = typer.Option(
         None,
         metavar="TIME",
@@ -37,17 +30,17 @@ def trend_command(
         "2026-11-23, or 2026-11-23T14:30; UTC unless a zone is given.",
         show_default="all recordings",
     ),
-    fmt: Literal["summary", "csv", "jsonl"] = output_option(
+    fmt: Literal["summary", "csv", "jsonl"] = options.output_option(
         "summary",
         "--format",
         help="summary: the verdict and a table; csv: one row per recording; jsonl: one line of "
         "JSON per IMU.",
     ),
-    output: OutputFile = None,
-    plot: Path | None = file_option(
+    output: options.OutputFile = None,
+    plot: Path | None = options.file_option(
         "FILE.svg|.pdf|.png", help="Also draw the mount over time with 1 sigma."
     ),
-    _quiet: Quiet = False,
+    _quiet: options.Quiet = False,
 ) -> None:
     """Has the mount moved over many recordings? Exit 0: no, 4: yes, 3: unknown."""
     from imucalib_cli.jobs.diff import trend_of
