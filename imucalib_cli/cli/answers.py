@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
-from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.output import (
     chosen_format,
     deliver,
     explain_sigma,
+    finish,
     is_quiet,
     is_terminal,
     remark,
@@ -93,8 +93,8 @@ def give_answers(
     *,
     fmt: str | None,
     output: Path | None,
-) -> int:
-    """Write answers, and on stderr a sentence for each; returns the exit code of the worst IMU.
+) -> NoReturn:
+    """Write answers, and on stderr a sentence for each; ends with the exit code of the worst IMU.
 
     ``findings`` are pairs of a label and a sentence.
     """
@@ -125,9 +125,7 @@ def give_answers(
     if chosen != "summary" or output is not None:
         for answer in answers:
             remark(answer.verdict, named(answer.about, answer.reason, several=several))
-    for failure in failures:
-        say_error(failure)
-    return exit_code_of_answers(answers, failures)
+    finish(failures, answers=answers)
 
 
 def named(file: str, sentence: str, *, several: bool) -> str:

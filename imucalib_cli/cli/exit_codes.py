@@ -8,7 +8,7 @@ from imucalib_cli.cli.interruption import EXIT_INTERRUPTED
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from imucalib_cli.results.result import Result
 
@@ -90,16 +90,13 @@ def exit_code(error: ImucalibError) -> int:
     return _CODES.get(type(error), EXIT_INPUT)
 
 
-def exit_code_of(errors: Iterable[ImucalibError], results: Sequence[Result] = ()) -> int:
-    """Exit code of a log, from its errors and its results."""
+def exit_code_of(
+    errors: Iterable[ImucalibError], results: Iterable[Result] = (), answers: Iterable[Any] = ()
+) -> int:
+    """Exit code of a log or a comparison, from errors, results and answers with a verdict."""
     untrusted = [EXIT_UNTRUSTED for result in results if result.status != "ok"]
-    return worst([*map(exit_code, errors), *untrusted])
-
-
-def exit_code_of_answers(answers: Iterable[Any], failures: Iterable[ImucalibError]) -> int:
-    """Exit code of a comparison, from its verdicts and the errors of IMUs without one."""
     verdicts = [_VERDICTS[answer.verdict] for answer in answers]
-    return worst([*verdicts, *map(exit_code, failures)])
+    return worst([*map(exit_code, errors), *untrusted, *verdicts])
 
 
 def worst(codes: Iterable[int]) -> int:

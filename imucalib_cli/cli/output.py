@@ -13,11 +13,11 @@ import os
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, NoReturn, TextIO
 
 import typer
 
-from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE
+from imucalib_cli.cli.exit_codes import EXIT_BROKEN_PIPE, exit_code_of
 from imucalib_cli.errors import InputError
 from imucalib_cli.layout import GUTTER, Table, plain
 from imucalib_cli.shown import LONGEST, readable, shown_lines
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.errors import ImucalibError
     from imucalib_cli.layout import Block
+    from imucalib_cli.results.result import Result
 
 _NARROWEST = 8
 """Least width of a column of text, in letters; a narrower one cannot be read."""
@@ -173,6 +174,15 @@ def say_error(error: ImucalibError) -> None:
     snippet = shown_lines(getattr(error, "snippet", ""))
     if len(snippet) <= LONGEST:
         say_text(snippet)
+
+
+def finish(
+    errors: Iterable[ImucalibError], results: Iterable[Result] = (), answers: Iterable[Any] = ()
+) -> NoReturn:
+    """Print errors and end the command, with the exit code of all, see :func:`exit_code_of`."""
+    for error in errors:
+        say_error(error)
+    raise typer.Exit(exit_code_of(errors, results, answers))
 
 
 def is_terminal(stream: TextIO) -> bool:

@@ -5,9 +5,8 @@ from pathlib import Path
 import typer
 
 from imucalib_cli.cli import complete, options
-from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, files_of
-from imucalib_cli.cli.output import deliver, remark, say_error
+from imucalib_cli.cli.output import deliver, finish, remark
 from imucalib_cli.errors import ChoiceError
 
 
@@ -66,6 +65,4 @@ def apply_command(
             deliver(applied.content, urdf if in_place else output)
         for change in applied.changes:
             remark("applied", change)
-        for failure in applied.failures:
-            say_error(failure)
-        raise typer.Exit(exit_code_of(applied.failures))
+        finish(applied.failures)

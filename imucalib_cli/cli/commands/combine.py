@@ -3,9 +3,8 @@
 import typer
 
 from imucalib_cli.cli import options
-from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, files_of, given_names
-from imucalib_cli.cli.output import chosen_format, remark, say_error
+from imucalib_cli.cli.output import chosen_format, finish, remark
 from imucalib_cli.cli.parsers import local_file
 
 
@@ -43,6 +42,4 @@ def combine_command(
         chosen = chosen_format(fmt, output)
         write_results(deliverable(found, chosen, force=force), chosen, output)
         report_findings(found, chosen, output, hint=fmt is None)
-        for failure in (unused := [*unread, *failures]):
-            say_error(failure)
-        raise typer.Exit(exit_code_of(unused, found))
+        finish([*unread, *failures], found)

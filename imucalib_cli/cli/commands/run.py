@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from imucalib_cli.cli import options
-from imucalib_cli.cli.exit_codes import exit_code_of
 from imucalib_cli.cli.files import Outputs, deliver_into, files_named_after, files_of, reading
-from imucalib_cli.cli.output import chosen_format, deliver_blocks, say_error, say_text
+from imucalib_cli.cli.output import chosen_format, deliver_blocks, finish, say_text
 from imucalib_cli.cli.parsers import file_or_folder, is_folder
 from imucalib_cli.errors import ChoiceError
 
@@ -97,9 +96,7 @@ def run_command(
                 # to stderr where stdout has a result for programs
                 _give_kinematics(outcome, to_stdout=chosen == "summary" or target is not None)
         report_findings(found, chosen, target, hint=fmt is None)
-        for failure in failures:
-            say_error(failure)
-        raise typer.Exit(exit_code_of(failures, found))
+        finish(failures, found)
 
 
 def _give_kinematics(outcome: "Outcome", *, to_stdout: bool) -> None:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from imucalib_cli.cli import options
-from imucalib_cli.cli.exit_codes import exit_code_of_answers
 from imucalib_cli.cli.files import Outputs, files_of
-from imucalib_cli.cli.output import deliver, deliver_blocks, remark, say_error
+from imucalib_cli.cli.output import deliver, deliver_blocks, finish, remark
 from imucalib_cli.cli.parsers import moment
 
 if TYPE_CHECKING:
@@ -63,9 +62,7 @@ def trend_command(
                 for each in answer.left_out:
                     remark("left out", f"{each.file}: {each.reason}")
                 remark(answer.verdict, answer.reason)
-        for failure in failures:
-            say_error(failure)
-        raise typer.Exit(exit_code_of_answers(answers, failures))
+        finish(failures, answers=answers)
 
 
 def _deliver(

@@ -83,7 +83,7 @@ def verify_command(
             for file, given in groupby(found[0], attrgetter("about"))
             for each in findings_of([answer.found for answer in given])
         ]
-        raise typer.Exit(give_answers(*found, findings, fmt=fmt, output=output))
+        give_answers(*found, findings, fmt=fmt, output=output)
 
 
 def _check_results(ctx: typer.Context, given: list[str], results: list[str]) -> None:
