@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from copy import copy
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ from imucalib_cli.findings import Finding
 from imucalib_cli.shown import printable, without_secrets
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from typing_extensions import Self
 
@@ -54,6 +55,15 @@ class ImucalibError(Exception):
         error = copy(self)
         error.args = ("; ".join((str(self), *reasons)),)
         return error
+
+
+@contextmanager
+def collected(failures: list[ImucalibError]) -> Iterator[None]:
+    """Add an error to the failures in place of raising it, where the work goes on without it."""
+    try:
+        yield
+    except ImucalibError as error:
+        failures.append(error)
 
 
 class InputError(ImucalibError):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.options import ExtraFiles, flag_of
 from imucalib_cli.cli.output import deliver
-from imucalib_cli.errors import ImucalibError
+from imucalib_cli.errors import ImucalibError, collected
 from imucalib_cli.optional import optional
 
 if TYPE_CHECKING:
@@ -56,9 +56,10 @@ def write_extras(
     from imucalib_cli.logs.open import is_own_output
     from imucalib_cli.results.overwrite_checks import check_places
 
-    before, failures = list(written), []
+    before = list(written)
+    failures: list[ImucalibError] = []
     for name, path in _asked(files).items() if outcome.calibrated else ():
-        try:
+        with collected(failures):
             contents = list(EXTRAS[name](path, outcome))
             places = [place for place, _ in contents]
             # with several IMUs there are other files than those named
@@ -68,8 +69,6 @@ def write_extras(
             for place, content in contents:
                 deliver(content, place)
             before += places
-        except ImucalibError as error:
-            failures.append(error)
     return failures
 
 

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from imucalib_cli import __version__
 from imucalib_cli.combine.logs import combine_logs, solve_again
-from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError
+from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError, collected
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.estimate import Residuals
 from imucalib_cli.estimate.matched import estimate_of
@@ -78,10 +78,8 @@ def combine(
     results: list[tree.Result] = []
     failures: list[ImucalibError] = []
     for each in imus.values():
-        try:
+        with collected(failures):
             results.append(_of_imu(each, change, tolerance, asked))
-        except ImucalibError as error:
-            failures.append(error)
     return results, failures
 
 
@@ -96,17 +94,14 @@ def calibrate_together(
     logs: list[StoredLog] = []
     failures: list[ImucalibError] = []
     for path in request.logs:
-        try:
+        with collected(failures):
             outcome = calibrate(replace(request, logs=(path,), require=None), progress)
-        except ImucalibError as error:
-            failures.append(error)
-            continue
-        failures += outcome.failures
-        logs += [
-            StoredLog(name=str(path), result=each.result, statistics=each.estimate.statistics)
-            for each in outcome.calibrated
-            if each.estimate.statistics is not None
-        ]
+            failures += outcome.failures
+            logs += [
+                StoredLog(name=str(path), result=each.result, statistics=each.estimate.statistics)
+                for each in outcome.calibrated
+                if each.estimate.statistics is not None
+            ]
     results, unsolved = combine(
         logs, lambda options: options, request.require, asked=len(request.logs)
     )

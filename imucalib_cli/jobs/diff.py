@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.errors import ChoiceError, ImucalibError, collected
 from imucalib_cli.jobs.result_files import display_name, read_result_file, read_result_files
 from imucalib_cli.robot.urdf import load_robot
 
@@ -45,18 +45,12 @@ def diff_results(
     failures: list[ImucalibError] = []
     for other in others:
         names = display_name(first), display_name(other)
-        try:
-            pairs = _pairs(before, read_result_file(other))
-        except ImucalibError as error:
-            failures.append(error)
-            continue
-        for pair in pairs:
-            try:
-                a, b = _both(pair, names)
-                poses = _in_the_same_frames(a, b, names, robot)
-                answers.append(diff((names[0], a), (names[1], b), poses, within))
-            except ImucalibError as error:
-                failures.append(error)
+        with collected(failures):
+            for pair in _pairs(before, read_result_file(other)):
+                with collected(failures):
+                    a, b = _both(pair, names)
+                    poses = _in_the_same_frames(a, b, names, robot)
+                    answers.append(diff((names[0], a), (names[1], b), poses, within))
     return answers, failures
 
 

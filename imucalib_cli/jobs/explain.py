@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
@@ -99,11 +100,9 @@ def _against(
     if sources.base is not None or robot is None:
         return
     for base in possible_bases(others, sources, request):
-        try:
+        with suppress(ImucalibError):
             path = base_imu_path(base, motion.mount.parent, robot=robot, tracks=sources.joints)
-        except ImucalibError:
-            continue
-        yield _stamped_as(path, used)
+            yield _stamped_as(path, used)
 
 
 def _base_elsewhere(

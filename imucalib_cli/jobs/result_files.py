@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile, ZipFile
 
-from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
+from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, collected
 from imucalib_cli.guarded_yaml import YamlError, read_bounded
 from imucalib_cli.logs.remote.url import is_url
 from imucalib_cli.results.codec import read_results
@@ -95,10 +95,8 @@ def read_result_files(names: Sequence[str]) -> tuple[list[Named], list[ImucalibE
     found: list[Named] = []
     failures: list[ImucalibError] = []
     for name in result_names(names):
-        try:
+        with collected(failures):
             found += [(display_name(name), result) for result in read_result_file(name)]
-        except ImucalibError as error:
-            failures.append(error)
     return found, failures
 
 
@@ -179,10 +177,8 @@ def read_statistics_files(
             )
         foreign += others
         for file in (each for each in files if each not in others):
-            try:
+            with collected(failures):
                 logs.append(read_statistics(file))
-            except ImucalibError as error:
-                failures.append(error)
     return logs, foreign, failures
 
 

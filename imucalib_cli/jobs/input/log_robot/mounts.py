@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -164,12 +165,10 @@ def possible_bases(imus: Imus, sources: Sources, request: CalibrationRequest) ->
     """Each of some IMUs as the base IMU, if it can be one."""
     for imu in imus:
         samples = samples_of(imu, sources.clock)
-        try:
+        with suppress(ImucalibError):
             if is_turning(samples):
                 track, _ = base_track(samples, request.units, request.gravity)
                 yield _placed(imu, track, sources, request, ())
-        except ImucalibError:
-            continue
 
 
 def _named(imus: Imus, name: str) -> ImuStream:
