@@ -204,9 +204,15 @@ def tilt(text: str) -> tuple[float, ...]:
     return tuple(math.radians(each) for each in _numbers(text, 2, 'two angles "x y" in degrees'))
 
 
-def components(text: str) -> list[int]:
+def components(text: str, whole: str = "") -> list[int]:
     """Components of the pose, such as ``tx,rz``, as indices into tx ty tz rx ry rz."""
-    return _components(text, text)
+    from imucalib_cli.estimate.entries import POSE_NAMES
+
+    given = names(text) or ("",)
+    if unknown := [name for name in given if name not in POSE_NAMES]:
+        expected = f"some of {', '.join(POSE_NAMES)}"
+        raise WrongValue(f"{whole or text}: '{unknown[0]}' is not a component; expected {expected}")
+    return [POSE_NAMES.index(name) for name in given]
 
 
 def pose_std(
@@ -222,7 +228,7 @@ def pose_std(
         value, unit = _split(quantity.strip(), expected, text)
         _positive(value, text, expected)
         units, kind = (_METRES, range(3)) if unit in _METRES else (_RADIANS, range(3, 6))
-        places = _components(name.strip(), text) if name else [*kind]
+        places = components(name.strip(), text) if name else [*kind]
         if unit not in units or any(place not in kind for place in places):
             raise WrongValue(f"{text}: '{part.strip()}' is not understood; use {expected}")
         for place in places:
@@ -366,16 +372,6 @@ def output_folder(text: str) -> Path:
 def is_folder(output: str) -> bool:
     """Whether ``-o`` names a folder: it ends with a slash or exists as one."""
     return bool(output) and (output.endswith("/") or Path(output).is_dir())
-
-
-def _components(text: str, whole: str) -> list[int]:
-    from imucalib_cli.estimate.entries import POSE_NAMES
-
-    given = names(text) or ("",)
-    if unknown := [name for name in given if name not in POSE_NAMES]:
-        expected = f"some of {', '.join(POSE_NAMES)}"
-        raise WrongValue(f"{whole}: '{unknown[0]}' is not a component; expected {expected}")
-    return [POSE_NAMES.index(name) for name in given]
 
 
 def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:

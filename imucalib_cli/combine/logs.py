@@ -98,7 +98,6 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         _Reduced.of(log.equations, own, shared, at) for log, own in zip(logs, options, strict=True)
     ]
     free, moves = np.flatnonzero(shared.free), np.flatnonzero(shared.free[shared.pose])
-    blank = np.zeros((shared.size, shared.size))
     equations = Together(
         information=np.array([one.information for one in each])[:, free][:, :, free],
         score=np.array([one.score for one in each])[:, free],
@@ -116,7 +115,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         state=at.moved(shared, embedded(posterior.step, shared.free)),
         covariance=embedded(posterior.covariance, shared.free),
         u=posterior.u[:-2],
-        motion=sum((one.motion for one in each), blank),
+        motion=np.sum([one.motion for one in each], axis=0),
     )
     differences = equations.differences(posterior.u, posterior.step)
     distances, squares = equations.distances(posterior.u)
