@@ -46,21 +46,17 @@ def calibration_request(
     asked: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in vars(recording).items()
+        if name in CalibrationRequest.__struct_fields__ and value is not None
     }
-    asked["csv_columns"] = recording.csv_columns or ()
-    asked["joint_columns"] = tuple(recording.joint_columns or ())
-    units = Units(
-        accel=asked.pop("accel_unit"), gyro=asked.pop("gyro_unit"), sign=asked.pop("accel_sign")
-    )
-    start, end = asked.pop("part_from"), asked.pop("part_to")
     asked["parent"], asked["parents"] = _parents(recording.parents)
+    units = Units(accel=recording.accel_unit, gyro=recording.gyro_unit, sign=recording.accel_sign)
     return CalibrationRequest(
         logs=tuple(logs),
         units=units,
         estimator=_estimator_options(ctx, estimator),
         imu=_expected_imu(estimator),
         require=require,
-        part=part_asked(start, end),
+        part=part_asked(recording.part_from, recording.part_to),
         planar=estimator.planar,
         **asked,
     )
