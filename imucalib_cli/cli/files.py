@@ -99,8 +99,8 @@ class Outputs:
         self._outputs = [path for path in outputs if path is not None]
         self._before = {path: _identity(path) for path in (*self._outputs, *older)}
 
-    def check(self, *more: Path, folder: Path | None = None, **how: Any) -> None:
-        """Check before any computing that these, and ``more``, may be written.
+    def check(self, *more: Path, folder: Path | None = None, **how: Any) -> Self:
+        """Check before any computing that these, and ``more``, may be written; returns itself.
 
         ``folder`` will be made if it is missing; ``how`` as results.overwrite_checks.check_places.
 
@@ -117,6 +117,7 @@ class Outputs:
 
             check_places(read=self.read, written=written, folder=folder, **how)
         self._before = before
+        return self
 
     def __enter__(self) -> Self:
         return self
@@ -129,17 +130,6 @@ class Outputs:
         for path, identity in self._before.items():
             if identity not in inputs and _identity(path) == identity:
                 say("warning", f"{path} was not updated; it still holds an earlier result")
-
-
-def writing(*outputs: Path | None, read: Iterable[Path]) -> Outputs:
-    """Outputs that are checked already.
-
-    Raises:
-        ChoiceError, InputError: As :meth:`Outputs.check`.
-    """
-    found = Outputs(*outputs, read=read)
-    found.check()
-    return found
 
 
 def deliver_into(

@@ -7,7 +7,7 @@ import typer
 
 from imucalib_cli.cli import complete, options
 from imucalib_cli.cli.exit_codes import EXIT_OK, EXIT_UNTRUSTED
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.files import Outputs, files_of
 from imucalib_cli.cli.output import chosen_format, deliver, deliver_blocks, remark
 from imucalib_cli.cli.parsers import named
 
@@ -51,7 +51,7 @@ def compare_command(
     _quiet: options.Quiet = False,
 ) -> None:
     """Compare a result with Kalibr's, through the URDF. Exit 0; 3 if the result is untrusted."""
-    with writing(output, read=files_of(result, kalibr, truth, urdf)):
+    with Outputs(output, read=files_of(result, kalibr, truth, urdf)).check():
         from imucalib_cli.jobs.compare import compare_files
         from imucalib_cli.results.codec import to_json, to_yaml
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.files import Outputs, files_of
 from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within, local_file_option
 from imucalib_cli.cli.parsers import named
 
@@ -28,7 +28,7 @@ def diff_command(
     _quiet: Quiet = False,
 ) -> None:
     """Has the mount moved since the first result? Exit 0: no, 4: yes, 3: unknown."""
-    with writing(output, read=files_of(first, *others, urdf)):
+    with Outputs(output, read=files_of(first, *others, urdf)).check():
         from imucalib_cli.cli.answers import give_answers
         from imucalib_cli.jobs.diff import diff_results
 

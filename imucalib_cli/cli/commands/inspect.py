@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal
 import typer
 
 from imucalib_cli.cli import options, parsers
-from imucalib_cli.cli.files import files_of, reading, writing
+from imucalib_cli.cli.files import Outputs, files_of, reading
 from imucalib_cli.cli.output import deliver, deliver_blocks
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def inspect_command(
     from imucalib_cli.jobs.inspect import inspect
 
     with (
-        writing(output, read=files_of(*logs, urdf)),
+        Outputs(output, read=files_of(*logs, urdf)).check(),
         reading(*logs, urdf, verbose=verbose),
     ):
         with ProgressBar() as bar:

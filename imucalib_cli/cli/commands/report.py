@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from imucalib_cli.cli.files import files_of, writing
+from imucalib_cli.cli.files import Outputs, files_of
 from imucalib_cli.cli.options import OutputFile, Quiet
 from imucalib_cli.cli.output import deliver, is_terminal
 from imucalib_cli.cli.parsers import named
@@ -30,7 +30,7 @@ def report_command(
         raise ChoiceError(
             "a page cannot be shown on a terminal: add -o report.html, or redirect stdout"
         )
-    with writing(output, read=files_of(result)):
+    with Outputs(output, read=files_of(result)).check():
         from imucalib_cli.jobs.report import report_of_file
 
         deliver(report_of_file(result), output)

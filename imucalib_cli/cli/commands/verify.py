@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from imucalib_cli.cli import options, parsers
-from imucalib_cli.cli.files import files_of, reading, writing
+from imucalib_cli.cli.files import Outputs, files_of, reading
 from imucalib_cli.errors import ChoiceError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def verify_command(
     within = within or WITHIN
     ignored = frozenset(ignore or ())
     with (
-        writing(output, read=files_of(*paths, recording.urdf, estimator.imu_model)),
+        Outputs(output, read=files_of(*paths, recording.urdf, estimator.imu_model)).check(),
         reading(*paths, recording.urdf, verbose=verbose),
     ):
         results = [name for name in logs if is_result(name)]
