@@ -5,7 +5,6 @@ Another one is a field of ``ExtraFiles`` in cli/options.py and an entry of EXTRA
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from imucalib_cli.cli.options import ExtraFiles, flag_of
@@ -95,8 +94,7 @@ def _check_installed(name: str, suffix: str) -> None:
 
 
 def _asked(files: ExtraFiles) -> dict[str, Path]:
-    paths = {each.name: getattr(files, each.name) for each in fields(files)}
-    return {name: path for name, path in paths.items() if path is not None}
+    return {name: path for name, path in vars(files).items() if path is not None}
 
 
 def _residuals(path: Path, outcome: Outcome) -> Files:
