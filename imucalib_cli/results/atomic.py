@@ -84,14 +84,12 @@ def lock(file: IO[bytes]) -> bool:
     """Lock a file until it is closed; False if it is locked. True where locking is unsupported."""
     try:
         import fcntl
-    except ImportError:  # Windows
-        return True
-    try:
+
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # some network file systems
-        return True
+    except (ImportError, OSError):  # Windows, some network file systems
+        pass
     return True
 
 
