@@ -99,17 +99,16 @@ class UncertainPose(Struct, frozen=True, kw_only=True, eq=False):
 
 def is_covariance(matrix: Floats) -> bool:
     """Whether a matrix is symmetric and positive semidefinite, up to rounding in a file."""
-    _, scaled = correlation(matrix)
-    if not np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING):
-        return False
-    return bool(np.linalg.eigvalsh(scaled)[0] > -_ROUNDING)
+    scaled = correlation(matrix)
+    is_symmetric = np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING)
+    return is_symmetric and bool(np.linalg.eigvalsh(scaled)[0] > -_ROUNDING)
 
 
-def correlation(covariance: Floats) -> tuple[Floats, Floats]:
-    """Standard deviations (1 where zero), and the covariance divided by them."""
-    scale = np.sqrt(np.abs(np.diag(covariance)))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    return scale, covariance / np.outer(scale, scale)
+def correlation(covariance: Floats) -> Floats:
+    """The covariance divided by the standard deviations, 1 where they are zero."""
+    std = np.sqrt(np.abs(np.diag(covariance)))
+    scale = np.where(std > 0.0, std, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale))
 
 
 def orthogonal_complement(directions: ArrayLike) -> Floats:

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.entries import POSE_NAMES
+from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.findings import warning
 from imucalib_cli.results.comparison import answers
@@ -180,7 +181,7 @@ def _against(result: Result, since: datetime | None) -> Iterator[str]:
     if not covariance.any():
         yield "all of its pose is held by --fix, not found"
     free = np.diag(covariance) > 0.0
-    if np.linalg.eigvalsh(correlation(covariance[free][:, free])[1])[0] <= _ROUNDING:
+    if np.linalg.eigvalsh(correlation(covariance[free][:, free]))[0] <= _ROUNDING:
         yield "its covariance is singular"
 
 
@@ -215,16 +216,15 @@ class _Vectors(Struct, frozen=True, kw_only=True, eq=False):
 
     def pose(self, value: Floats, covariance: Floats) -> UncertainPose:
         """The pose for a vector (m,) and covariance (m, m); held components as in the first."""
-        full, C = self.first.copy(), np.zeros((6, 6))
+        full = self.first.copy()
         full[self.free] = value
-        C[np.ix_(self.free, self.free)] = covariance
         J = np.eye(6)
         J[3:, 3:] = np.linalg.inv(left_jacobian_inverse(full[3:]))
         return replace(
             self.reference,
             R=matrix_from_rotvec(full[3:]) @ self.reference.R,
             t=self.reference.t + full[:3],
-            covariance=J @ C @ J.T,
+            covariance=J @ embedded(covariance, self.free) @ J.T,
         )
 
 
