@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from imucalib_cli.simulate.recording import CameraRecord
 
 
-BITS = 6
-"""Data cells along an edge of a tag of 36h11."""
-BORDER_BITS = 2
-"""Black cells around them: borderBits of kalibr_create_target_pdf, blackTagBorder of Kalibr's
+_BORDER_BITS = 2
+"""Black cells around a tag: borderBits of kalibr_create_target_pdf, blackTagBorder of Kalibr's
 AprilgridOptions. (Tags of other detectors have 1.)"""
+_EDGE = 6 + 2 * _BORDER_BITS
+"""Cells along an edge of a tag of 36h11, which has 6 x 6 data cells."""
 _CELL = 20
 """Pixels of the picture along an edge of a cell: finer than in any camera image here."""
 _FINE = 4
@@ -63,7 +63,7 @@ def _family(cv2: Any) -> Any:
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
 
 
-def tag_cells(number: int, border_bits: int = BORDER_BITS) -> Bools:
+def tag_cells(number: int) -> Bools:
     """White cells of an upright tag on the board, top row first.
 
     Kalibr draws the 36 bits of a code from the most significant one, row by row from the upper
@@ -71,18 +71,17 @@ def tag_cells(number: int, border_bits: int = BORDER_BITS) -> Bools:
     the same tags, upside down.
 
     Returns:
-        (6 + 2 border_bits, 6 + 2 border_bits).
+        (_EDGE, _EDGE).
 
     Raises:
         InputError: OpenCV is not installed.
     """
     cv2 = opencv()
-    edge = BITS + 2 * border_bits
-    drawn = cv2.aruco.generateImageMarker(_family(cv2), number, edge, borderBits=border_bits)
+    drawn = cv2.aruco.generateImageMarker(_family(cv2), number, _EDGE, borderBits=_BORDER_BITS)
     return np.asarray(np.rot90(drawn, 2) > 0)
 
 
-def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_BITS) -> Picture:
+def board_picture(target: AprilGrid, shades: Shades) -> Picture:
     """Draw a board: ids row by row from the lower left, squares at the corners of all tags.
 
     As kalibr_create_target_pdf does (generateAprilBoard with symmCorners); the paper ends one
@@ -92,7 +91,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
         InputError: OpenCV is not installed, the family has no so many tags, or the spacing is
             finer than the picture's pixels.
     """
-    edge = (BITS + 2 * border_bits) * _CELL
+    edge = _EDGE * _CELL
     gap = round(target.tag_spacing * edge)
     if abs(gap - target.tag_spacing * edge) > 1e-6:
         raise InputError(f"tag_spacing {target.tag_spacing:g}: must be a multiple of {1 / edge:g}")
@@ -105,7 +104,7 @@ def board_picture(target: AprilGrid, shades: Shades, border_bits: int = BORDER_B
     white = np.ones((height, width), dtype=bool)
     for row in range(rows):
         for col in range(cols):
-            cells = tag_cells(cols * row + col, border_bits)
+            cells = tag_cells(cols * row + col)
             left = margin + col * pitch
             top = height - margin - row * pitch - edge
             white[top : top + edge, left : left + edge] = np.kron(cells, np.ones((_CELL, _CELL)))
@@ -195,9 +194,9 @@ class Images:
                 self._picture.pixels, to_picture @ to_ray, size, flags=flags, **shades
             )
         else:
-            rays = self._rays[:, top * _FINE : bottom * _FINE, left * _FINE : right * _FINE]
-            H = to_picture.astype(np.float32)
-            x, y, w = (row[0] * rays[0] + row[1] * rays[1] + row[2] for row in H)
+            part = self._rays[top * _FINE : bottom * _FINE, left * _FINE : right * _FINE]
+            u, v = np.moveaxis(part, -1, 0)
+            x, y, w = (a * u + b * v + c for a, b, c in to_picture.astype(np.float32))
             fine = cv2.remap(self._picture.pixels, x / w, y / w, cv2.INTER_LINEAR, **shades)
         return np.asarray(fine, dtype=np.uint8)
 
@@ -225,24 +224,17 @@ class Images:
 
 
 def _fine_rays(lens: Intrinsics) -> NDArray[np.float32]:
-    """Rays (x, y, 1) of all fine samples of an image, (2, rows, columns), distortion undone.
+    """Rays (x, y, 1) of all fine samples of an image, (rows, columns, 2), distortion undone.
 
     By fixed-point iteration at whole pixels and linearly between them.
     """
     u, v = np.meshgrid(np.arange(-1.0, lens.width + 1), np.arange(-1.0, lens.height + 1))
-    distorted = np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy])
+    focal, middle = np.array([lens.fx, lens.fy]), np.array([lens.cx, lens.cy])
+    distorted = (np.stack([u, v], axis=-1) - middle) / focal
     rays = distorted.copy()
     for _ in range(40):
-        pixels = project(lens, np.stack([*rays, np.ones_like(u)], axis=-1))
-        there = np.stack(
-            [(pixels[..., 0] - lens.cx) / lens.fx, (pixels[..., 1] - lens.cy) / lens.fy]
-        )
-        rays += distorted - there
-    for axis, count in ((1, lens.height), (2, lens.width)):
-        at = (np.arange(count * _FINE) + 0.5) / _FINE + 0.5  # 1 is the first pixel's centre
-        before = at.astype(int)
-        shape = [1, 1, 1]
-        shape[axis] = len(at)
-        share = (at - before).reshape(shape)
-        rays = rays.take(before, axis) * (1 - share) + rays.take(before + 1, axis) * share
-    return np.asarray(rays, dtype=np.float32)
+        pixels = project(lens, np.dstack([rays, np.ones_like(u)]))
+        rays += distorted - (pixels - middle) / focal
+    fine = opencv().resize(rays, None, fx=_FINE, fy=_FINE)
+    inner = slice(_FINE, -_FINE)  # without the pixels around the image
+    return np.asarray(fine[inner, inner], dtype=np.float32)
