@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
-from imucalib_cli.simulate.options import Vector  # noqa: TC001 - type of fields, checked when read
+from imucalib_cli.simulate.options import ZERO, Vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +120,7 @@ class ArmLink:
     axis: Literal["x", "y", "z"]
     """The cylinder's axis."""
 
+    @property
     def inertia(self) -> Vector:
         """Principal moments about the centre of mass along x, y, z, kg m²."""
         along = self.mass * self.radius**2 / 2
@@ -193,6 +194,8 @@ class FreeBody:
     mass: float
     inertia: Vector
     """kg m², principal, along x, y, z."""
+    com: ClassVar[Vector] = ZERO
+    """m, centre of mass."""
     start_rest: float
     push: float
     pushes: tuple[Push, ...]

@@ -11,7 +11,6 @@ from imucalib_cli.errors import InputError
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.config import FreeBody, Legged
 from imucalib_cli.simulate.elements import add
-from imucalib_cli.simulate.options import ZERO
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,8 +45,7 @@ def model_xml(
     bodies: dict[str, ET.Element] = {}
     if isinstance(mover, Legged):
         height = mover.gait.height + mover.feet[0].radius
-        trunk = mover.trunk
-        bodies[system.parent] = _floating(world, system.parent, trunk, trunk.com, height)
+        bodies[system.parent] = _floating(world, system.parent, mover.trunk, height)
     else:
         add(option, "flag", contact="disable", constraint="disable")
     if isinstance(mover, FreeBody):
@@ -95,28 +93,18 @@ def _jointed(
             gravcomp=drives.gravity_compensation,
         )
         add(body, "joint", name=joint.name, axis=joint.direction, armature=rotor)
-        _inertial(body, link.mass, link.com, link.inertia())
+        add(body, "inertial", pos=link.com, mass=link.mass, diaginertia=link.inertia)
         add(actuators, "position", joint=joint.name, kp=stiffness, kv=damping)
         bodies[link.name] = body
 
 
 def _floating(
-    world: ET.Element,
-    name: str,
-    box: FreeBody | Trunk,
-    com: Sequence[float] = ZERO,
-    height: float = 0.0,
+    world: ET.Element, name: str, box: FreeBody | Trunk, height: float = 0.0
 ) -> ET.Element:
     body = add(world, "body", name=name, pos=(0.0, 0.0, height))
     add(body, "freejoint")
-    _inertial(body, box.mass, com, box.inertia)
+    add(body, "inertial", pos=box.com, mass=box.mass, diaginertia=box.inertia)
     return body
-
-
-def _inertial(
-    body: ET.Element, mass: float, com: Sequence[float], inertia: Sequence[float]
-) -> None:
-    add(body, "inertial", pos=com, mass=mass, diaginertia=inertia)
 
 
 def _contacts(world: ET.Element, bodies: dict[str, ET.Element], legged: Legged) -> None:

@@ -15,7 +15,7 @@ from imucalib_cli.simulate.options import ZERO
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from imucalib_cli.simulate.config import FreeBody, SystemConfig, Trunk
+    from imucalib_cli.simulate.config import ArmLink, FreeBody, SystemConfig, Trunk
 
 _TO_AXIS = {"x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
 """rpy that turns a cylinder from z, its axis in URDF, to another axis."""
@@ -31,12 +31,12 @@ def urdf_text(system: SystemConfig) -> str:
     mover = system.mover
     if isinstance(mover, Jointed):
         if isinstance(mover, Legged):
-            _box(robot, system.parent, mover.trunk, mover.trunk.com)
+            _box(robot, system.parent, mover.trunk)
         else:
             add(robot, "link", name=system.world)
         _jointed(robot, mover)
     else:
-        _box(robot, system.parent, mover, ZERO)
+        _box(robot, system.parent, mover)
     for imu in system.every_imu:
         _fixed(robot, imu.link, imu.parent, imu.nominal.xyz, imu.nominal.rpy)
     for frame in system.frames:
@@ -51,33 +51,31 @@ def _jointed(robot: ET.Element, arm: Jointed) -> None:
     for link in arm.links:
         element = add(robot, "link", name=link.name)
         visual = add(element, "visual")
-        _origin(visual, link.com, _TO_AXIS[link.axis])
+        add(visual, "origin", xyz=link.com, rpy=_TO_AXIS[link.axis])
         add(add(visual, "geometry"), "cylinder", radius=link.radius, length=link.length)
-        _inertial(element, link.mass, link.com, link.inertia())
+        _inertial(element, link)
     for joint in arm.joints:
         limit = np.radians(joint.range_deg)
         velocity = np.radians(joint.velocity_deg)
         element = add(robot, "joint", name=joint.name, type="revolute")
-        _origin(element, joint.xyz, joint.rpy)
+        add(element, "origin", xyz=joint.xyz, rpy=joint.rpy)
         add(element, "parent", link=joint.parent)
         add(element, "child", link=joint.child)
         add(element, "axis", xyz=joint.direction)
         add(element, "limit", lower=-limit, upper=limit, effort=joint.effort, velocity=velocity)
 
 
-def _box(robot: ET.Element, name: str, body: FreeBody | Trunk, com: Sequence[float]) -> None:
+def _box(robot: ET.Element, name: str, body: FreeBody | Trunk) -> None:
     element = add(robot, "link", name=name)
     add(add(add(element, "visual"), "geometry"), "box", size=body.size)
-    _inertial(element, body.mass, com, body.inertia)
+    _inertial(element, body)
 
 
-def _inertial(
-    link: ET.Element, mass: float, com: Sequence[float], inertia: Sequence[float]
-) -> None:
+def _inertial(link: ET.Element, body: ArmLink | FreeBody | Trunk) -> None:
     element = add(link, "inertial")
-    _origin(element, com, ZERO)
-    add(element, "mass", value=mass)
-    ixx, iyy, izz = inertia
+    add(element, "origin", xyz=body.com, rpy=ZERO)
+    add(element, "mass", value=body.mass)
+    ixx, iyy, izz = body.inertia
     add(element, "inertia", ixx=ixx, ixy=0.0, ixz=0.0, iyy=iyy, iyz=0.0, izz=izz)
 
 
@@ -85,11 +83,7 @@ def _fixed(
     robot: ET.Element, link: str, parent: str, xyz: Sequence[float], rpy: Sequence[float]
 ) -> None:
     joint = add(robot, "joint", name=f"{link.removesuffix('_link')}_joint", type="fixed")
-    _origin(joint, xyz, rpy)
+    add(joint, "origin", xyz=xyz, rpy=rpy)
     add(joint, "parent", link=parent)
     add(joint, "child", link=link)
     add(robot, "link", name=link)
-
-
-def _origin(element: ET.Element, xyz: Sequence[float], rpy: Sequence[float]) -> None:
-    add(element, "origin", xyz=xyz, rpy=rpy)
