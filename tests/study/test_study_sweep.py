@@ -97,13 +97,13 @@ def test_run_is_reproducible() -> None:
 def test_bound_uses_the_unknowns_of_the_method() -> None:
     small = tiny("window")
     cell = small.cells()[0]
-    setup = small.setup(cell)
+    physics, _ = small.inputs(cell)
     # MEMS: one-sided densities at 100 Hz.
     accel, gyro = (
         300e-6 * 9.80665 * math.sqrt(50.0),
         math.radians(0.014) * math.sqrt(50.0),
     )
-    clean = clean_recording("rihibot", setup.physics)
+    clean = clean_recording("rihibot", physics)
     alone, everything = cramer_rao(clean, accel, gyro, ()), cramer_rao(clean, accel, gyro)
     for row in small.measure(cell):
         bound = everything if row["method"] == "matched" else alone
@@ -114,16 +114,15 @@ def test_bound_uses_the_unknowns_of_the_method() -> None:
 def test_each_part_changes_its_own_parameter() -> None:
     window, encoder, bias, rate = (study(name) for name in VALUES)
     cells = {
-        (name, cell["part"], cell["value"]): sweep.setup(cell)
+        (name, cell["part"], cell["value"]): (*sweep.inputs(cell), *sweep.filters(cell))
         for name, sweep in zip(VALUES, (window, encoder, bias, rate), strict=True)
         for cell in sweep.cells()
     }
-    for (name, part, value), setup in cells.items():
+    for (name, part, value), (physics, noise, settings, window) in cells.items():
         assert isinstance(value, float)
-        noise, physics = setup.noise, setup.physics
         if name == "window":
-            assert setup.window.samples == round(value * 250.0)
-            assert {setting.window for setting in setup.settings} == {setup.window}
+            assert window.samples == round(value * 250.0)
+            assert {setting.window for setting in settings} == {window}
         encoders = (noise.encoder_noise, noise.encoder_step)
         if name == "encoder":
             assert encoders == ((value, 0.0) if part == "noise" else (0.0, value))

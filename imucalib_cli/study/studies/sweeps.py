@@ -64,18 +64,6 @@ NOTE = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Setup:
-    """Inputs of one run."""
-
-    physics: PhysicsOptions
-    noise: NoiseOptions
-    settings: tuple[PaperOptions, ...]
-    """Of the published method: all are run, tables show the best."""
-    window: WindowChoice
-    """Of the matched filters."""
-
-
 @dataclass(frozen=True)
 class Part:
     """One of the sweeps of a study."""
@@ -126,8 +114,8 @@ class Sweep(Conditioned):
             sections.append(Section(title, runs, columns, note))
         return sections
 
-    def setup(self, cell: Cell) -> Setup:
-        """Inputs of a cell."""
+    def inputs(self, cell: Cell) -> tuple[PhysicsOptions, NoiseOptions]:
+        """What is simulated in a cell."""
         part = self.parts[cell["part"]]
         direction = np.random.default_rng(cell["seed"]).normal(size=3)  # the same for every norm
         vector = tuple((cell["value"] * direction / np.linalg.norm(direction)).tolist())
@@ -140,18 +128,18 @@ class Sweep(Conditioned):
             }
 
         physics, noise = self.physics, self.condition_of(cell).sensors
-        return Setup(
-            physics=replace(physics, **changes(physics)),
-            noise=replace(noise, **changes(noise)),
-            settings=paper_settings(self.paper_windows, self.paper_exclusions),
-            window=WindowChoice(),
-        )
+        return replace(physics, **changes(physics)), replace(noise, **changes(noise))
+
+    def filters(self, cell: Cell) -> tuple[tuple[PaperOptions, ...], WindowChoice]:
+        """Settings of the published method, of which tables show the best; our window."""
+        del cell
+        return paper_settings(self.paper_windows, self.paper_exclusions), WindowChoice()
 
     def measure(self, cell: Cell) -> list[Row]:
         """All methods on one recording, the published one in each of its settings."""
-        setup, seed = self.setup(cell), cell["seed"]
-        clean = clean_recording(cell["system"], setup.physics)
-        recording = corrupt(clean, setup.noise, seed)
+        (physics, noise), seed = self.inputs(cell), cell["seed"]
+        clean = clean_recording(cell["system"], physics)
+        recording = corrupt(clean, noise, seed)
         guess = wrong_guess(clean, self.initial_translation, self.initial_rotation_deg, seed)
         return [
             cell
@@ -160,8 +148,8 @@ class Sweep(Conditioned):
                 "window": setting.window.samples if setting else None,
                 "exclusion": setting.exclusion_threshold if setting else None,
             }
-            | bound_columns(clean, setup.noise, alone=row["method"] != "matched")
-            for setting, row in run_methods(METHODS, recording, guess, setup.settings, setup.window)
+            | bound_columns(clean, noise, alone=row["method"] != "matched")
+            for setting, row in run_methods(METHODS, recording, guess, *self.filters(cell))
         ]
 
     def shown(self, rows: Sequence[Row]) -> list[Row]:
@@ -297,14 +285,10 @@ class WindowStudy(Sweep):
         """Seconds, so that rates can be compared."""
         return [samples / self.imu_rate for samples in super().values(part)]
 
-    def setup(self, cell: Cell) -> Setup:
+    def filters(self, cell: Cell) -> tuple[tuple[PaperOptions, ...], WindowChoice]:
         """The same window in the filters of both methods."""
         samples = round(cell["value"] * self.imu_rate)
-        return replace(
-            super().setup(cell),
-            settings=paper_settings((samples,), self.paper_exclusions),
-            window=WindowChoice(samples=samples),
-        )
+        return paper_settings((samples,), self.paper_exclusions), WindowChoice(samples=samples)
 
 
 @dataclass(frozen=True, kw_only=True)
