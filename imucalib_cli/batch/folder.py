@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from collections import defaultdict
-from itertools import accumulate, count
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -130,10 +130,10 @@ class ResultFolder:
                 for beginning in accumulate(path.name.split(".")[:-1], "{}.{}".format):
                     files[beginning].append(path)
         taken = {collision_key(name) for name in self._owners}
-        counts: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
+        untried: dict[str, Iterator[str]] = {}
         named = []
         for log in logs:
-            name = earlier.get(log.place) or _free_name(log, taken, files, counts)
+            name = earlier.get(log.place) or _free_name(log, taken, files, untried)
             taken.add(collision_key(name))
             self._owners[name] = log.place
             named.append(BatchLog(log.paths, name))
@@ -225,16 +225,15 @@ def _free_name(
     log: BatchLog,
     taken: Collection[str],
     files: Mapping[str, Iterable[Path]],
-    counts: Mapping[str, Iterator[int]],
+    untried: dict[str, Iterator[str]],
 ) -> str:
     """A name that is not taken by another log, nor by a file of something else.
 
     The log's own results, such as ``imucalib run`` writes them, do not block a name. ``files`` are
-    by the beginnings of their names, ``counts`` numbers that are not used yet, by the name without.
+    by the beginnings of their names, ``untried`` names by the first of them.
     """
     stem = file_name(log_name(log.paths[0]))
-    for number in counts[collision_key(stem)]:
-        name = stem if number == 1 else f"{stem}.{number}"
+    for name in untried.setdefault(stem, numbered(stem, ".")):
         others = files.get(name, ())
         if collision_key(name) not in taken and all(_is_of(path, log) for path in others):
             break
