@@ -99,9 +99,8 @@ def _whitened(whiten: Floats, rows: Floats) -> Floats:
 
 
 def _spread(of_value: Floats, weights: Floats) -> Floats:
-    """Derivative by the control points from that by the value of the spline, (N, 6, 36)."""
-    local = of_value[:, :, None, :] * weights[:, None, :, None]
-    return np.asarray(local.reshape(len(weights), 6, -1))
+    """By control points, (N, rows, ORDER, C), what is by the spline's value, (N, rows, C)."""
+    return of_value[:, :, None, :] * weights[:, None, :, None]
 
 
 def _between(nodes: Floats, t: Floats) -> tuple[Indices, Floats]:
@@ -192,7 +191,7 @@ class Problem:
         border[:, :3, :3] = -R @ R_fs.T
         border[:, :3, 3:] = -R @ R_fs.T @ skew(t_fs)
         border[:, 3:, 3:] = -np.eye(3)
-        local = _spread(_whitened(whiten, of_value), weights[0])
+        local = _spread(_whitened(whiten, of_value), weights[0]).reshape(n, 6, -1)
         return Rows(segment, r, local, _whitened(whiten, border), columns)
 
     def imu_rows(self, state: State, part: slice, *, derivatives: bool) -> Rows:
@@ -216,15 +215,11 @@ class Problem:
         r *= whiten
         if not derivatives:
             return Rows(segment, r, _NONE, _NONE, columns)
-        turn = skew(force) @ J
         bent = rate_jacobian(phi, rate)
         local = np.zeros((len(t), 6, ORDER, 6))
-        local[:, :3, :, :3] = R_t[:, :, None, :] * weights[2][:, None, :, None]
-        local[:, :3, :, 3:] = turn[:, :, None, :] * weights[0][:, None, :, None]
-        local[:, 3:, :, 3:] = (
-            bent[:, :, None, :] * weights[0][:, None, :, None]
-            + J[:, :, None, :] * weights[1][:, None, :, None]
-        )
+        local[:, :3, :, :3] = _spread(R_t, weights[2])
+        local[:, :3, :, 3:] = _spread(skew(force) @ J, weights[0])
+        local[:, 3:, :, 3:] = _spread(bent, weights[0]) + _spread(J, weights[1])
         local = local.reshape(len(t), 6, -1) * whiten[:, None]
         border = np.zeros((len(t), 6, len(columns)))
         border[:, :3, :2] = R_t @ (skew(state.gravity) @ level_axes(state.gravity))
