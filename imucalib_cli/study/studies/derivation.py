@@ -192,7 +192,11 @@ class DerivationStudy(Recorded):
         return compared_by_paper(recording, guess, window, exclusion)
 
     def _brusque(self, found: Comparison) -> Bools:
-        return near_changes(found.t, found.measured, self.jerk, self.margin)
+        """Instants (N,), even in time, within the margin of a jerk: starts and stops."""
+        dt = float(np.median(np.diff(found.t)))
+        sudden = np.abs(np.gradient(found.measured, dt)) > self.jerk
+        reach = np.ones(2 * max(round(self.margin / dt), 1) + 1)
+        return np.asarray(np.convolve(sudden, reach, mode="same") > 0.0)
 
     def verdicts(self, rows: Sequence[Row]) -> dict[str, Iterator[Claim]]:
         """What the paper says about its figures."""
@@ -278,14 +282,6 @@ def compared_by_matched(recording: Recording, guess: Pose, window: int) -> Compa
         measured=measured[:, 0],
         kept=np.ones(len(centres), dtype=bool),
     )
-
-
-def near_changes(t: Floats, accel: Floats, jerk: float, margin: float) -> Bools:
-    """Samples (N,), even in time, within a margin, s, of a jerk, m/s³: starts and stops."""
-    dt = float(np.median(np.diff(t)))
-    sudden = np.abs(np.gradient(accel, dt)) > jerk
-    reach = np.ones(2 * max(round(margin / dt), 1) + 1)
-    return np.asarray(np.convolve(sudden, reach, mode="same") > 0.0)
 
 
 def draw_comparison(
