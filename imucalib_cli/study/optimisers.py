@@ -53,8 +53,8 @@ Run: TypeAlias = "Callable[[PoseCost, Pose], tuple[Pose, int]]"
 TOLERANCE = 1e-10
 """ftol, xtol and gtol, the published method's own; and the relative decrease of a sum of absolute
 values at which its iteration ends."""
-HUBER, CAUCHY = 1.345, 2.385
-"""In standard deviations: 95 % efficient for normal noise (Holland and Welsch 1977)."""
+_ROBUST = {"huber": 1.345, "cauchy": 2.385}
+"""Sizes in standard deviations: 95 % efficient for normal noise (Holland and Welsch 1977)."""
 _STEPS, _HALVINGS = 100, 20
 """Most rounds of an iteration, and most halvings of a step that does not go down."""
 _SHARPEN = 0.5
@@ -91,15 +91,6 @@ class PoseCost:
         scales = MAD_TO_STD * np.median(left, axis=(0, 2))
         each = np.tile(np.repeat(1.0 / np.maximum(scales, 1e-300), 3), len(left))
         return PoseCost(self.constant * each, self.slope * each[:, None])
-
-    @property
-    def normal_matrix(self) -> Floats:
-        """(columns.COUNT, columns.COUNT): the statistics that least squares needs."""
-        own = np.r_[columns.ONE, columns.T, columns.R]
-        J = np.column_stack([self.constant, self.slope])
-        normal = np.zeros((columns.COUNT, columns.COUNT))
-        normal[np.ix_(own, own)] = J.T @ J
-        return normal
 
 
 def published_cost(instants: Instants, gravity_norm: float) -> PoseCost:
@@ -250,12 +241,12 @@ def value_of(cost: PoseCost, pose: Pose, kind: Kind) -> float:
         return float(np.abs(left).sum())
     if kind == "squared sums":
         left = np.abs(left).reshape(-1, 6).sum(axis=1)
-    z = left**2
-    if kind == "huber":
-        z = HUBER**2 * np.where(z <= HUBER**2, z / HUBER**2, 2.0 * np.sqrt(z) / HUBER - 1.0)
-    elif kind == "cauchy":
-        z = CAUCHY**2 * np.log1p(z / CAUCHY**2)
-    return float(z.sum())
+    if kind in _ROBUST:
+        size = _ROBUST[kind]
+        z = (left / size) ** 2
+        rho = np.where(z <= 1.0, z, 2.0 * np.sqrt(z) - 1.0) if kind == "huber" else np.log1p(z)
+        return float(size**2 * rho.sum())
+    return float((left**2).sum())
 
 
 def _scipy(name: str, cost: Cost, kind: Kind) -> Optimiser:
@@ -278,9 +269,7 @@ def _scipy(name: str, cost: Cost, kind: Kind) -> Optimiser:
             # Pose.moved rotates on the left; steps of the rotation vector are converted to that.
             return np.hstack([J[:, :3], J[:, 3:] @ right_jacobian(-x[None, 3:])[0]])
 
-        robust: dict[str, Any] = {}
-        if kind in {"huber", "cauchy"}:
-            robust = {"loss": kind, "f_scale": HUBER if kind == "huber" else CAUCHY}
+        robust: Any = {"loss": kind, "f_scale": _ROBUST[kind]} if kind in _ROBUST else {}
         x = least_squares(
             residuals,
             np.r_[guess.t, rotvec_from_matrix(guess.R)],
@@ -303,7 +292,11 @@ def _reduced_solve(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
     known = Known.of(pose_only(0.0))
     # Even weak priors assume residuals in units of their noise.
     known = replace(known, std=np.where(known.std > 0.0, np.inf, 0.0))
-    found = solve_globally(cost.normal_matrix, known)
+    own = np.r_[columns.ONE, columns.T, columns.R]
+    J = np.column_stack([cost.constant, cost.slope])
+    statistics = np.zeros((columns.COUNT, columns.COUNT))
+    statistics[np.ix_(own, own)] = J.T @ J
+    found = solve_globally(statistics, known)
     return Pose(found.R, found.x[columns.T]), 1
 
 
