@@ -127,10 +127,7 @@ class Answer:
 
     frame: Literal["parent", "camera"]
     """The parent link of the IMU, or the camera."""
-    R_frame_imu: Floats
-    """(3, 3)."""
-    t_frame_imu: Floats
-    """(3,), m."""
+    T_frame_imu: Pose
     time_offset: float | None
     """IMU stamp - robot (or camera) stamp of the same instant, s; None where not estimated."""
     evaluations: int

@@ -31,4 +31,4 @@ def error(answer: Answer, recording: Recording) -> PoseError:
     if answer.frame == "camera":
         _, R_parent_camera, p = camera_mount(recording.system, "camera_optical_frame")
         R, t = R_parent_camera.T @ R, R_parent_camera.T @ (t - p)
-    return pose_error(answer.R_frame_imu, answer.t_frame_imu, R, t)
+    return pose_error(answer.T_frame_imu.R, answer.T_frame_imu.t, R, t)

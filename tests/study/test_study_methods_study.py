@@ -10,7 +10,7 @@ from imucalib_cli.simulate.camera.view import camera_mount
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.recording import Recording
 from imucalib_cli.study.fresh_process import Cost
-from imucalib_cli.study.method_runs import Answer, Condition
+from imucalib_cli.study.method_runs import Answer, Condition, Pose
 from imucalib_cli.study.recordings import clean_recording
 from imucalib_cli.study.studies.methods import (
     ENTRANTS,
@@ -54,8 +54,9 @@ def test_errors_refer_to_the_camera_imu_transform(clean: Recording) -> None:
     turn = Rotation.from_rotvec([0.0, 0.02, 0.0]).as_matrix()
     parent = Answer(
         frame="parent",
-        R_frame_imu=turn @ clean.R_parent_imu,
-        t_frame_imu=clean.t_parent_imu + np.array([0.003, 0.0, -0.004]),
+        T_frame_imu=Pose(
+            turn @ clean.R_parent_imu, clean.t_parent_imu + np.array([0.003, 0.0, -0.004])
+        ),
         time_offset=None,
         evaluations=1,
     )
@@ -63,8 +64,7 @@ def test_errors_refer_to_the_camera_imu_transform(clean: Recording) -> None:
     camera = replace(
         parent,
         frame="camera",
-        R_frame_imu=R.T @ parent.R_frame_imu,
-        t_frame_imu=R.T @ (parent.t_frame_imu - p),
+        T_frame_imu=Pose(R.T @ parent.T_frame_imu.R, R.T @ (parent.T_frame_imu.t - p)),
     )
     by_frame = [row_of(cost(answer), clean) for answer in (parent, camera)]
     for row in by_frame:

@@ -27,7 +27,7 @@ from imucalib_cli.robot.rotations import (
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.method_runs import Answer
+from imucalib_cli.study.method_runs import Answer, Pose
 from imucalib_cli.study.methods.bordered import BorderedNormal, Rows
 from imucalib_cli.study.methods.camera import camera_path
 from imucalib_cli.study.methods.gyro_first import GyroFirstOptions, calibrate_gyro_first
@@ -325,8 +325,7 @@ def _answer(state: State, evaluations: int, frame: Literal["parent", "camera"]) 
     mean = state.biases.mean(axis=0)
     return Answer(
         frame=frame,
-        R_frame_imu=state.R_parent_imu,
-        t_frame_imu=state.t_parent_imu,
+        T_frame_imu=Pose(state.R_parent_imu, state.t_parent_imu),
         time_offset=state.time_offset,
         evaluations=evaluations,
         accel_bias=mean[:3],
@@ -363,7 +362,7 @@ def prepare(
     t = t[trajectory.covered(t)]
     R, p = trajectory.poses(t)
     knots = Knots.over(float(t[0]), float(t[-1]), options.knots_per_second)
-    R_imu = R @ first.R_frame_imu
+    R_imu = R @ first.T_frame_imu.R
     R_middle = nearest_rotation(R_imu.sum(axis=0))  # rotation vectors from it are short
     phi = unwrapped_rotvecs(R_middle.T @ R_imu)
     if whiten is None:
@@ -384,7 +383,7 @@ def prepare(
     start = np.concatenate([first.accel_bias, first.gyro_bias])
     state = State(
         controls=fitted_controls(knots, t, np.hstack([p, phi])),
-        R_parent_imu=first.R_frame_imu,
+        R_parent_imu=first.T_frame_imu.R,
         t_parent_imu=np.zeros(3),
         gravity=np.asarray(gravity),
         time_offset=offset,

@@ -21,7 +21,7 @@ from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
-from imucalib_cli.study.method_runs import Answer
+from imucalib_cli.study.method_runs import Answer, Pose
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -78,8 +78,7 @@ def calibrate_gyro_first(
     t_parent_imu, accel_bias, gravity = _fit_lever_arm(motion, R_parent_imu, options)
     return Answer(
         frame="parent",
-        R_frame_imu=R_parent_imu,
-        t_frame_imu=t_parent_imu,
+        T_frame_imu=Pose(R_parent_imu, t_parent_imu),
         time_offset=offset,
         evaluations=evaluations + 2,
         accel_bias=accel_bias,

@@ -87,8 +87,7 @@ def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions
     found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
     return Answer(
         frame="camera",
-        R_frame_imu=found.R,
-        t_frame_imu=found.t,
+        T_frame_imu=found,
         time_offset=None,
         evaluations=options.ransac.iterations + 1,
         accel_bias=accel_bias if options.tuned else None,

@@ -152,8 +152,7 @@ def _answer(estimate: Estimate) -> Answer:
     evaluations = estimate.notes.get("evaluations")
     return Answer(
         frame="parent",
-        R_frame_imu=estimate.R_parent_imu,
-        t_frame_imu=estimate.t_parent_imu,
+        T_frame_imu=Pose(estimate.R_parent_imu, estimate.t_parent_imu),
         time_offset=None if estimate.time_offset_std is None else estimate.time_offset,
         evaluations=int(evaluations) if isinstance(evaluations, int | float) else 1,
     )
@@ -425,12 +424,12 @@ def row_of(cost: Cost[Answer], recording: Recording) -> Row:
     """
     answer = cost.value
     truth = seen_from_camera(recording, recording.R_parent_imu, recording.t_parent_imu)
-    found = answer and (answer.R_frame_imu, answer.t_frame_imu)
+    found = answer.T_frame_imu if answer else None
     if answer and answer.frame == "parent":
-        found = seen_from_camera(recording, answer.R_frame_imu, answer.t_frame_imu)
+        found = Pose(*seen_from_camera(recording, answer.T_frame_imu.R, answer.T_frame_imu.t))
     return {
         **{key: value for key, value in vars(cost).items() if key != "value"},
-        **errors_of(Pose(*found) if found else None, Pose(*truth)),
+        **errors_of(found, Pose(*truth)),
         "time_offset": answer and answer.time_offset,
         "evaluations": answer and answer.evaluations,
     }
