@@ -22,6 +22,7 @@ from imucalib_cli.signals.stretches import all_hold
 from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.method_runs import Answer, Pose
+from imucalib_cli.study.methods.spline import level_axes
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -188,7 +189,7 @@ def _fit_lever_arm(
     g = x[6:]
     for _ in range(5):
         g = options.gravity_norm * g / np.linalg.norm(g)
-        tangent = np.linalg.svd(g[None, :])[2][1:].T
+        tangent = level_axes(g)
         J = np.concatenate([*columns, np.broadcast_to(-tangent, (len(R), 3, 2))], axis=2)
         x = _solve(J, right + g)
         g = g + tangent @ x[6:]

@@ -147,10 +147,7 @@ class State:
 
 def level_axes(gravity: Floats) -> Floats:
     """Two axes normal to gravity, about which it may rotate, (3, 2)."""
-    helper = np.eye(3)[int(np.argmin(np.abs(gravity)))]
-    first = np.cross(gravity, helper)
-    axes = np.stack([first, np.cross(gravity, first)], axis=1)
-    return np.asarray(axes / np.maximum(np.linalg.norm(axes, axis=0), np.finfo(float).tiny))
+    return np.asarray(np.linalg.svd(gravity[None, :])[2][1:].T)
 
 
 def unwrapped_rotvecs(R: Floats) -> Floats:
