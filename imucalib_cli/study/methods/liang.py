@@ -16,7 +16,7 @@ standstill, the optimal rotation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -81,8 +81,8 @@ def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions
     for (start, first), (end, last) in pairwise(zip(stills, seen, strict=True)):
         if first is not None and last is not None:
             R = first.R @ last.R.T  # of the camera's later frame in its earlier one
-            imu_moved = _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned)
-            moved.append((R, first.t - R @ last.t, imu_moved.R, imu_moved.p))
+            by_imu = _displaced(imu, start, end, (accel_bias, gyro_bias), tuned=options.tuned)
+            moved.append((R, first.t - R @ last.t, by_imu.R, by_imu.t))
     motions = Motions(*(np.array([each[part] for each in moved]) for part in range(4)))
     found, _ = ransac(motions, park_martin if options.tuned else tsai, options.ransac)
     return Answer(
@@ -115,8 +115,8 @@ def _displaced(
     biases: tuple[Floats, Floats],
     *,
     tuned: bool,
-) -> Displacement:
-    """Integration from rest between two standstills.
+) -> Pose:
+    """The IMU after a move in its frame before, by integration from rest between two standstills.
 
     Tuned, it uses both standstills. For the position, the remaining tilt at the end is distributed
     evenly over the move, and the remaining velocity is treated as a constant error of acceleration.
@@ -126,16 +126,16 @@ def _displaced(
     accel_bias, gyro_bias = biases
     t, gyro, accel = imu.t[rows], imu.gyro[rows] - gyro_bias, imu.accel[rows] - accel_bias
     up = start.accel - accel_bias
-    plain = integrate(t, gyro, accel, up)
+    R, _, p = integrate(t, gyro, accel, up)
     if not tuned:
-        return plain
+        return Pose(R, p)
     # Up at the end, rotated back by the integration, compared with up at the start.
-    carried = plain.R @ (end.accel - accel_bias)
+    carried = R @ (end.accel - accel_bias)
     tilt = np.cross(carried, up) / (np.linalg.norm(carried) * np.linalg.norm(up))
     length = float(t[-1] - t[0])
     corrections = matrix_from_rotvec(((t - t[0]) / length)[:, None] * tilt)
-    level = integrate(t, gyro, accel, up, corrections)
-    return replace(level, R=plain.R, p=level.p - 0.5 * length * level.velocity)
+    _, velocity, p = integrate(t, gyro, accel, up, corrections)
+    return Pose(R, p - 0.5 * length * velocity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,21 +211,9 @@ def _windowed(values: Floats, samples: int) -> Floats:
     return np.asarray((total[samples:] - total[:-samples]) / samples + middle)
 
 
-@dataclass(frozen=True, eq=False)
-class Displacement:
-    """Motion of the IMU since a start at rest, in the IMU frame of the start."""
-
-    R: Floats
-    """(3, 3), R_start_end."""
-    velocity: Floats
-    """(3,), m/s, velocity at the end of the integration."""
-    p: Floats
-    """(3,), m."""
-
-
 def integrate(
     t: Floats, gyro: Floats, accel: Floats, up: Floats, corrections: Floats | None = None
-) -> Displacement:
+) -> tuple[Floats, Floats, Floats]:
     """Integrate bias-free samples from rest.
 
     Rates are means of neighbouring samples, accelerations vary linearly between them.
@@ -236,6 +224,9 @@ def integrate(
         accel: (N, 3), m/s², specific force.
         up: (3,), accelerometer at rest at the start: the negative of gravity.
         corrections: (N, 3, 3), rotations of the integrated orientation in the frame of the start.
+
+    Returns:
+        R_start_end (3, 3), velocity at the end (3,), m/s, and displacement (3,), m.
     """
     dt = np.diff(t)[:, None]
     steps = matrix_from_rotvec(0.5 * (gyro[1:] + gyro[:-1]) * dt)
@@ -248,7 +239,7 @@ def integrate(
     a = np.einsum("nij,nj->ni", R, accel) - up
     v = np.vstack([np.zeros(3), np.cumsum(0.5 * (a[1:] + a[:-1]) * dt, axis=0)])
     p = np.sum(v[:-1] * dt + (2.0 * a[:-1] + a[1:]) * dt**2 / 6.0, axis=0)
-    return Displacement(R[-1], v[-1], p)
+    return R[-1], v[-1], p
 
 
 def static_accel_bias(stills: list[Still], gravity_norm: float) -> Floats:
