@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 T = TypeVar("T")
-G = TypeVar("G")
 
 _STATUS = Path("/proc/self/status")
 _RESET = Path("/proc/self/clear_refs")
@@ -50,10 +49,8 @@ class Cost(Generic[T]):
     """Reason of the failure, in one line."""
 
 
-def run_alone(
-    calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str] = ()
-) -> list[Cost[T]]:
-    """Call functions with an argument, one after the other in a new process.
+def run_alone(calls: Sequence[Callable[[], T]], modules: Sequence[str] = ()) -> list[Cost[T]]:
+    """Call functions, one after the other in a new process.
 
     They are importable, because they are sent to it, and an exception of theirs is raised here.
     Modules are imported before, if installed, so that their import is not measured.
@@ -64,7 +61,7 @@ def run_alone(
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(1, mp_context=context, initializer=obey_the_parent)
     with children_ignore_interruptions():
-        running = pool.submit(_costs, tuple(calls), given, tuple(modules))
+        running = pool.submit(_costs, tuple(calls), tuple(modules))
     try:
         return running.result()
     except BrokenProcessPool:
@@ -81,7 +78,7 @@ def end_workers(pool: ProcessPoolExecutor, *, busy: bool) -> None:
     pool.shutdown(cancel_futures=True)
 
 
-def _costs(calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]) -> list[Cost[T]]:
+def _costs(calls: Sequence[Callable[[], T]], modules: Sequence[str]) -> list[Cost[T]]:
     for module in modules:
         with suppress(ImportError):  # the code that needs it reports it
             import_module(module)
@@ -90,7 +87,7 @@ def _costs(calls: Sequence[Callable[[G], T]], given: G, modules: Sequence[str]) 
         value, failure, held = None, None, _forget_peak()
         begun, begun_cpu = time.perf_counter(), time.process_time()
         try:
-            value = call(given)
+            value = call()
         except InputError as error:
             failure = str(error)
         seconds, cpu = time.perf_counter() - begun, time.process_time() - begun_cpu

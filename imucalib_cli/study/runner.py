@@ -5,12 +5,11 @@ The file is JSON lines: the parameters, then one line per run.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -140,7 +139,7 @@ def _open_rows(
             yield done, add
         finally:
             if os.fstat(lines.fileno()).st_size == 0:
-                with contextlib.suppress(OSError):
+                with suppress(OSError):
                     file.unlink()
                     if made_folder:
                         folder.rmdir()
@@ -156,7 +155,7 @@ def _open_locked(file: Path) -> BinaryIO:
                 f"{file}: another run of the same study writes to it: wait for it to end, or "
                 "name another folder with -o"
             )
-        with contextlib.suppress(FileNotFoundError):
+        with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(lines.fileno()), file.stat()):
                 return lines
         lines.close()

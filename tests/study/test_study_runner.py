@@ -174,17 +174,13 @@ def die(given: str) -> str:
 
 
 def test_values_time_and_memory_are_returned() -> None:
-    calls: list[Callable[[str], str]] = [
-        partial(allocate, 12_500_000),
-        partial(allocate, 10),
-        sleep,
-        refuse,
+    calls = [
+        partial(allocate, 12_500_000, "log"),
+        partial(allocate, 10, "log"),
+        partial(sleep, "log"),
+        partial(refuse, "log"),
     ]
-    large, small, slow, failed = run_alone(
-        calls,
-        "log",
-        ["scipy.linalg", "a_library_that_is_not_there"],
-    )
+    large, small, slow, failed = run_alone(calls, ["scipy.linalg", "a_library_that_is_not_there"])
     assert large.value == "log: 1.25e+07"
     assert large.memory == pytest.approx(100e6, rel=0.1)
     assert small.memory < 20e6  # the peak of the call before is forgotten
@@ -212,14 +208,14 @@ def test_exception_is_returned_with_traceback_as_cause(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     with pytest.raises(np.linalg.LinAlgError, match="Singular matrix") as raised:
-        run_alone([sleep, invert], "log")
+        run_alone([partial(sleep, "log"), partial(invert, "log")])
     assert "in invert" in str(raised.value.__cause__)
     with pytest.raises(Exception, match="pickle"):
-        run_alone([make_a_function], "log")
+        run_alone([partial(make_a_function, "log")])
     assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("end", [die, leave])
 def test_killed_process_is_reported(end: Callable[[str], str]) -> None:
     with pytest.raises(InputError, match="was killed"):
-        run_alone([end], "log")
+        run_alone([partial(end, "log")])

@@ -264,8 +264,8 @@ class MethodsStudy(Conditioned):
         noise = self.condition_of(cell).sensors
         recording = corrupt(clean, noise, seed)
         settings = self.paper_settings if name == "paper" else (None,)
-        calls = [partial(enter, name, setting) for setting in settings]
-        costs = run_alone(calls, given(recording, self, seed), _LIBRARIES)
+        data = given(recording, self, seed)
+        costs = run_alone([partial(enter, name, each, data) for each in settings], _LIBRARIES)
         bound = bound_columns(clean, noise, alone=ENTRANTS[name].unknowns == "pose")
         return [
             cell
