@@ -127,19 +127,17 @@
     const values = plot.levels.map((each) => each[1]).filter((v) => !isLog || v > 0);
     const low = Math.min(least ?? (isLog ? 0.1 : 0), ...values);
     const high = Math.max(most ?? 1, ...values);
-    return plot.log.includes("y") ? uPlot.rangeLog(low, high, 10, true) : uPlot.rangeNum(low, high, 0.08, true);
+    return isLog ? uPlot.rangeLog(low, high, 10, true) : uPlot.rangeNum(low, high, 0.08, true);
   };
 
-  const zoomTogether = (u, range) => {
-    for (const other of plots) {
-      if (other.u === u || (u.group && other.u.group === u.group)) other.u.setScale("x", range);
-    }
-  };
+  // All plots that zoom together with one, itself included.
+  const groupOf = (u) =>
+    plots.map((each) => each.u).filter((other) => other === u || (u.group && other.group === u.group));
 
-  // Of all plots that zoom together.
+  const zoomTogether = (u, range) => groupOf(u).forEach((other) => other.setScale("x", range));
+
   const wholeRange = (u) => {
-    const group = plots.filter((each) => u.group && each.u.group === u.group).map((each) => each.u);
-    const ends = (group.length ? group : [u]).flatMap(({ data: [x] }) => [x[0], x[x.length - 1]]);
+    const ends = groupOf(u).flatMap(({ data: [x] }) => [x[0], x[x.length - 1]]);
     const [least, most] = [Math.min(...ends), Math.max(...ends)];
     const margin = u.log ? 0 : 0.01 * (most - least || 1);
     return { min: u.log ? least / 1.2 : least - margin, max: u.log ? most * 1.2 : most + margin };
@@ -299,25 +297,15 @@
     const L = cholesky(mount.covariance).map((row) => row.map((v) => 3 * v));
     const size = Math.max(...L.map(length));
     if (!size) return null;
-    const lines = [];
-    const ring = (u, v) => {
-      const points = [];
-      for (let k = 0; k <= 48; k++) {
-        const angle = (2 * Math.PI * k) / 48;
-        points.push(times(L, u.map((a, i) => a * Math.cos(angle) + v[i] * Math.sin(angle))));
-      }
-      return points;
-    };
-    const unit = IDENTITY.R;
-    for (const [a, b] of [[0, 1], [1, 2], [0, 2]]) {
-      lines.push({ points: ring(unit[a], unit[b]), colour: "first" });
-    }
-    for (const turn of [0.35, 0.65]) {
-      const tilted = [Math.cos(turn * Math.PI), Math.sin(turn * Math.PI), 0];
-      lines.push({ points: ring(tilted, unit[2]), colour: "faint" });
-    }
-    const scene = axesOf({ R: unit, t: [0, 0, 0] }, 1.25 * size, false, "");
-    const labels = [...scene.labels];
+    const onCircle = (u, v, angle) => u.map((a, i) => a * Math.cos(angle) + v[i] * Math.sin(angle));
+    const ring = (u, v, colour) => ({
+      points: Array.from({ length: 49 }, (_, k) => times(L, onCircle(u, v, (2 * Math.PI * k) / 48))),
+      colour,
+    });
+    const [x, y, z] = IDENTITY.R;
+    const lines = [ring(x, y, "first"), ring(y, z, "first"), ring(x, z, "first")];
+    for (const turn of [0.35, 0.65]) lines.push(ring(onCircle(x, y, turn * Math.PI), z, "faint"));
+    const { lines: axes, labels } = axesOf(IDENTITY, 1.25 * size, false, "");
     let radius = 1.6 * size;
     if (mount.nominal) {
       const away = plus(mount.nominal.t, mount.t, -1);
@@ -328,7 +316,7 @@
       lines.push({ points: [[0, 0, 0], tip], colour: "quiet", dashed: true });
       labels.push({ at: tip, text: inside ? "nominal" : `nominal, ${(far * 1e3).toPrecision(3)} mm away` });
     }
-    return { lines: [...lines, ...scene.lines], labels, centre: [0, 0, 0], radius };
+    return { lines: [...lines, ...axes], labels, centre: [0, 0, 0], radius };
   };
 
   const SVG = "http://www.w3.org/2000/svg";
@@ -423,11 +411,7 @@
       await navigator.clipboard.writeText(pre.textContent);
     } catch {
       // Without the clipboard's permission: select, and copy as Ctrl+C does.
-      const range = document.createRange();
-      range.selectNodeContents(pre);
-      const selection = getSelection();
-      selection.removeAllRanges();
-      selection.addRange(range);
+      getSelection().selectAllChildren(pre);
       document.execCommand("copy");
     }
   };
