@@ -8,13 +8,11 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from imucalib_cli.simulate.config import Jointed, Legged
+from imucalib_cli.simulate.config import FixedFrame, Jointed, Legged
 from imucalib_cli.simulate.elements import add
 from imucalib_cli.simulate.options import ZERO
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from imucalib_cli.simulate.config import ArmLink, FreeBody, SystemConfig, Trunk
 
 _TO_AXIS = {"x": (0.0, np.pi / 2, 0.0), "y": (-np.pi / 2, 0.0, 0.0), "z": (0.0, 0.0, 0.0)}
@@ -37,10 +35,17 @@ def urdf_text(system: SystemConfig) -> str:
         _jointed(robot, mover)
     else:
         _box(robot, system.parent, mover)
-    for imu in system.every_imu:
-        _fixed(robot, imu.link, imu.parent, imu.nominal.xyz, imu.nominal.rpy)
-    for frame in system.frames:
-        _fixed(robot, frame.link, frame.parent, frame.xyz, frame.rpy)
+    nominal = [
+        FixedFrame(link=imu.link, parent=imu.parent, **vars(imu.nominal))
+        for imu in system.every_imu
+    ]
+    for frame in (*nominal, *system.frames):
+        name = f"{frame.link.removesuffix('_link')}_joint"
+        joint = add(robot, "joint", name=name, type="fixed")
+        add(joint, "origin", xyz=frame.xyz, rpy=frame.rpy)
+        add(joint, "parent", link=frame.parent)
+        add(joint, "child", link=frame.link)
+        add(robot, "link", name=frame.link)
     ET.indent(robot)
     comment = escape(ORIGIN.format(name=system.name))
     body = ET.tostring(robot, encoding="unicode")
@@ -77,13 +82,3 @@ def _inertial(link: ET.Element, body: ArmLink | FreeBody | Trunk) -> None:
     add(element, "mass", value=body.mass)
     ixx, iyy, izz = body.inertia
     add(element, "inertia", ixx=ixx, ixy=0.0, ixz=0.0, iyy=iyy, iyz=0.0, izz=izz)
-
-
-def _fixed(
-    robot: ET.Element, link: str, parent: str, xyz: Sequence[float], rpy: Sequence[float]
-) -> None:
-    joint = add(robot, "joint", name=f"{link.removesuffix('_link')}_joint", type="fixed")
-    add(joint, "origin", xyz=xyz, rpy=rpy)
-    add(joint, "parent", link=parent)
-    add(joint, "child", link=link)
-    add(robot, "link", name=link)
