@@ -309,7 +309,7 @@ class Legged(Jointed):
     ground: Ground
     gait: Gait
 
-    def leg(self, foot: Foot) -> tuple[int, int, int]:
+    def leg(self, foot: Foot) -> list[int]:
         """Numbers of the joints that carry a foot, from the trunk on.
 
         Raises:
@@ -332,8 +332,7 @@ class Legged(Jointed):
                 f"the foot of {foot.link} needs a leg of three joints without rpy, about x, y, y; "
                 "the second is beside the first along y, the third below it, the foot below that"
             )
-        first, second, third = numbers
-        return first, second, third
+        return numbers
 
     def __post_init__(self) -> None:
         legs = {number for foot in self.feet for number in self.leg(foot)}
