@@ -30,11 +30,7 @@ _SHORT = 1.8
 
 
 def new_figure(
-    rows: int = 1,
-    columns: int = 1,
-    *,
-    size: tuple[float, float] = (7.2, 4.2),
-    share_x: bool = False,
+    rows: int, columns: int, *, size: tuple[float, float] = (7.2, 4.2), share_x: bool = False
 ) -> tuple[Figure, list[Axes]]:
     """An empty figure and its panels, row by row, without pyplot's global state; size in inches.
 
