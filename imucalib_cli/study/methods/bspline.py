@@ -105,10 +105,8 @@ def _spread(of_value: Floats, weights: Floats) -> Floats:
 
 def _between(nodes: Floats, t: Floats) -> tuple[Indices, Floats]:
     """Node before each instant, and the weight of the node after it."""
-    if len(nodes) == 1:
-        return np.zeros(len(t), dtype=np.intp), np.zeros(len(t))
-    x = np.clip((t - nodes[0]) / (nodes[1] - nodes[0]), 0.0, len(nodes) - 1.0)
-    first = np.minimum(x.astype(np.intp), len(nodes) - 2)
+    x = np.interp(t, nodes, np.arange(len(nodes)))
+    first = np.minimum(x.astype(np.intp), max(len(nodes) - 2, 0))
     return first, x - first
 
 
@@ -234,14 +232,10 @@ class Problem:
 
     def _walk(self, state: State) -> tuple[Floats, Floats]:
         """Rows of the biases' random walk between nodes, (rows, borders) and (rows,)."""
-        nodes = self.nodes
-        borders = BIASES + 6 * len(nodes)
-        if len(nodes) == 1:
-            return np.zeros((0, borders)), np.zeros(0)
         walk = np.repeat([self.options.accel_bias_walk, self.options.gyro_bias_walk], 3)
-        whiten = 1.0 / (np.maximum(walk, 1e-12) * np.sqrt(nodes[1] - nodes[0]))
-        steps = np.kron(np.diff(np.eye(len(nodes)), axis=0), np.diag(whiten))
-        J = np.hstack([np.zeros((len(steps), BIASES)), steps])
+        whiten = 1.0 / np.outer(np.sqrt(np.diff(self.nodes)), np.maximum(walk, 1e-12))
+        steps = np.kron(np.diff(np.eye(len(self.nodes)), axis=0), np.eye(6))
+        J = np.hstack([np.zeros((len(steps), BIASES)), steps * whiten.reshape(-1, 1)])
         return J, -(np.diff(state.biases, axis=0) * whiten).ravel()
 
 
