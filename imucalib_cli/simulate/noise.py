@@ -118,7 +118,8 @@ def _corrupt_imu(
     spiked = s[6].random(len(imu.t)) < noise.spikes
     accel += _spikes(s[7], noise.spike_accel, spiked)
     gyro += _spikes(s[7], noise.spike_gyro, spiked)
-    saturated = _cut_off(accel, noise.accel_range) | _cut_off(gyro, noise.gyro_range)
+    saturated = _cut_off(accel, noise.accel_range or np.inf)
+    saturated |= _cut_off(gyro, noise.gyro_range or np.inf)
     imu = replace(
         imu,
         accel=accel,
@@ -200,10 +201,8 @@ def _spikes(rng: np.random.Generator, size: float, spiked: Bools) -> Floats:
     return thrown
 
 
-def _cut_off(values: Floats, limit: float | None) -> Bools:
+def _cut_off(values: Floats, limit: float) -> Bools:
     """Clip (N, 3) in place to plus or minus a limit; return the rows beyond it."""
-    if limit is None:
-        return np.zeros(len(values), dtype=bool)
     beyond = np.asarray((np.abs(values) > limit).any(axis=1))
     np.clip(values, -limit, limit, out=values)
     return beyond
