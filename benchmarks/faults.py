@@ -142,7 +142,8 @@ def _owner(finding: Finding) -> str:
 def _right(fault: Fault, finding: Finding) -> bool:
     """Whether the right thing is named, and its size."""
     if fault.kind == "ringing":
-        give: Any = np.ravel(finding.values.get("value", finding.values.get("values")))[0]
+        given: Any = finding.values.get("value", finding.values.get("values"))
+        give = np.ravel(given)[0]
         return bool(abs(1.0 / (2.0 * np.pi * np.sqrt(give)) - fault.size) < 0.1 * fault.size)
     if finding.code.startswith("unknown."):
         return True

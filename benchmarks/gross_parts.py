@@ -41,13 +41,13 @@ def run(job: Job) -> tuple[Part, tuple[float, float, bool, float]]:
         off = -np.array(case.drawn["origin"][joint])
         axis = int(np.argmax(np.abs(off)))
         label, error = f"j{joint} {'xyz'[axis]}", off[axis]
-    value, std = next(
-        (1e3 * float(each.value or 0.0), 1e3 * float(each.std or np.inf))
-        for each in estimate.parameters
-        if each.name in ROWS[row] and each.label == label
+    named = (each for each in estimate.parameters if each.name in ROWS[row])
+    part = next((each for each in named if each.label == label), None)
+    value, std = (
+        (0.0, np.inf) if part is None else (1e3 * (part.value or 0.0), 1e3 * (part.std or np.inf))
     )
-    named = [each.values["labels"] for each in estimate.findings if each.code == "unknown.found"]
-    told = any(label in labels for labels in named if isinstance(labels, tuple))
+    found = [each.values["labels"] for each in estimate.findings if each.code == "unknown.found"]
+    told = any(label in labels for labels in found if isinstance(labels, tuple))
     square = nees(pose_error(estimate, case.R, case.t), np.asarray(estimate.covariance))
     return (robot, row, label, round(1e3 * float(error), 2)), (value, std, told, square)
 

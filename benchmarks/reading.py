@@ -134,7 +134,7 @@ def read_anyreader(path: Path) -> None:
                 at = each.header.stamp
                 if connection.topic == "/imu/data":
                     w, a = each.angular_velocity, each.linear_acceleration
-                    numbers = (w.x, w.y, w.z, a.x, a.y, a.z)
+                    numbers: tuple[float, ...] = (w.x, w.y, w.z, a.x, a.y, a.z)
                 elif connection.topic == "/joint_states":
                     numbers = each.position
                 else:
