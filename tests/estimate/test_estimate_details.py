@@ -112,4 +112,5 @@ def test_fixed_values_have_no_profile() -> None:
     assert details_of(found).offset is None
     assert details_of(found).stretches is None
     assert plain.details is None
-    assert found.consistency is None
+    assert found.consistency is not None
+    assert found.consistency.fold_std[0] == 0.0
