@@ -156,7 +156,7 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
             if SCALES[name].one_gross and len(members) >= _ENOUGH:
                 at, (low, high) = u[index], self.bounds[index]
                 share = _Share.of(self.offset + step, inverse, members, at)
-                found[members] = share.with_one_gross(np.clip(at - _SMALLER, low, high), high)
+                found[members] = share.with_one_gross(np.maximum(at - _SMALLER, min(at, low)), high)
         return found
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
@@ -323,14 +323,16 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     Returns:
         The covariance is the mean of that at each point, and the scatter of their steps.
     """
-    rises, gross = np.unique(problem.with_one_gross(mode).round(6), return_index=True)
+    drawn = [_drawn_of_either(problem, mode, -math.inf)]
+    points, logs = drawn[0]
+    best, at = float(logs.max()), points[int(logs.argmax())]
     # Of components that act the same, the first stands for all.
+    rises, gross = np.unique(problem.with_one_gross(at).round(6), return_index=True)
     gross = gross[rises > _STANDS_OUT][::-1].tolist()
     systems = [problem, *(problem.under(problem.prior.with_one_gross(each)) for each in gross)]
-    drawn, best = [], -math.inf
-    for system, log_odds in zip(systems, [0.0, *[_GROSS] * len(gross)], strict=True):
-        points, logs = _drawn_of_either(system, mode, best - log_odds)
-        drawn.append((points, logs + log_odds))
+    for system in systems[1:]:
+        points, logs = _drawn_of_either(system, mode, best - _GROSS)
+        drawn.append((points, logs + _GROSS))
         best = max(best, float(drawn[-1][1].max()))
     number = np.repeat(np.arange(len(systems)), [len(logs) for _, logs in drawn])
     points, logs = (np.concatenate(each) for each in zip(*drawn, strict=True))
