@@ -211,10 +211,8 @@ class _Share(Struct, frozen=True, eq=False):
     def with_one_gross(self, values: Floats, gross: float) -> Floats:
         """(M,), the same for each component as the one that does not share, at the best value."""
         _, share = self._changed(values)
-        mean, variance = (
-            (self.mean / share) @ self.turn.T,
-            (self.variances / share) @ self.turn.T**2,
-        )
+        mean = (self.mean / share) @ self.turn.T
+        variance = (self.variances / share) @ self.turn.T**2
         more = (np.exp(-2.0 * gross) - np.exp(-2.0 * values))[:, None]
         left = 1.0 + more * variance
         rise = (values - gross)[:, None] - 0.5 * (more * mean**2 / left + np.log(left))
@@ -337,14 +335,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     number = np.repeat(np.arange(len(systems)), [len(logs) for _, logs in drawn])
     points, logs = (np.concatenate(each) for each in zip(*drawn, strict=True))
     log_likelihood = float(np.logaddexp.reduce(logs))
-    weights = np.exp(logs - log_likelihood)
-    # Others add nothing; rare points of large scales add to sigma.
-    kept = np.flatnonzero(weights > math.exp(-_NOTHING))
-    weights = weights[kept] / weights[kept].sum()
-    if len(kept) > _KEPT:  # as many of each as its weight, at even steps of their sum
-        place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
-        place, times = np.unique(np.minimum(place, len(kept) - 1), return_counts=True)
-        kept, weights = kept[place], times / _KEPT
+    kept, weights = _chosen(np.exp(logs - log_likelihood))
     number, points = number[kept], points[kept]
     shares = np.bincount(number, weights, len(systems))
     steps, covariance = np.empty((len(points), len(problem.prior.std))), 0.0
@@ -365,6 +356,19 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
         weights,
         gross[likely - 1] if likely else None,
     )
+
+
+def _chosen(weights: Floats) -> tuple[Indices, Floats]:
+    """Points at which the answer is computed, and their weights."""
+    # Others add nothing; rare points of large scales add to sigma.
+    kept = np.flatnonzero(weights > math.exp(-_NOTHING))
+    weights = weights[kept] / weights[kept].sum()
+    if len(kept) <= _KEPT:
+        return kept, weights
+    # As many of each as its weight, at even steps of their sum.
+    place = np.searchsorted(np.cumsum(weights), (np.arange(_KEPT) + 0.5) / _KEPT)
+    place, times = np.unique(np.minimum(place, len(kept) - 1), return_counts=True)
+    return kept[place], times / _KEPT
 
 
 def _drawn_of_either(problem: Marginal, mode: Floats, best: float) -> tuple[Floats, Floats]:
