@@ -85,9 +85,9 @@ class Together(Struct, frozen=True, kw_only=True, eq=False):
         heights = self.problem(u).along(u[:-2], tried[:-2])
         return [*heights, *(self.along_scatter(u, index, tried[index]) for index in (-2, -1))]
 
-    def with_one_gross(self, u: Floats) -> Floats:
-        """As :meth:`Problem.with_one_gross`."""
-        return self.problem(u).with_one_gross(u[:-2])
+    def rises_by_one_gross(self, u: Floats) -> Floats:
+        """As :meth:`Problem.rises_by_one_gross`."""
+        return self.problem(u).rises_by_one_gross(u[:-2])
 
     def along_scatter(self, u: Floats, index: int, values: Floats) -> Floats:
         """(v,), log marginal likelihoods of values (v,) of one scatter, the others as in ``u``."""

@@ -186,7 +186,7 @@ def test_rise_by_one_gross_part_is_that_of_the_likelihood() -> None:
     given = lengths(2e-3)
     at = most_likely(given)
     smaller = at[0] - 0.5 * np.arange(10)
-    for component, rise in enumerate(given.with_one_gross(at)):
+    for component, rise in enumerate(given.rises_by_one_gross(at)):
         other = given.under(given.prior.with_one_gross(component))
         expected = [other.likelihood(np.array([u])) - given.likelihood(at) for u in smaller]
         assert rise == pytest.approx(max(expected), rel=1e-6)

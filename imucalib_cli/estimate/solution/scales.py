@@ -143,7 +143,7 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
             found.append(share.along(values))
         return found
 
-    def with_one_gross(self, u: Floats) -> Floats:
+    def rises_by_one_gross(self, u: Floats) -> Floats:
         """(n,), rise of the log likelihood if one component alone is as in the worst that is sold.
 
         The scale it shares with others is then smaller; all other scales are as in ``u``, so it is
@@ -156,7 +156,9 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False):
             if SCALES[name].one_gross and len(members) >= _ENOUGH:
                 at, (low, high) = u[index], self.bounds[index]
                 share = _Share.of(self.offset + step, inverse, members, at)
-                found[members] = share.with_one_gross(np.maximum(at - _SMALLER, min(at, low)), high)
+                found[members] = share.rises_by_one_gross(
+                    np.maximum(at - _SMALLER, min(at, low)), high
+                )
         return found
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
@@ -208,7 +210,7 @@ class _Share(Struct, frozen=True, eq=False):
         changes = more * self.mean**2 / share + np.log(share)
         return np.asarray(len(self.mean) * (self.at - values) - 0.5 * changes.sum(axis=1))
 
-    def with_one_gross(self, values: Floats, gross: float) -> Floats:
+    def rises_by_one_gross(self, values: Floats, gross: float) -> Floats:
         """(M,), the same for each component as the one that does not share, at the best value."""
         _, share = self._changed(values)
         mean = (self.mean / share) @ self.turn.T
@@ -300,8 +302,8 @@ class Marginal(Protocol):
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """As :meth:`Problem.along`."""
 
-    def with_one_gross(self, u: Floats) -> Floats:
-        """As :meth:`Problem.with_one_gross`."""
+    def rises_by_one_gross(self, u: Floats) -> Floats:
+        """As :meth:`Problem.rises_by_one_gross`."""
 
     def posterior(self, points: Floats, weights: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.posterior`."""
@@ -325,7 +327,7 @@ def integrate(problem: Marginal, mode: Floats) -> Posterior:
     points, logs = drawn[0]
     best, at = float(logs.max()), points[int(logs.argmax())]
     # Of components that act the same, the first stands for all.
-    rises, gross = np.unique(problem.with_one_gross(at).round(6), return_index=True)
+    rises, gross = np.unique(problem.rises_by_one_gross(at).round(6), return_index=True)
     gross = gross[rises > _STANDS_OUT][::-1].tolist()
     systems = [problem, *(problem.under(problem.prior.with_one_gross(each)) for each in gross)]
     for system in systems[1:]:
