@@ -72,7 +72,6 @@ def test_scatter_of_parts_is_in_sigma(seed: int) -> None:
     assert np.all(found.sigma > 1.5 * undisturbed.sigma)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("held", [{"tz": 0.0}, {"tz": 0.0, "rx": 0.0, "ry": 0.0}])
 def test_parts_and_windows_are_compared_where_components_are_held(held: dict[str, Any]) -> None:
     """As the mount of a planar robot is; about an axis that is free it scatters here."""
@@ -91,6 +90,7 @@ def test_parts_and_windows_are_compared_where_components_are_held(held: dict[str
     assert "parts.disagree" in solve(wobbling, pose=known).codes
 
 
+@pytest.mark.slow
 def test_jackknife_and_halves_agree_with_sigma_for_pure_noise() -> None:
     found = [solve(clean().noisy(seed)) for seed in range(12)]
     # Seven folds of one log give a sigma to a third; the mean over logs to a tenth.
