@@ -145,7 +145,7 @@ def _change(own: Answer, joint: Answer) -> PoseChange:
     """From an IMU's own pose to the joint one."""
     turn = rotvec_from_matrix(joint.state.R @ own.state.R.T)
     moved = np.concatenate([joint.state.t - own.state.t, turn])
-    moves = own.layout.free[own.layout.pose]
+    moves = own.layout.free_pose
     alone, both = (each.pose_covariance[np.ix_(moves, moves)] for each in (own, joint))
     # An estimate from more data differs by the difference of the two covariances.
     into = np.linalg.inv(np.linalg.cholesky(alone))

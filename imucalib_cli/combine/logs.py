@@ -97,7 +97,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
     each = [
         _Reduced.of(log.equations, own, shared, at) for log, own in zip(logs, options, strict=True)
     ]
-    free, moves = np.flatnonzero(shared.free), np.flatnonzero(shared.free[shared.pose])
+    free, moves = np.flatnonzero(shared.free), np.flatnonzero(shared.free_pose)
     equations = Together(
         information=np.array([one.information for one in each])[:, free][:, :, free],
         score=np.array([one.score for one in each])[:, free],
@@ -127,8 +127,8 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         step[moves] += differences[log]
         own.append(
             OwnValues(
-                distance=embedded(distances[log], shared.free[shared.pose]),
-                from_common=embedded(own_poses[log], shared.free[shared.pose]),
+                distance=embedded(distances[log], shared.free_pose),
+                from_common=embedded(own_poses[log], shared.free_pose),
                 sigmas=float(np.sqrt(strangers.get(log, squares[log]))),
                 disagrees=log in strangers,
                 state=one.at.moved(one.layout, one.start + one.follow @ step),

@@ -10,6 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError
+from imucalib_cli.estimate.solution.algebra import correlation
 from imucalib_cli.robot.mount import fixed_transform
 from imucalib_cli.robot.rotations import rotation_angle, rpy_from_matrix, skew
 
@@ -102,13 +103,6 @@ def is_covariance(matrix: Floats) -> bool:
     scaled = correlation(matrix)
     is_symmetric = np.allclose(scaled, scaled.T, rtol=0.0, atol=_ROUNDING)
     return is_symmetric and bool(np.linalg.eigvalsh(scaled)[0] > -_ROUNDING)
-
-
-def correlation(covariance: Floats) -> Floats:
-    """The covariance divided by the standard deviations, 1 where they are zero."""
-    std = np.sqrt(np.abs(np.diag(covariance)))
-    scale = np.where(std > 0.0, std, 1.0)
-    return np.asarray(covariance / np.outer(scale, scale))
 
 
 def orthogonal_complement(directions: ArrayLike) -> Floats:

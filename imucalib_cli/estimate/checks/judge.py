@@ -12,7 +12,7 @@ from imucalib_cli.estimate.checks.stated import contradicted_by_log
 from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
-from imucalib_cli.estimate.solution.algebra import inverse_of
+from imucalib_cli.estimate.solution.algebra import correlation, inverse_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRONG
 from imucalib_cli.estimate.unknowns import (
     SCALES,
@@ -599,9 +599,9 @@ def _too_large(
 
 def _like(answer: Answer, place: int) -> str:
     """Another unknown that the log hardly distinguishes from a component; empty if none."""
-    alike = np.abs(_correlations(answer.covariance, place))
+    alike = np.abs(correlation(answer.covariance)[place])
     # Errors of two that act the same are not correlated where only one of them may be gross.
-    alike[np.abs(_correlations(answer.motion, place)) > _THE_SAME] = 1.0
+    alike[np.abs(correlation(answer.motion)[place]) > _THE_SAME] = 1.0
     for each in answer.layout.placed:
         inside = each.part.start <= place < each.part.stop
         if inside or isinstance(each.unknown.effect, Mount) or not alike[each.part].size:
@@ -611,12 +611,6 @@ def _like(answer: Answer, place: int) -> str:
             what = each.unknown.words.split(":")[0]
             return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
     return ""
-
-
-def _correlations(C: Floats, place: int) -> Floats:
-    """(n,), of one component with all."""
-    size = np.sqrt(np.maximum(np.diag(C), 0.0))
-    return np.asarray(C[place] / np.maximum(size * size[place], 1e-300))
 
 
 def _resting_on_priors(answer: Answer) -> Iterator[Finding]:

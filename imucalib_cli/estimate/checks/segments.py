@@ -178,7 +178,7 @@ class Segments:
         pose = self._places("translation", "rotation")
         if not len(pose):
             return None
-        moves = self._fit.layout.free[self._fit.layout.pose]
+        moves = self._fit.layout.free_pose
         A, b = self._sums.folds()
         others = inverse_of(self._total - A)
         each = (others @ b[:, :, None])[:, pose, 0]
@@ -221,7 +221,7 @@ class Segments:
 
         Source: the ratio, Birge, Phys. Rev. 40(2), 1932; Wilson and Hilferty, PNAS 17(12), 1931.
         """
-        moves = self._fit.layout.free[self._fit.layout.pose]
+        moves = self._fit.layout.free_pose
         whole, C = self._inverse[np.ix_(pose, pose)], self._fit.pose_covariance[moves][:, moves]
         # A change is large where the others know little: its covariance is what they know less.
         expected = (left - whole) * (np.trace(inverse_of(whole) @ C) / len(pose))
@@ -315,7 +315,7 @@ class Segments:
         scatter = C @ self._sum_of_squares(each) @ C * len(each) / (len(each) - 1.0)
         C = _larger(scatter, C) + wander
         evidence = squared_distance(size, C) - self._price(part)
-        std, seen = np.sqrt(np.diag(C)), self._fit.layout.free[self._fit.layout.pose]
+        std, seen = np.sqrt(np.diag(C)), self._fit.layout.free_pose
         pose = self._places("translation", "rotation")
         of_pose = kind in {"mount", "drift"}
         if of_pose:  # components that are held have not changed

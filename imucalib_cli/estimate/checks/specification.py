@@ -133,10 +133,9 @@ def _solved(
     layout = fit.layout
     free = np.flatnonzero(layout.free)
     step, inverse = fit.problem(total, noise_score).solve(fit.u)
-    rows = np.zeros((layout.size, len(free)))
-    rows[free] = inverse
+    rows = embedded(inverse, layout.free)[np.ix_(layout.pose, free)]
     each = scores[:, free] / fit.equations.level
-    return step, -(each @ rows[layout.pose].T), rows[layout.pose]
+    return step, -(each @ rows.T), rows
 
 
 def _sound(fit: Fit, length: int) -> bool:

@@ -30,7 +30,7 @@ from imucalib_cli.signals.moves import STILL, STILL_TURN, travel
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.robot.path import KinematicPath
     from imucalib_cli.signals.trajectory import TrackMotion, Trajectory
@@ -140,6 +140,11 @@ class Layout(Prior, frozen=True, kw_only=True, eq=False):
     def pose(self) -> Indices:
         """(6,), components of the mount: translation, rotation."""
         return places_of((self.part("translation"), self.part("rotation")))
+
+    @property
+    def free_pose(self) -> Bools:
+        """(6,), which of these may move."""
+        return self.free[self.pose]
 
     @property
     def unit(self) -> Indices:

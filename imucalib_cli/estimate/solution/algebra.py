@@ -1,4 +1,4 @@
-"""Inverses and distances for matrices of mixed units, which may be singular."""
+"""Inverses, correlations and distances for matrices of mixed units, which may be singular."""
 
 from __future__ import annotations
 
@@ -40,6 +40,13 @@ def inverse_with_priors(A: Floats, std: Floats) -> Floats:
     values, vectors = np.linalg.eigh(A * np.outer(std, std))
     scaled = vectors * std[:, None]
     return np.asarray((scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T)
+
+
+def correlation(covariance: Floats) -> Floats:
+    """The covariance divided by the standard deviations, 1 where they are zero."""
+    std = np.sqrt(np.abs(np.diag(covariance)))
+    scale = np.where(std > 0.0, std, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale))
 
 
 def embedded(values: Floats, kept: Bools) -> Floats:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.digits import figures, sigma
 from imucalib_cli.estimate.entries import POSE_NAMES
-from imucalib_cli.estimate.solution.algebra import embedded
+from imucalib_cli.estimate.solution.algebra import correlation, embedded
 from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.findings import warning
 from imucalib_cli.results.comparison import answers
@@ -22,7 +22,6 @@ from imucalib_cli.results.comparison.pose_comparison import RARE, PoseComparison
 from imucalib_cli.results.comparison.verdicts import within_entry
 from imucalib_cli.results.fields import instant, judgement, mm_and_deg
 from imucalib_cli.results.from_estimate import pose_entry, tangent, tree_from
-from imucalib_cli.results.pose import correlation
 from imucalib_cli.results.result import SCHEMA
 from imucalib_cli.results.trend import search
 from imucalib_cli.robot.rotations import left_jacobian_inverse, matrix_from_rotvec, rotation_angle
