@@ -115,7 +115,9 @@ class DaskWorkers:
                         n_workers=self.workers,
                         threads_per_worker=1,
                         memory_limit=self.memory,
-                        dashboard_address=None,
+                        # its HTTP server: no dashboard, on a free port, so that two can run at once
+                        dashboard_address="127.0.0.1:0",
+                        scheduler_kwargs={"dashboard": False},
                         silence_logs=logging.CRITICAL,
                     )
                 address = stack.enter_context(cluster)

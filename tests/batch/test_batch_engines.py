@@ -3,11 +3,12 @@
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
@@ -176,6 +177,18 @@ def test_unreachable_scheduler_is_one_line_error(
         engine = DaskWorkers(address, workers=1, memory=GIB)
         with pytest.raises(InputError, match=f"--dask {shown}: no scheduler answers"):
             records(batch(tmp_path / "results", logs, task=task, engine=engine))
+
+
+def test_local_clusters_share_a_machine(tmp_path: Path) -> None:
+    """Another one has the usual port of the scheduler's HTTP server: no warning, which is an error
+    in tests."""
+    logs = texts(tmp_path / "logs", a="1")
+    with ExitStack() as until:
+        with suppress(OSError):  # some other process has it
+            until.enter_context(socket.create_server(("127.0.0.1", 8787)))
+        engine = DaskWorkers("local", workers=1, memory=GIB)
+        done = records(batch(None, logs, task=copying(tmp_path / "traces"), engine=engine))
+    assert statuses(done) == {"a": "ok"}
 
 
 @contextmanager
