@@ -116,7 +116,7 @@ class Details(Struct, frozen=True, kw_only=True, eq=False):
     spectra: tuple[Spectrum, Spectrum]
     """Accelerometer, gyroscope."""
     stretches: LogParts | None
-    """None where a component of the pose is held."""
+    """None where the whole pose is held."""
     dependence: tuple[Dependence, ...]
     """The answer by other windows, where there are any."""
     offset: OffsetProfile | None

@@ -81,7 +81,7 @@ class Estimate(Struct, frozen=True, kw_only=True, eq=False):
     parameters: tuple[ParameterEntry, ...] = ()
     """Every unknown beside the pose."""
     consistency: Consistency | None = None
-    """None where a component of the pose is held, or the method does not give it."""
+    """None where the whole pose is held, or the method does not give it."""
     unobservable: tuple[Unobservable, ...] = ()
     findings: tuple[Finding, ...] = ()
     """The most important first."""

@@ -85,8 +85,10 @@ def figures(material: Material) -> Iterator[Figure]:
         plots = _pose_plots(middles, *differences, x_label=_TIME, shared=_LOG_TIME)
         yield _figure("segments", count=len(edges) - 1, plots=plots)
         yield _so_far(stretches)
-        rows = tuple(f"{kind} {axis}" for kind in ("along", "about") for axis in AXES)
-        drawing = heat_map(stretches.share, rows, stretches.edges)
+        names = [f"{kind} {axis}" for kind in ("along", "about") for axis in AXES]
+        known = np.flatnonzero(~np.isnan(stretches.share[0]))  # the others are held
+        rows = [names[component] for component in known]
+        drawing = heat_map(stretches.share[:, known], rows, stretches.edges)
         yield _figure("taught", drawing=drawing)
     if details is not None and details.offset is not None:
         yield _offset(details.offset, material.result.time_offset)
@@ -233,8 +235,9 @@ def _pose_plots(
 
 
 def _shown_range(values: Floats, half_width: Floats) -> tuple[float, float]:
-    """Range of y that shows all but the very long error bars."""
-    usual = half_width <= _WIDE * np.median(half_width)
+    """Range of y that shows all but the very long error bars; a component that is held has none."""
+    known = half_width[half_width > 0.0]
+    usual = half_width <= (_WIDE * np.median(known) if len(known) else 0.0)
     most = float(np.max((np.abs(values) + half_width)[usual], initial=0.0))
     return (-1.1 * most, 1.1 * most) if most > 0.0 else (-1.0, 1.0)
 

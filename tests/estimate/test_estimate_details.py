@@ -103,14 +103,21 @@ def test_shock_is_drawn_as_excluded() -> None:
     assert np.abs(left_out - 10.0).max() < 1.0
 
 
-def test_fixed_values_have_no_profile() -> None:
+def test_held_values_are_left_out() -> None:
     log = make_log(SHORT).noisy(4)
     found, plain = (
         solve_exact(log, time_offset=0.0, pose=prior(tx=0.0), details=wanted)
         for wanted in (True, False)
     )
     assert details_of(found).offset is None
-    assert details_of(found).stretches is None
+    stretches = details_of(found).stretches
+    assert stretches is not None
+    for rows in (stretches.share, stretches.std_so_far, stretches.fold_difference):
+        assert np.isnan(rows).any(axis=0).tolist() == [True] + [False] * 5
+    assert found.covariance is not None
+    std = np.sqrt(np.diag(found.covariance))
+    assert stretches.std_so_far[-1, 1:] == pytest.approx(std[1:])
+    assert stretches.share[:, 1:].sum(axis=0) == pytest.approx(1.0)
     assert plain.details is None
     assert found.consistency is not None
     assert found.consistency.fold_std[0] == 0.0

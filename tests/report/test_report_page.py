@@ -5,7 +5,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.estimate.details import Details
 from imucalib_cli.report.chart import plain, ranges, thinned
@@ -116,6 +116,26 @@ def test_every_figure_has_text_and_plots(name: str) -> None:
             len(column) == len(plot["x"]) for trace in plot["traces"] for column in trace["columns"]
         )
         assert plot["x"] == sorted(plot["x"])
+
+
+def test_held_components_are_not_drawn(result: Result, details: Details) -> None:
+    assert details.stretches is not None
+    known = np.array([True, True, False, True, False, True])
+    held = {
+        name: np.where(known, values, np.nan)
+        for name, values in asdict(details.stretches).items()
+        if not name.endswith("edges")
+    }
+    material = Material(result=result, stretches=replace(details.stretches, **held))
+    plots = {each.key: each for each in figures(material)}
+    assert "nan" not in plots["taught"].drawing
+    rows = re.findall(r">(a\w+ \w)<", plots["taught"].drawing)
+    assert rows == ["along x", "along y", "about x", "about z"]
+    for plot in (*plots["segments"].plots, *plots["enough"].plots):
+        drawn = [any(each is not None for each in t["columns"][0]) for t in plot["traces"]]
+        assert drawn == (known[:3] if plot["title"] == "Translation" else known[3:]).tolist()
+    low, high = plots["segments"].plots[0]["yRange"]
+    assert 0.0 < high == -low < 1.0
 
 
 def test_plots_show_measured_values(details: Details) -> None:

@@ -95,7 +95,10 @@ class Change(Struct, frozen=True, kw_only=True, eq=False):
 
 
 class LogParts(Struct, frozen=True, kw_only=True, eq=False):
-    """Parts of the log of equal duration, and what they say about the pose (tx .. rz)."""
+    """Parts of the log of equal duration, and what they say about the pose (tx .. rz).
+
+    Components that are held are nan.
+    """
 
     edges: Floats
     """(P + 1,), s of the log."""
@@ -390,14 +393,14 @@ def _larger(scatter: Floats, C: Floats) -> Floats:
 def parts_of_log(log: LogStatistics, std: Floats) -> LogParts | None:
     """What each part of a log says about the pose, whose stated sigma is ``std`` (6,).
 
-    None where a component of the pose is held.
+    Components that are held are nan; None where all are.
     """
     equations = log.equations
     answer = equations.solve(log.options)
     layout = answer.layout
-    free = np.flatnonzero(layout.free)
-    pose = np.flatnonzero(np.isin(free, layout.pose))
-    if len(pose) < len(layout.pose):
+    moves = layout.free_pose
+    pose = np.flatnonzero(np.isin(np.flatnonzero(layout.free), layout.pose))
+    if not len(pose):
         return None
     problem = equations.problem(layout, log.options)
     noise = log.parts[:, 1:, 0].sum(axis=0) - equations.score
@@ -409,11 +412,17 @@ def parts_of_log(log: LogStatistics, std: Floats) -> LogParts | None:
     std_so_far = np.sqrt(np.diagonal(so_far, axis1=1, axis2=2)[:, pose])
     fold_A, fold_b = sums.folds()
     inverse = inverse_of(fold_A + P)
+
+    def of_pose(values: Floats) -> Floats:
+        rows = np.full((len(values), 6), np.nan)
+        rows[:, moves] = values
+        return rows
+
     return LogParts(
         edges=log.edges,
-        share=shares / shares.sum(axis=0),
-        std_so_far=std_so_far * (std / std_so_far[-1]),
+        share=of_pose(shares / shares.sum(axis=0)),
+        std_so_far=of_pose(std_so_far * (std[moves] / std_so_far[-1])),
         fold_edges=log.edges[:: len(A) // len(fold_A)],
-        fold_difference=-(inverse @ fold_b[:, :, None])[:, pose, 0],
-        fold_std=np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose]),
+        fold_difference=of_pose(-(inverse @ fold_b[:, :, None])[:, pose, 0]),
+        fold_std=of_pose(np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)[:, pose])),
     )
