@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.combine.scatter import Together, disagreeing, most_likely_together
-from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.answer import answer_findings
 from imucalib_cli.estimate.checks.stated import contradicted
 from imucalib_cli.estimate.model.layout import places_of, with_priors
 from imucalib_cli.estimate.model.state import turned_about
@@ -44,7 +44,7 @@ def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, li
     equations = log.equations
     answer = equations.solve(options)
     wrong = contradicted(answer, lambda _: equations, equations.solve)
-    rest = judge.of_answer(answer, log, misled=wrong is not None)
+    rest = answer_findings(answer, log, misled=wrong is not None)
     return answer, [*([] if wrong is None else [wrong]), *rest]
 
 

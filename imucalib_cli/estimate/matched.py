@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.estimate.attempts import best_attempt, with_longer_windows
 from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.answer import offset_known
 from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.checks.segments import Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
@@ -168,7 +169,7 @@ def estimate_of(answer: Answer, log: LogStatistics | None = None, **evidence: An
         covariance=widen(covariance, directions),
         time_offset=float(offset[0]) if len(offset) else answer.state.held_offset,
         time_offset_std=float(np.sqrt(offset_std[0] ** 2 + offset_variance))
-        if judge.offset_known(answer)
+        if offset_known(answer)
         else None,
         gravity_world=answer.state.gravity,
         corrections=_corrections(answer, clock_stepped=clock_stepped),

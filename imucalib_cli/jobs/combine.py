@@ -12,6 +12,7 @@ from imucalib_cli import __version__
 from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError, collected
 from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.answer import answer_findings
 from imucalib_cli.estimate.estimate import Residuals
 from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
@@ -287,7 +288,7 @@ def _several(
         findings=(
             *_contradicted(logs, options),
             *_findings(logs, found),
-            *judge.of_answer(found.answer),
+            *answer_findings(found.answer),
         ),
         notes={"logs": len(logs)},
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 from msgspec.structs import asdict, replace
 
 from imucalib_cli.combine.imus import OnRobot, groups, solve_agreeing
-from imucalib_cli.estimate.checks import judge
+from imucalib_cli.estimate.checks.answer import answer_findings
 from imucalib_cli.estimate.matched import estimate_of
 from imucalib_cli.findings import gravest_first, note, warning
 from imucalib_cli.messages import OF_ANSWER
@@ -64,7 +64,7 @@ def solve_imus_together(imus: Sequence[tuple[str, Estimate, KinematicPath]]) -> 
 def _again(estimate: Estimate, log: LogStatistics, answer: Answer, finding: Finding) -> Estimate:
     """The common estimate: findings on the data stay, those on the answer are made anew."""
     of_data = (each for each in estimate.findings if each.code not in OF_ANSWER)
-    findings = gravest_first((*of_data, finding, *judge.of_answer(answer, log)))
+    findings = gravest_first((*of_data, finding, *answer_findings(answer, log)))
     kept = {name: getattr(estimate, name) for name in _KEPT}
     details = estimate.details
     if details is not None:

@@ -1,4 +1,4 @@
-"""Every check of a fit; each gives findings with codes and numbers."""
+"""Checks of the fit of one log; each gives findings with codes and numbers."""
 
 from __future__ import annotations
 
@@ -7,23 +7,26 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
+from imucalib_cli.estimate.checks.answer import (
+    WARN_SIGMAS,
+    answer_findings,
+    beyond_sigma,
+    is_below,
+    is_clear,
+    is_tracked,
+    lengths_of,
+    moves_of,
+    too_large_in,
+    turns_too_far,
+)
+from imucalib_cli.estimate.checks.observability import undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import contradicted_by_log
-from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.model.state import tilt_from_down
-from imucalib_cli.estimate.solution.algebra import correlation, inverse_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRONG
 from imucalib_cli.estimate.unknowns import (
-    SCALES,
     TABLE,
-    Clock,
     JointCurve,
-    Mount,
-    Origin,
-    PoseStream,
     Reading,
-    measured_over_true,
 )
 from imucalib_cli.estimate.window_choice import is_longest
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
@@ -33,21 +36,17 @@ from imucalib_cli.signals.stretches import all_hold, stretches_of
 from imucalib_cli.signals.timing.stamps import sample_interval
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
-    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.attempts import Attempt
     from imucalib_cli.estimate.checks.segments import Change, Consistency
     from imucalib_cli.estimate.checks.specification import Dependence
-    from imucalib_cli.estimate.model.layout import Placed
     from imucalib_cli.estimate.solution.fit import Fit
-    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics, WindowAnswer
-    from imucalib_cli.estimate.unknowns import Unknown
+    from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 
 Sign = Literal["as read", "reversed", "in doubt"]
 
-WARN_SIGMAS: Final = 3.0
-"""One sound log in 370."""
 UNEXPLAINED_GYRO: Final = 0.3
 """Share of the measured rotation left in the residuals from which model and log do not match.
 Tuned."""
@@ -69,11 +68,6 @@ _FORCE: Final = 5.0
 whole vehicles stay below 5 g, but for a crash or a hole in the road."""
 SLIP: Final = (2e-3, 5e-3)
 """m and rad: a mount that slips moves by the clearance of its bolts; one that gives moves less."""
-_NO_SENSOR: Final = 5.0
-"""Times the usual bias that no sensor that is sold has: 2.5 m/s² and 1 rad/s, where the worst of
-consumer parts are specified to 2 m/s² and 0.7 rad/s."""
-_TILTED: Final = np.radians(20.0)
-"""rad: a base stands more level than this, or is mounted otherwise on purpose."""
 _CORRELATED: Final = 0.8
 """Of the two rates: at the right time offset even a bad model has a higher one. Tuned."""
 _PLAIN: Final = 0.1
@@ -86,10 +80,6 @@ _STRIKE: Final = (0.05, 0.1)
 some hundredths."""
 _SPIKES: Final = 0.005
 """Share of samples: at 1 kHz every other window of 0.1 s has a spike then."""
-_THE_SAME: Final = 0.999
-"""Correlation of two components, by the motion, from which the log shows only their sum."""
-_OFFSET_LIMIT: Final = 0.02
-"""s: a time offset with a larger sigma counts as unknown."""
 
 _SWAYS: Final = {
     each.name for each in TABLE if isinstance(each.effect, Reading) and each.effect.sways
@@ -157,18 +147,18 @@ def _differences(evidence: Evidence) -> Iterator[Floats]:
     fit, worst = evidence.fit, evidence.largest_dependence
     if worst is not None:
         yield worst.difference
-    too_large = _too_large(fit, evidence.dependence)
+    too_large = too_large_in(fit, evidence.dependence)
     for _, other in too_large.values():
         if other is not None and worst is None:
             yield other.changes[fit.layout.pose]
     for each in fit.layout.placed:
         # Below zero it is something else that looks like it.
-        below = _is_below(fit, each) and (
+        below = is_below(fit, each) and (
             each in too_large
-            or (isinstance(each.unknown.effect, JointCurve) and _is_clear(fit, each))
+            or (isinstance(each.unknown.effect, JointCurve) and is_clear(fit, each))
         )
-        if below or _turns_too_far(fit, each):
-            yield _moves(fit, each)
+        if below or turns_too_far(fit, each):
+            yield moves_of(fit, each)
     if evidence.change is not None:
         # The truth is with one part or the other, the estimate with one of them or between them; a
         # drift is by half of it to either side.
@@ -198,7 +188,7 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
         found += _changed(evidence)
     unexplained = [*_unexplained(evidence)]
     misled = bool(wrong) or evidence.mount_moved or evidence.too_noisy
-    of_fit = of_answer(evidence.fit, log, misled=misled)
+    of_fit = answer_findings(evidence.fit, log, misled=misled)
     if unexplained:  # errors take up what is not explained, but for those that may be the cause
         of_fit = (each for each in of_fit if each.values.get("name") in {None, *_SWAYS})
     found += [*unexplained, *of_fit]
@@ -208,36 +198,6 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     for check in (_residuals, _left_out, _strikes, _sampled, _gaps, _stamps):
         found += check(evidence)
     return gravest_first(found)
-
-
-def of_answer(
-    answer: Answer, log: LogStatistics | None = None, *, misled: bool = False
-) -> Iterator[Finding]:
-    """Findings that depend on the unknowns and their priors alone.
-
-    ``log`` is None for an answer of several; ``misled`` says that a stated value is wrong, the
-    mount moved or the window is far too short, which errors of robot and sensor then take up.
-    """
-    if not misled:
-        yield from _errors(answer, log)
-    yield from _resting_on_priors(answer)
-    if len(answer.of("time_offset")[0]) and not offset_known(answer):
-        yield warning("offset.undetermined")
-    yield from _still(answer)
-    gravity = answer.state.gravity
-    if gravity.any() and not unobservable(answer):
-        tilt = float(np.linalg.norm(tilt_from_down(gravity)))
-        if tilt > _TILTED:
-            yield warning("gravity.tilted", tilt=tilt, tracked=_is_tracked(answer))
-
-
-def _is_tracked(answer: Answer) -> bool | None:
-    """Whether streams of poses alone tell the motion, so that no joint can be at fault.
-
-    None where joints tell it; also where the robot is held exact, which hides who tells it.
-    """
-    kinds = {type(each.unknown.effect) for each in answer.layout.placed}
-    return (PoseStream in kinds and JointCurve not in kinds) or None
 
 
 def _unexplained(evidence: Evidence) -> Iterator[Finding]:
@@ -255,7 +215,7 @@ def _unexplained(evidence: Evidence) -> Iterator[Finding]:
             share=left / turning,
             beyond=left > turning or None,  # another motion alone does not make a rate too large
             max_offset=evidence.fit.options.max_offset if far else None,
-            tracked=_is_tracked(fit),
+            tracked=is_tracked(fit),
         )
     force_left = float(np.sqrt(np.mean(residuals.values[:, :3] ** 2)))
     if force_left > UNEXPLAINED_ACCEL:
@@ -281,7 +241,7 @@ def _residuals(evidence: Evidence) -> Iterator[Finding]:
     ratio = float(over_noise[worst])
     if ratio > LOUD:
         make = untrusted if usual.max() > WRONG else warning
-        tracked = _is_tracked(fit)
+        tracked = is_tracked(fit)
         yield make("residual.beyond_noise", sensor=SENSORS[worst], ratio=ratio, tracked=tracked)
 
 
@@ -295,7 +255,7 @@ def _left_out(evidence: Evidence) -> Iterator[Finding]:
     share = float(turning[lost & plain].sum() / max(float(turning.sum()), 1e-300))
     count = int(lost.sum())
     if share > _LARGE_SHARE:
-        yield untrusted("windows.motion_left_out", share=share, tracked=_is_tracked(fit))
+        yield untrusted("windows.motion_left_out", share=share, tracked=is_tracked(fit))
     if count > _FEW * len(lost):
         when = fit.model.windowing.grid.t[fit.windows.centres]
         first, last = np.percentile(when[lost], (4, 96))
@@ -375,26 +335,21 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     error, seconds, longest = evidence.fit.noise_error, window.seconds, is_longest(window)
     if error > 0.0:
         make = untrusted if evidence.too_noisy else warning
-        tracked = _is_tracked(evidence.fit)
+        tracked = is_tracked(evidence.fit)
         values = {"seconds": seconds, "error": error, "tracked": tracked, "longest": longest}
         yield make("window.noisy", **values)
     worst = evidence.largest_dependence
     if worst is not None:
-        matters = bool(_beyond_sigma(evidence.fit, worst.difference).any())
+        matters = bool(beyond_sigma(evidence.fit, worst.difference).any())
         make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
         yield make(
             "window.dependent",
             sigmas=worst.sigmas,
             seconds=worst.seconds,
             used=seconds,
-            tracked=_is_tracked(evidence.fit),
-            **_lengths(worst.difference),
+            tracked=is_tracked(evidence.fit),
+            **lengths_of(worst.difference),
         )
-
-
-def _beyond_sigma(answer: Answer, change: Floats) -> Bools:
-    """(6,), components of a change of the pose that are larger than its sigma."""
-    return np.asarray(np.abs(change) > answer.std[answer.layout.pose])
 
 
 def _parts(evidence: Evidence) -> Iterator[Finding]:
@@ -402,7 +357,7 @@ def _parts(evidence: Evidence) -> Iterator[Finding]:
     factor = float(np.sqrt(evidence.scatter))
     if factor > 1.0:
         make = untrusted if factor > LOUD else warning
-        yield make("parts.disagree", factor=factor, tracked=_is_tracked(evidence.fit))
+        yield make("parts.disagree", factor=factor, tracked=is_tracked(evidence.fit))
 
 
 def _changed(evidence: Evidence) -> Iterator[Finding]:
@@ -410,9 +365,9 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     change = evidence.change
     if change is None:
         return
-    lengths, size, values = _lengths(change.moves_pose), change.size, dict[str, Any]()
+    lengths, size, values = lengths_of(change.moves_pose), change.size, dict[str, Any]()
     if change.kind in {"mount", "drift"}:
-        spread = _lengths(size * change.std)
+        spread = lengths_of(size * change.std)
         for name, length in lengths.items():
             values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
     else:
@@ -423,7 +378,7 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
         values["only"] = _only_part(evidence.fit, change)
     # A mount that gives is in sigma already.
     slipped = np.array(list(lengths.values())) > SLIP
-    matters = _beyond_sigma(evidence.fit, change.moves_pose).reshape(2, 3).any(axis=1)
+    matters = beyond_sigma(evidence.fit, change.moves_pose).reshape(2, 3).any(axis=1)
     make = untrusted if (slipped & matters).any() else warning
     yield make(f"change.{change.kind}", **values)
 
@@ -443,188 +398,6 @@ def _only_part(fit: Fit, change: Change) -> Literal["before", "after", "none"] |
     return "before" if enough[0] else "after" if enough[1] else "none"
 
 
-def _lengths(pose: Floats) -> dict[str, float]:
-    """Lengths of the two parts of a change of the pose (6,), m and rad."""
-    return {
-        "translation": float(np.linalg.norm(pose[:3])),
-        "rotation": float(np.linalg.norm(pose[3:])),
-    }
-
-
-def _errors(  # noqa: C901 one case for each kind of error
-    answer: Answer, log: LogStatistics | None
-) -> Iterator[Finding]:
-    """Errors that no sound robot and no sound sensor has, and those that move the pose."""
-    windows = () if log is None else log.windows
-    too_large = _too_large(answer, windows)
-    for each in answer.layout.placed:
-        unknown, part, value = each.unknown, each.part, answer.value(each)
-        if isinstance(unknown.effect, Mount) or unknown.name in {
-            "time_offset",
-            "gravity_direction",
-        }:  # they have findings of their own
-            continue
-        if log is not None and log.clock_stepped and isinstance(unknown.effect, Clock):
-            continue
-        if not answer.layout.free[part].all():
-            continue
-        # An error that another window does not see is not surely one.
-        C = answer.covariance[part, part].copy()
-        if windows:
-            changes = np.array([other.changes[part] for other in windows])
-            C += np.diag((changes**2).max(axis=0))
-        std, limit = np.sqrt(np.diag(C)), unknown.healthy
-        below = _is_below(answer, each)
-        if unknown.group == "bias":
-            size = float(np.linalg.norm(value))
-            along = float(np.sqrt(value @ C @ value)) / max(size, 1e-300)
-            # Within two sigmas of a stated prior, a bias is as stated.
-            most = max(limit, 2.0 * answer.options.stated_std(unknown.name))
-            if size - WARN_SIGMAS * along > most:
-                # surely so: a bias that a log hardly determines proves nothing
-                sure = size - WARN_SIGMAS * float(std.max()) > _NO_SENSOR * limit
-                make = untrusted if sure else warning
-                facts = {"name": unknown.name, "size": size, "std": along}
-                yield make("bias.unusual", **facts, gravity=answer.options.has_gravity)
-        elif each in too_large:
-            worst, other = too_large[each]
-            if other and not below and abs(value[worst]) < WARN_SIGMAS * std[worst]:
-                continue  # by the other window it may be nothing
-            # A negative one is something else that looks like it, jitter of stamps for example; of
-            # a joint it is motion of the link that the joint does not report.
-            elsewhere = below and not isinstance(unknown.effect, JointCurve)
-            doubt = other is None and not unknown.harmless and not elsewhere
-            make = untrusted if doubt else warning
-            values, stds = _as_stated(unknown, value, answer.std[part])
-            yield make(
-                "unknown.implausible",
-                **_named(each),
-                label=each.labels[worst],
-                value=values[worst],
-                std=stds[worst],
-                limit=limit,
-                negative=below,
-                other=None if other is None else other.seconds,
-            )
-        elif (np.abs(value) > DISTRUST_SIGMAS * std).any() and not below:
-            yield from _found(answer, each, C, 0.0 if log is None else log.seconds)
-
-
-def _found(answer: Answer, each: Placed, C: Floats, seconds: float) -> Iterator[Finding]:
-    """An error that is clear, of covariance C, if it moves the pose or is larger than healthy."""
-    unknown, part, value = each.unknown, each.part, answer.value(each)
-    std, moves = np.sqrt(np.diag(C)), _moves(answer, each, C)
-    matters = _beyond_sigma(answer, moves).any() or (np.abs(value) > unknown.healthy).any()
-    if matters and (np.abs(value) >= unknown.least).any():
-        shown = isinstance(unknown.of_either, (JointCurve, Origin, PoseStream, Clock))
-        make = note if shown and unknown.of_robot else warning
-        values, stds = _as_stated(unknown, value, std)
-        yield make(
-            "unknown.found",
-            **_named(each),
-            labels=tuple(each.labels),
-            values=tuple(values.tolist()),
-            stds=tuple(stds.tolist()),
-            seconds=seconds,
-            **_lengths(moves),
-            in_sigma=_turns_too_far(answer, each),
-            like=_like(answer, part.start + int(np.argmax(np.abs(value) / std))),
-        )
-
-
-def _is_below(answer: Answer, each: Placed) -> bool:
-    """Whether an error is negative that cannot be."""
-    # The first three are along the axes: others of a positive matrix have either sign.
-    return each.unknown.positive and bool(answer.value(each)[:3].sum() < 0.0)
-
-
-def _is_clear(answer: Answer, each: Placed) -> bool:
-    """Whether an error is clear, and large enough to be told."""
-    size, std = np.abs(answer.value(each)), answer.std[each.part]
-    return bool(((size > DISTRUST_SIGMAS * std) & (size >= each.unknown.least)).any())
-
-
-def _turns_too_far(answer: Answer, each: Placed) -> bool:
-    """Whether the axes of the two sensors differ by more than any data sheet allows.
-
-    The pose is the accelerometer's; by the gyroscope it is another, and either may be wrong.
-    """
-    effect, scale = each.unknown.effect, each.unknown.scale
-    if not isinstance(effect, Reading) or not effect.turns or scale is None:
-        return False
-    return bool((np.abs(answer.value(each)) > SCALES[scale].high).any())
-
-
-def _moves(answer: Answer, each: Placed, C: Floats | None = None) -> Floats:
-    """(6,), how far an error, of covariance C or as in the answer, moves the pose."""
-    C = answer.covariance[each.part, each.part] if C is None else C
-    moves = answer.covariance[answer.layout.pose, each.part] @ inverse_of(C) @ answer.value(each)
-    return np.asarray(moves)
-
-
-def _named(each: Placed) -> dict[str, str]:
-    """What an entry is, as findings have it."""
-    return {"name": each.unknown.name, "words": each.unknown.words, "unit": each.unit}
-
-
-def _as_stated(unknown: Unknown, value: Floats, std: Floats) -> tuple[Floats, Floats]:
-    """Values and sigmas of an error as findings have it: of a scale, measured over true less 1."""
-    if not unknown.is_sensor_scale:
-        return value, std
-    scale, std = measured_over_true(value, std)
-    return scale - 1.0, std
-
-
-def _too_large(
-    answer: Answer, windows: Sequence[WindowAnswer]
-) -> dict[Placed, tuple[int, WindowAnswer | None]]:
-    """Entries that are too large: the component, and a window by which it is not surely so.
-
-    With such a window something else looks like the entry.
-    """
-    found: dict[Placed, tuple[int, WindowAnswer | None]] = {}
-    for each in answer.layout.placed:
-        value, std, limit = answer.value(each), answer.std[each.part], each.unknown.healthy
-        if not len(value) or not answer.layout.free[each.part].all():
-            continue
-        worst = int(np.argmax(np.abs(value) - WARN_SIGMAS * std))
-        if abs(value[worst]) - WARN_SIGMAS * std[worst] > limit:
-            beyond = abs(value[worst]) - limit
-            others = (
-                w for w in windows if WARN_SIGMAS * abs(w.changes[each.part][worst]) >= beyond
-            )
-            found[each] = worst, next(others, None)
-    return found
-
-
-def _like(answer: Answer, place: int) -> str:
-    """Another unknown that the log hardly distinguishes from a component; empty if none."""
-    alike = np.abs(correlation(answer.covariance)[place])
-    # Errors of two that act the same are not correlated where only one of them may be gross.
-    alike[np.abs(correlation(answer.motion)[place]) > _THE_SAME] = 1.0
-    for each in answer.layout.placed:
-        inside = each.part.start <= place < each.part.stop
-        if inside or isinstance(each.unknown.effect, Mount) or not alike[each.part].size:
-            continue
-        worst = int(np.argmax(alike[each.part]))
-        if alike[each.part][worst] > 0.9:  # alone it is known to less than half of its sigma
-            what = each.unknown.words.split(":")[0]
-            return f"{what} ({each.labels[worst]})" if each.labels[worst] else what
-    return ""
-
-
-def _resting_on_priors(answer: Answer) -> Iterator[Finding]:
-    """Components that come from what was stated and not from the log."""
-    if answer.options.known_pose is None:
-        return
-    std, variance = answer.options.known_pose[2], np.diag(answer.pose_covariance)
-    # If nine tenths of a prior's deviation remain, the data add nothing to it.
-    stated = (std < np.inf) & np.where(std > 0.0, variance > (0.9 * std) ** 2, undetermined(answer))
-    if stated.any():
-        names = tuple(POSE_NAMES[i] for i in np.flatnonzero(stated))
-        yield warning("prior.untested", components=names)
-
-
 def _stamps(evidence: Evidence) -> Iterator[Finding]:
     attempt, clean = evidence.attempt, evidence.attempt.clean
     if evidence.sign == "reversed":
@@ -637,34 +410,3 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
     for track in evidence.fit.model.windowing.trajectory.tracks:
         if track.held:
             yield warning("stream.held_values", stream=track.name)
-
-
-def _still(answer: Answer) -> Iterator[Finding]:
-    """Joints that stand still, where errors hidden by them are most of sigma."""
-    layout = answer.layout
-    entries = [each for each in layout.placed if each.hidden]
-    if not entries:
-        return
-    hidden = places_of(each.part for each in entries)
-    across = answer.covariance[np.ix_(layout.pose, hidden)]
-    by_hidden = np.diag(across @ inverse_of(answer.covariance[np.ix_(hidden, hidden)]) @ across.T)
-    if (by_hidden > 0.5 * np.diag(answer.pose_covariance)).any():
-        std = np.sqrt([by_hidden[:3].sum(), by_hidden[3:].sum()])
-        owners = dict.fromkeys(each.joint.name for each in entries if each.joint is not None)
-        joints = tuple(owner for owner in owners if owner in layout.still)
-        yield warning(
-            "robot.joints_still",
-            joints=joints,
-            count=len(joints),
-            translation=std[0],
-            rotation=std[1],
-        )
-
-
-def offset_known(answer: Answer) -> bool:
-    """Whether the motion determines the time offset."""
-    if not answer.layout.has("time_offset"):
-        return False
-    part = answer.layout.part("time_offset")
-    variance = max(answer.covariance[part, part].item(), excitation(answer)[part, part].item())
-    return bool(variance < _OFFSET_LIMIT**2)
