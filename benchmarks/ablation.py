@@ -17,9 +17,10 @@ import numpy as np
 from benchmarks import sweeps
 from benchmarks.common import arguments, parallel, table
 from benchmarks.robots import ROBOTS, ROWS
+from imucalib_cli.estimate.effects import OfBase
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution import fit
-from imucalib_cli.estimate.unknowns import TABLE, OfBase, Unknown
+from imucalib_cli.estimate.unknowns import TABLE, Unknown
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from msgspec import Struct
 
+from imucalib_cli.estimate.effects import Origin
 from imucalib_cli.estimate.model.layout import Placed, with_priors
 from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.solution.normal_equations import Answer, admitted, prior_offset
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.unknowns import TABLE, Origin
+from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:

@@ -25,10 +25,11 @@ from imucalib_cli.diagnose.hypotheses import (
 from imucalib_cli.diagnose.sensor_axes import reoriented
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.attempts import best_attempt
+from imucalib_cli.estimate.effects import JointCurve
 from imucalib_cli.estimate.model.windows import Windowing
 from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit, whole_fit
 from imucalib_cli.estimate.solution.scales import DECISIVE
-from imucalib_cli.estimate.unknowns import LEAN, TABLE, JointCurve, Unknown
+from imucalib_cli.estimate.unknowns import LEAN, TABLE, Unknown
 from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.offset import coarse_time_offset
 from imucalib_cli.signals.prepare import clean_imu

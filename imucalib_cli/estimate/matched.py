@@ -15,12 +15,13 @@ from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.checks.segments import Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import details_of, spectra_of
+from imucalib_cli.estimate.effects import Gravity, Mount, Origin
 from imucalib_cli.estimate.entries import CorrectionEntry, CorrectionName, ParameterEntry
 from imucalib_cli.estimate.estimate import Estimate, Residuals
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.solution.scales import DECISIVE
-from imucalib_cli.estimate.unknowns import Gravity, Mount, Origin, measured_over_true
+from imucalib_cli.estimate.unknowns import measured_over_true
 from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory

@@ -18,6 +18,7 @@ from msgspec import Struct
 from imucalib_cli import __version__
 from imucalib_cli.errors import ImucalibError, InputError
 from imucalib_cli.estimate.checks.segments import FOLDS
+from imucalib_cli.estimate.effects import JointCurve, Mount, Origin
 from imucalib_cli.estimate.model.layout import Joint, Placed, with_priors
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.options import MatchedOptions
@@ -27,7 +28,7 @@ from imucalib_cli.estimate.solution.normal_equations import (
     WindowAnswer,
 )
 from imucalib_cli.estimate.solution.spectrum import Spectrum
-from imucalib_cli.estimate.unknowns import TABLE, JointCurve, Mount, Origin
+from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.results.codec import result_from
 
 if TYPE_CHECKING:

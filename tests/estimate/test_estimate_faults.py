@@ -14,7 +14,8 @@ from msgspec.structs import replace
 from scipy.signal import bilinear, lfilter
 from scipy.spatial.transform import Rotation
 
-from imucalib_cli.estimate.unknowns import TABLE, Clock, Reading
+from imucalib_cli.estimate.effects import Clock, Reading
+from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.simulate.load import load_grade
 from tests.estimate.estimate_arm import (

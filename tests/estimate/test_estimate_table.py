@@ -15,20 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
 from imucalib_cli.diagnose.edits import travels
+from imucalib_cli.estimate.effects import JointCurve, Origin, Reading
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import Layout, Placed, lay_out, places_of
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.estimate.solution.fit import lean_fit
-from imucalib_cli.estimate.unknowns import (
-    LEAN,
-    TABLE,
-    JointCurve,
-    Origin,
-    Reading,
-    Unknown,
-)
+from imucalib_cli.estimate.unknowns import LEAN, TABLE, Unknown
 from imucalib_cli.robot.path import (
     FixedStep,
     JointStep,

@@ -21,11 +21,11 @@ from imucalib_cli.combine.imus import (
     solve_agreeing,
     solve_together,
 )
+from imucalib_cli.estimate.effects import Origin
 from imucalib_cli.estimate.model.layout import Placed
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
-from imucalib_cli.estimate.unknowns import Origin
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.robot.path import JointStep, KinematicPath
 from imucalib_cli.signals.dead_reckoning import dead_reckon

@@ -7,21 +7,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
+from imucalib_cli.estimate.effects import Clock, JointCurve, Mount, Origin, PoseStream, Reading
 from imucalib_cli.estimate.entries import POSE_NAMES
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.solution.algebra import correlation, inverse_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
-from imucalib_cli.estimate.unknowns import (
-    SCALES,
-    Clock,
-    JointCurve,
-    Mount,
-    Origin,
-    PoseStream,
-    Reading,
-    measured_over_true,
-)
+from imucalib_cli.estimate.unknowns import SCALES, measured_over_true
 from imucalib_cli.findings import Finding, note, untrusted, warning
 
 if TYPE_CHECKING:

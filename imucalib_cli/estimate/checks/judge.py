@@ -21,13 +21,10 @@ from imucalib_cli.estimate.checks.answer import (
 )
 from imucalib_cli.estimate.checks.observability import undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import contradicted_by_log
+from imucalib_cli.estimate.effects import JointCurve, Reading
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRONG
-from imucalib_cli.estimate.unknowns import (
-    TABLE,
-    JointCurve,
-    Reading,
-)
+from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.estimate.window_choice import is_longest
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
 from imucalib_cli.signals.noise import deviation_from_neighbours

@@ -15,11 +15,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.model.design import BLOCK
-from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.model.state import Chain, base_nodes, box_over, gravity_axes, velocity_of
-from imucalib_cli.estimate.model.windows import blocks, in_windows
-from imucalib_cli.estimate.unknowns import (
+from imucalib_cli.estimate.effects import (
     Clock,
     Gravity,
     JointCurve,
@@ -30,6 +26,10 @@ from imucalib_cli.estimate.unknowns import (
     PoseStream,
     Reading,
 )
+from imucalib_cli.estimate.model.design import BLOCK
+from imucalib_cli.estimate.model.layout import places_of
+from imucalib_cli.estimate.model.state import Chain, base_nodes, box_over, gravity_axes, velocity_of
+from imucalib_cli.estimate.model.windows import blocks, in_windows
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.effects import Effect, Samples
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
     from imucalib_cli.estimate.model.loads import Payload
     from imucalib_cli.estimate.model.state import BaseNodes, State
     from imucalib_cli.estimate.model.windows import WindowPlan
-    from imucalib_cli.estimate.unknowns import Effect, Samples
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
 

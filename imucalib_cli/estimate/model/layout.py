@@ -8,10 +8,7 @@ import numpy as np
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.model.prior import Prior
-from imucalib_cli.estimate.unknowns import (
-    SCALES,
-    TABLE,
+from imucalib_cli.estimate.effects import (
     Clock,
     JointCurve,
     JointMotion,
@@ -21,8 +18,9 @@ from imucalib_cli.estimate.unknowns import (
     PayloadMass,
     PoseStream,
     Reading,
-    Unknown,
 )
+from imucalib_cli.estimate.model.prior import Prior
+from imucalib_cli.estimate.unknowns import SCALES, TABLE, Unknown
 from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.moves import STILL, STILL_TURN, travel

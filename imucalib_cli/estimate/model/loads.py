@@ -14,7 +14,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from msgspec import Struct, field
 
-from imucalib_cli.estimate.unknowns import JointCurve
+from imucalib_cli.estimate.effects import JointCurve
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.kernels import convolve_at, matched_filter

@@ -10,8 +10,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.model.loads import Loads
-from imucalib_cli.estimate.unknowns import (
+from imucalib_cli.estimate.effects import (
     Clock,
     Gravity,
     JointCurve,
@@ -20,8 +19,9 @@ from imucalib_cli.estimate.unknowns import (
     PoseStream,
     Reading,
     Samples,
-    with_ends,
 )
+from imucalib_cli.estimate.model.loads import Loads
+from imucalib_cli.estimate.unknowns import with_ends
 from imucalib_cli.robot.path import FixedStep
 from imucalib_cli.robot.rotations import (
     cross,
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.estimate.effects import JointMotion
     from imucalib_cli.estimate.model.layout import Joint, Layout
-    from imucalib_cli.estimate.unknowns import JointMotion
     from imucalib_cli.robot.path import KinematicPath, Step
     from imucalib_cli.signals.grid import ImuGrid
     from imucalib_cli.signals.samples import Sensor

@@ -8,10 +8,10 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from imucalib_cli.estimate.effects import Gravity
 from imucalib_cli.estimate.model.state import State, tilt_from_down, turned_about
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.scales import Problem, integrate, most_likely
-from imucalib_cli.estimate.unknowns import Gravity
 from imucalib_cli.robot.rotations import rotvec_from_matrix
 
 if TYPE_CHECKING:

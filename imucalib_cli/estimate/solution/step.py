@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from imucalib_cli.estimate.effects import Reading
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.state import Chain, mean_force_of_base
 from imucalib_cli.estimate.model.windows import COMMON_IMU
@@ -23,7 +24,6 @@ from imucalib_cli.estimate.solution.spectrum import (
     statistics,
     turned,
 )
-from imucalib_cli.estimate.unknowns import Reading
 from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.kernels import second_derivative_gain
 
