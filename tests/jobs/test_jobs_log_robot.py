@@ -13,7 +13,8 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import Severity
 from imucalib_cli.jobs.calibrate import Outcome, calibrate
 from imucalib_cli.jobs.input.request import CalibrationRequest
-from imucalib_cli.jobs.inspect import Inspection, inspect
+from imucalib_cli.jobs.inspect import inspect
+from imucalib_cli.jobs.inspection import Inspection
 from imucalib_cli.logs.part import Part
 from imucalib_cli.results.result import Result
 from imucalib_cli.simulate.load import load_system
