@@ -372,17 +372,15 @@ def test_what_a_negative_compliance_stands_for_is_in_sigma() -> None:
     assert (found.sigma[:3] > 0.9 * np.abs(moved)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "row", "seed", "seconds"),
-    slow_after(
-        1,
-        [
-            # Noise of the tracker is in the columns of lengths.
-            *(("mobile", "quiet", 403, seconds) for seconds in (600.0, 1800.0)),
-            # A bias that walks by 1e-4 m/s² in that time is loud at the lowest frequencies alone.
-            ("ur10e", Row(noise=robots.INDUSTRIAL, walk=(3e-6, 2e-7)), 400, 1800.0),
-        ],
-    ),
+    [
+        # Noise of the tracker is in the columns of lengths.
+        *(("mobile", "quiet", 403, seconds) for seconds in (600.0, 1800.0)),
+        # A bias that walks by 1e-4 m/s² in that time is loud at the lowest frequencies alone.
+        ("ur10e", Row(noise=robots.INDUSTRIAL, walk=(3e-6, 2e-7)), 400, 1800.0),
+    ],
 )
 def test_up_to_half_an_hour_of_noise_keeps_length_scale(
     robot: str, row: str | Row, seed: int, seconds: float
