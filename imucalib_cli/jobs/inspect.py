@@ -16,13 +16,7 @@ from imucalib_cli.jobs.input.log_robot.robot import Named, named_log
 from imucalib_cli.jobs.input.motion import find_motion
 from imucalib_cli.jobs.input.recording import on_one_clock, open_requested
 from imucalib_cli.jobs.input.request import unheard
-from imucalib_cli.jobs.inspection import (
-    Health,
-    ImuFinding,
-    Inspection,
-    JointFinding,
-    PoseFinding,
-)
+from imucalib_cli.jobs.inspection import Health, ImuFinding, Inspection, JointFinding, PoseFinding
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
 from imucalib_cli.shown import as_word

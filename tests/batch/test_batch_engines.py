@@ -180,12 +180,11 @@ def test_unreachable_scheduler_is_one_line_error(
 
 
 def test_local_clusters_share_a_machine(tmp_path: Path) -> None:
-    """Another one has the usual port of the scheduler's HTTP server: no warning, which is an error
-    in tests."""
+    """The usual port of a scheduler's HTTP server is taken: no warning, an error in tests."""
     logs = texts(tmp_path / "logs", a="1")
-    with ExitStack() as until:
+    with ExitStack() as stack:
         with suppress(OSError):  # some other process has it
-            until.enter_context(socket.create_server(("127.0.0.1", 8787)))
+            stack.enter_context(socket.create_server(("127.0.0.1", 8787)))
         engine = DaskWorkers("local", workers=1, memory=GIB)
         done = records(batch(None, logs, task=copying(tmp_path / "traces"), engine=engine))
     assert statuses(done) == {"a": "ok"}
