@@ -107,13 +107,13 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
         It is flat but for usual sizes and ratios. With ``newest`` only the size of this scale
         counts, and its ratios to the ones before it.
         """
-        total = np.zeros(1)
+        odds = np.ones(1)
         for scale, over, size, within in self._usual():
             if newest in {None, scale if over is None else max(scale, over)}:
                 away = u[scale] - (0.0 if over is None else u[over]) - math.log(size)
                 # Cauchy's: a log that shows another one is believed.
-                total = total - np.log1p((away / math.log(within)) ** 2)
-        return total
+                odds = odds * (1.0 + (away / math.log(within)) ** 2)
+        return np.asarray(-np.log(odds))
 
     def _usual(self) -> Iterator[tuple[int, int | None, float, float]]:
         """Index of a scale, and its usual size (None), or its usual ratio to another scale.

@@ -12,6 +12,12 @@ if TYPE_CHECKING:
 
 def inverse_of(A: Floats) -> Floats:
     """(..., n, n), inverse of positive matrices of mixed units; positive where A is singular."""
+    root = root_of_inverse(A)
+    return np.asarray(np.swapaxes(root, -1, -2) @ root)
+
+
+def root_of_inverse(A: Floats) -> Floats:
+    """(..., n, n), W, of which W'W is :func:`inverse_of`."""
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
     least = np.maximum(1e-30 * diagonal.max(axis=-1, keepdims=True, initial=0.0), 1e-300)
     scale = 1.0 / np.sqrt(np.maximum(diagonal, least))
@@ -23,13 +29,24 @@ def inverse_of(A: Floats) -> Floats:
         root = np.zeros_like(in_units)
     # At least four digits are kept: several times faster.
     if (np.diagonal(root, axis1=-2, axis2=-1) > 1e-6).all():
-        back = np.linalg.inv(root)
+        back = _inverse_of_root(root)
         back *= scale[..., None, :]
-        return np.asarray(np.swapaxes(back, -1, -2) @ back)
+        return back
     values, vectors = np.linalg.eigh(in_units)
-    scaled = vectors * scale[..., :, None]
-    kept = np.maximum(values, 1e-14 * values[..., -1:])[..., None, :]
-    return np.asarray((scaled / kept) @ np.swapaxes(scaled, -1, -2))
+    kept = np.sqrt(np.maximum(values, 1e-14 * values[..., -1:]))
+    return np.asarray(np.swapaxes(vectors, -1, -2) * scale[..., None, :] / kept[..., None])
+
+
+def _inverse_of_root(root: Floats) -> Floats:
+    """Of Cholesky factors, by halves: products take a fifth of the time of LAPACK's inverse."""
+    half = root.shape[-1] // 2
+    if half < 24:
+        return np.asarray(np.linalg.inv(root))
+    found, low = np.zeros_like(root), slice(half, None)
+    found[..., :half, :half] = upper = _inverse_of_root(root[..., :half, :half])
+    found[..., low, low] = lower = _inverse_of_root(root[..., low, low])
+    found[..., low, :half] = lower @ (root[..., low, :half] @ -upper)
+    return found
 
 
 def inverse_with_priors(A: Floats, std: Floats) -> Floats:
@@ -40,6 +57,11 @@ def inverse_with_priors(A: Floats, std: Floats) -> Floats:
     values, vectors = np.linalg.eigh(A * np.outer(std, std))
     scaled = vectors * std[:, None]
     return np.asarray((scaled / (np.maximum(values, 0.0) + 1.0)) @ scaled.T)
+
+
+def symmetric(matrix: Floats) -> Floats:
+    """Its halves made equal, which rounding makes differ: only one is stored."""
+    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def correlation(covariance: Floats) -> Floats:

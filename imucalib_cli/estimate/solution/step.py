@@ -12,7 +12,7 @@ from imucalib_cli.estimate.effects import Reading
 from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.state import Chain, mean_force_of_base
 from imucalib_cli.estimate.model.windows import COMMON_IMU
-from imucalib_cli.estimate.solution.algebra import embedded
+from imucalib_cli.estimate.solution.algebra import embedded, symmetric
 from imucalib_cli.estimate.solution.normal_equations import NormalEquations, prior_offset
 from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum, calibration
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR, residual_scales, window_weights
@@ -144,11 +144,11 @@ class Step(Struct, frozen=True, kw_only=True, eq=False):
         return NormalEquations(
             layout=self.at.model.layout,
             at=self.at.at,
-            information=_symmetric(stats.information + of_gravity[1:, 1:]),
+            information=symmetric(stats.information + of_gravity[1:, 1:]),
             score=stats.score + of_gravity[1:, 0],
-            noise=_symmetric(noise),
+            noise=symmetric(noise),
             level=level,
-            motion=_symmetric(_motion(self.at.model, stats, self.at.scales)),
+            motion=symmetric(_motion(self.at.model, stats, self.at.scales)),
         )
 
 
@@ -201,11 +201,6 @@ def gravity_by_base(model: Model, state: State, options: MatchedOptions) -> Floa
     off, change, std = mean_force_of_base(base, placed, layout.size, options.gravity_norm)
     row = np.append(off, change)
     return np.outer(row, row) / (std**2 + options.gravity_std**2)
-
-
-def _symmetric(matrix: Floats) -> Floats:
-    """Its halves made equal, which rounding makes differ: only one is stored."""
-    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
