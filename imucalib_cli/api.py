@@ -120,7 +120,7 @@ class Calibration(Struct, frozen=True, kw_only=True, eq=False):
 
     @property
     def details(self) -> Details:
-        """Series and curves behind the estimate.
+        """Series and curves behind the estimate, each computed when first read.
 
         Raises:
             InputError: It is by the published method, which keeps none.

@@ -1,6 +1,7 @@
 """imucalib from Python: as the command line, and arrays as logs; its page and notebook run."""
 
 import json
+import pickle
 import re
 import subprocess
 import sys
@@ -56,6 +57,12 @@ def streams() -> dict[str, Any]:
 def test_api_call_equals_command_output(arm: ic.Calibration, imucalib: Imucalib) -> None:
     said = imucalib("run", LOG, "--urdf", URDF, "-q", "--format", "json", *AS_OPTIONS)
     assert arm.render("json") == said.out
+
+
+def test_calibration_returns_from_another_process(arm: ic.Calibration) -> None:
+    again = pickle.loads(pickle.dumps(arm))  # noqa: S301 - our own
+    assert again.result == arm.result
+    np.testing.assert_array_equal(again.residuals.gyro_residual, arm.residuals.gyro_residual)
 
 
 def test_calibration_has_arrays_residuals_and_text(arm: ic.Calibration) -> None:

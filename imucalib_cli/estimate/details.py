@@ -1,11 +1,11 @@
 """Series and curves behind an estimate: for plots, files and programs.
 
-Nothing here decides anything; details are computed only on request.
+Nothing here decides anything.
 """
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,15 +20,12 @@ from imucalib_cli.estimate.solution.spectrum import Spectrum
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from imucalib_cli.arrays import Floats
     from imucalib_cli.estimate.checks.segments import LogParts
     from imucalib_cli.estimate.checks.specification import Dependence
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.estimate.solution.normal_equations import LogStatistics
-    from imucalib_cli.signals.prepare import CleanImu
     from imucalib_cli.signals.samples import ImuSamples
 
 _OFFSETS: Final = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
@@ -103,45 +100,45 @@ class OffsetProfile(Struct, frozen=True, kw_only=True, eq=False):
     """(K,), square root of the rise of the chi-squared, in stated sigmas of the offset."""
 
 
-class Details(Struct, frozen=True, kw_only=True, eq=False):
-    """Series and curves behind an estimate by the matched method."""
+class Details(Struct, frozen=True, kw_only=True, eq=False, dict=True):
+    """Series and curves behind an estimate by the matched method, each computed when first read."""
 
-    windows: WindowSeries
-    windows_of: Callable[[State], WindowSeries]
-    """The same windows with other values of the unknowns, in the layout of the fit."""
-    half_window: float
-    """s: extent of a window to either side of its instant."""
+    fit: Fit
+    state: State
+    """Values of the unknowns at which the windows are; the fit's, or by several IMUs."""
     imu: ImuSamples
     """As used: in order, spikes bridged."""
-    spectra: tuple[Spectrum, Spectrum]
-    """Accelerometer, gyroscope."""
-    stretches: LogParts | None
-    """None where the whole pose is held."""
     dependence: tuple[Dependence, ...]
     """The answer by other windows, where there are any."""
-    offset: OffsetProfile | None
-    """None where the time offset was given."""
+    log: LogStatistics
+    std: Floats
+    """(6,), 1 sigma of the pose as stated."""
 
+    @property
+    def half_window(self) -> float:
+        """s: extent of a window to either side of its instant."""
+        windowing = self.fit.model.windowing
+        return 0.5 * windowing.grid.dt * (windowing.plan.length - 1)
 
-def details_of(
-    fit: Fit,
-    clean: CleanImu,
-    dependence: tuple[Dependence, ...],
-    log: LogStatistics,
-    covariance: Floats,
-) -> Details:
-    """All that a report draws of a fit; the covariance (6, 6) is the stated one."""
-    plan, grid = fit.model.windowing.plan, fit.model.windowing.grid
-    return Details(
-        windows=window_series(fit, fit.state),
-        windows_of=partial(window_series, fit),
-        half_window=0.5 * grid.dt * (plan.length - 1),
-        imu=clean.samples,
-        spectra=log.spectra,
-        stretches=parts_of_log(log, np.sqrt(np.diag(covariance))),
-        dependence=dependence,
-        offset=_offset_profile(fit),
-    )
+    @property
+    def spectra(self) -> tuple[Spectrum, Spectrum]:
+        """Accelerometer, gyroscope."""
+        return self.log.spectra
+
+    @cached_property
+    def windows(self) -> WindowSeries:
+        """Both sides of the equations."""
+        return window_series(self.fit, self.state)
+
+    @cached_property
+    def stretches(self) -> LogParts | None:
+        """None where the whole pose is held."""
+        return parts_of_log(self.log, self.std)
+
+    @cached_property
+    def offset(self) -> OffsetProfile | None:
+        """None where the time offset was given."""
+        return _offset_profile(self.fit)
 
 
 def window_series(fit: Fit, state: State) -> WindowSeries:

@@ -14,7 +14,7 @@ from imucalib_cli.estimate.checks.answer import offset_known
 from imucalib_cli.estimate.checks.observability import unobservable, widen
 from imucalib_cli.estimate.checks.segments import Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
-from imucalib_cli.estimate.details import details_of, spectra_of
+from imucalib_cli.estimate.details import Details, spectra_of
 from imucalib_cli.estimate.effects import Gravity, Mount, Origin
 from imucalib_cli.estimate.entries import CorrectionEntry, CorrectionName, ParameterEntry
 from imucalib_cli.estimate.estimate import Estimate, Residuals
@@ -44,7 +44,7 @@ def calibrate_matched(
 ) -> Estimate:
     """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
 
-    Stamps of both are as they were recorded; ``details`` are what a report draws.
+    Stamps of both are as they were recorded; ``details`` keeps what a report draws.
 
     Raises:
         InputError: Streams too short, without overlap or without usable samples.
@@ -99,7 +99,14 @@ def calibrate_matched(
         found = replace(found, corrections={})
     if not details or found.covariance is None:
         return found
-    made = details_of(fit, attempt.clean, dependence, statistics, found.covariance)
+    made = Details(
+        fit=fit,
+        state=fit.state,
+        imu=attempt.clean.samples,
+        dependence=dependence,
+        log=statistics,
+        std=np.sqrt(np.diag(found.covariance)),
+    )
     return replace(found, details=made)
 
 

@@ -94,6 +94,10 @@ class Unknown(Struct, frozen=True, kw_only=True, eq=False):
     among: Group | None = None
     """Its group, where it is not that of its effect."""
 
+    def __reduce__(self) -> tuple[Callable[[str], Unknown], tuple[str]]:
+        """Pickle the name alone: functions of an effect cannot be pickled."""
+        return unknown_named, (self.name,)
+
     @property
     def effects(self) -> tuple[Effect, ...]:
         """Its effect, and what the same components change of the other sensor."""
@@ -698,6 +702,14 @@ TABLE: Final[tuple[Unknown, ...]] = (
     ),
 )
 """Whatever may be wrong with one IMU may be wrong with the other, by the same priors."""
+
+_BY_NAME: Final = {each.name: each for each in TABLE}
+
+
+def unknown_named(name: str) -> Unknown:
+    """The entry of the table."""
+    return _BY_NAME[name]
+
 
 LEAN: Final = tuple(
     each

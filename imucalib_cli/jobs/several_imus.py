@@ -68,5 +68,5 @@ def _again(estimate: Estimate, log: LogStatistics, answer: Answer, finding: Find
     kept = {name: getattr(estimate, name) for name in _KEPT}
     details = estimate.details
     if details is not None:
-        kept["details"] = replace(details, windows=details.windows_of(answer.state))
+        kept["details"] = replace(details, state=answer.state)
     return replace(estimate_of(answer, log, findings=findings, **kept), statistics=log)

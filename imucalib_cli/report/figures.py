@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
 from imucalib_cli.digits import with_std
 from imucalib_cli.report.chart import (
@@ -70,10 +69,10 @@ def figures(material: Material) -> Iterator[Figure]:
     details, spectra, stretches = material.details, material.spectra, material.stretches
     if details is not None:
         spectra, stretches = details.spectra, details.stretches
-        details = replace(details, windows=details.windows.with_gaps())
-        yield _motion(material, details, "accel")
-        yield _motion(material, details, "gyro")
-        yield _residuals(details.windows)
+        series = details.windows.with_gaps()
+        yield _motion(material.result, details, series, "accel")
+        yield _motion(material.result, details, series, "gyro")
+        yield _residuals(series)
     if spectra is not None:
         yield _spectra(spectra)
     if details is not None and details.dependence:
@@ -98,8 +97,7 @@ def figures(material: Material) -> Iterator[Figure]:
         yield _figure("parameters", drawing=parameter_table(parameters))
 
 
-def _motion(material: Material, details: Details, sensor: Sensor) -> Figure:
-    series, result = details.windows, material.result
+def _motion(result: Result, details: Details, series: WindowSeries, sensor: Sensor) -> Figure:
     _, quantity, unit = _SENSORS[sensor]
     measured = np.asarray(getattr(series, f"{sensor}_measured"))
     predicted = np.asarray(getattr(series, f"{sensor}_predicted"))

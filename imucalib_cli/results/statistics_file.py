@@ -28,7 +28,7 @@ from imucalib_cli.estimate.solution.normal_equations import (
     WindowAnswer,
 )
 from imucalib_cli.estimate.solution.spectrum import Spectrum
-from imucalib_cli.estimate.unknowns import TABLE
+from imucalib_cli.estimate.unknowns import unknown_named
 from imucalib_cli.results.codec import result_from
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ _LARGEST: Final = 64 << 20
 """Bytes of all arrays of a file: fifty times the largest that is written."""
 _ROUNDING: Final = 1e-6
 """Of the determinant of a rotation: far more than that of doubles."""
-_KINDS: Final = {each.name: each for each in TABLE}
 _NUMBERS: Final[dict[str, Callable[[Any], Any]]] = {
     "seconds": float,
     "clock_stepped": bool,
@@ -191,7 +190,7 @@ def _statistics(header: dict[str, Any], arrays: dict[str, Floats]) -> LogStatist
 
 
 def _placed(entry: dict[str, Any], origins: Any, turns: Any) -> Placed:
-    unknown, labels = _KINDS[entry["name"]], tuple(map(str, entry["labels"]))
+    unknown, labels = unknown_named(entry["name"]), tuple(map(str, entry["labels"]))
     joint = None
     if isinstance(unknown.effect, JointCurve):
         slides = entry["unit"] != unknown.unit

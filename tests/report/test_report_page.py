@@ -230,7 +230,8 @@ def test_extreme_numbers_are_shown(extreme: float, result: Result) -> None:
 
 def test_sensor_without_noise_has_no_noise_line(result: Result, details: Details) -> None:
     accel, gyro = (replace(each, own=0.0) for each in details.spectra)
-    text = page([Material(result=result, details=replace(details, spectra=(accel, gyro)))])
+    silent = replace(details, log=replace(details.log, spectra=(accel, gyro)))
+    text = page([Material(result=result, details=silent)])
     assert data_of(text)["plots"]["imu0-spectra-0"]["levels"] == []
 
 
