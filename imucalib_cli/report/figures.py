@@ -147,8 +147,9 @@ def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
 
 def _window(details: Details) -> Figure:
     own = 2.0 * details.half_window
-    solved = [(own, np.zeros(6), np.zeros(6))] + [
-        (each.seconds, each.difference, np.sqrt(np.diag(each.covariance)))
+    none = np.where(details.fit.layout.free_pose, 0.0, np.nan)  # what is held is not drawn
+    solved = [(own, none, none)] + [
+        (each.seconds, each.difference + none, np.sqrt(np.diag(each.covariance)) + none)
         for each in details.dependence
     ]
     solved.sort(key=lambda each: each[0])

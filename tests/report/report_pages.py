@@ -13,15 +13,18 @@ from imucalib_cli.jobs.report import report
 SAMPLE = Path(__file__).parents[2] / "sample_data"
 
 
+REQUEST = CalibrationRequest(
+    logs=(SAMPLE / "rihibot.mcap",), urdf=SAMPLE / "rihibot.urdf", details=True
+)
+
+
 @cache
 def outcome(name: str) -> Outcome:
     """Of a sample: an arm by its joints, or a tracked body."""
-    log = next(SAMPLE.glob(f"{name}.*[gp]"))
     if name == "rihibot":
-        request = CalibrationRequest(logs=(log,), urdf=SAMPLE / "rihibot.urdf", details=True)
-    else:
-        request = CalibrationRequest(logs=(log,), parent="sensor_body", details=True)
-    return calibrate(request)
+        return calibrate(REQUEST)
+    log = next(SAMPLE.glob(f"{name}.*[gp]"))
+    return calibrate(CalibrationRequest(logs=(log,), parent="sensor_body", details=True))
 
 
 @cache

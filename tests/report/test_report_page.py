@@ -5,9 +5,12 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from msgspec.structs import asdict, replace
+from msgspec.structs import replace
 
 from imucalib_cli.estimate.details import Details
+from imucalib_cli.estimate.options import MatchedOptions, PosePrior
+from imucalib_cli.jobs.calibrate import Calibrated, calibrate
+from imucalib_cli.logs.part import Part
 from imucalib_cli.report.chart import plain, ranges, thinned
 from imucalib_cli.report.figures import Material, figures
 from imucalib_cli.report.page import page
@@ -15,7 +18,7 @@ from imucalib_cli.report.words import WORDS
 from imucalib_cli.results.fields import sections, verdict
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.results.result import Result
-from tests.report.report_pages import data_of, outcome, page_of
+from tests.report.report_pages import REQUEST, data_of, outcome, page_of
 from tests.results.results_samples import edited
 from tests.slow import slow_after
 
@@ -54,6 +57,12 @@ def material_of(name: str) -> Material:
     """Of a sample's IMU, without stamps."""
     (found,) = outcome(name).calibrated
     return Material(result=found.result, details=found.estimate.details, stamps={})
+
+
+@pytest.fixture
+def free() -> Calibrated:
+    (found,) = outcome("rihibot").calibrated
+    return found
 
 
 @pytest.fixture
@@ -118,24 +127,29 @@ def test_every_figure_has_text_and_plots(name: str) -> None:
         assert plot["x"] == sorted(plot["x"])
 
 
-def test_held_components_are_not_drawn(result: Result, details: Details) -> None:
-    assert details.stretches is not None
+def test_held_components_are_not_drawn(free: Calibrated) -> None:
     known = np.array([True, True, False, True, False, True])
-    held = {
-        name: np.where(known, values, np.nan)
-        for name, values in asdict(details.stretches).items()
-        if not name.endswith("edges")
+    pose = PosePrior(
+        std=tuple(np.where(known, np.inf, 0.0)),
+        R_parent_imu=free.estimate.R_parent_imu,
+        t_parent_imu=free.estimate.t_parent_imu,
+    )
+    request = replace(REQUEST, estimator=MatchedOptions(pose=pose), part=Part(end=30.0))
+    (held,) = calibrate(request).calibrated
+    plots = {
+        each.key: each
+        for each in figures(Material(result=held.result, details=held.estimate.details))
     }
-    material = Material(result=result, stretches=replace(details.stretches, **held))
-    plots = {each.key: each for each in figures(material)}
     assert "nan" not in plots["taught"].drawing
     rows = re.findall(r">(a\w+ \w)<", plots["taught"].drawing)
     assert rows == ["along x", "along y", "about x", "about z"]
-    for plot in (*plots["segments"].plots, *plots["enough"].plots):
-        drawn = [any(each is not None for each in t["columns"][0]) for t in plot["traces"]]
-        assert drawn == (known[:3] if plot["title"] == "Translation" else known[3:]).tolist()
-    low, high = plots["segments"].plots[0]["yRange"]
-    assert 0.0 < high == -low < 1.0
+    for key in ("segments", "enough", "window"):
+        for plot in plots[key].plots:
+            drawn = [any(each is not None for each in t["columns"][0]) for t in plot["traces"]]
+            assert drawn == (known[:3] if plot["title"] == "Translation" else known[3:]).tolist()
+    for key in ("segments", "window"):
+        low, high = plots[key].plots[0]["yRange"]
+        assert 0.0 < high == -low < 1.0
 
 
 def test_plots_show_measured_values(details: Details) -> None:
