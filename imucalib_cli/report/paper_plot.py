@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.entries import Kind
     from imucalib_cli.results.comparison.answers import TrendAnswer
 
-SUFFIXES = (".svg", ".pdf", ".png")
 _WIDTH, _HEIGHT = 7.2, 8.6
 """Inches: the width of a page's text, and the height of a page of residuals."""
 _DPI = 200
@@ -63,7 +62,7 @@ _NO_DATES: dict[str, dict[str, Any]] = {
 
 
 def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], suffix: str) -> bytes:
-    """A drawn page of a size in inches, as one of SUFFIXES; InputError without matplotlib."""
+    """A drawn page of a size in inches, as .svg, .pdf or .png; InputError without matplotlib."""
     style = optional("matplotlib.style", "--plot needs", "plot")
     from matplotlib.figure import Figure
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,7 +14,7 @@ from msgspec.structs import replace
 from imucalib_cli.estimate.unknowns import SCALES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from typing_extensions import Self
 
@@ -29,7 +31,7 @@ _LARGEST: Final = 3e-2
 """The same, of one kind of error: a log that shows a larger one is of another system. Tuned."""
 
 
-class Prior(Struct, frozen=True, kw_only=True, eq=False):
+class Prior(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """What is known of n components beforehand, and which of them share a learnt scale."""
 
     std: Floats
@@ -101,32 +103,40 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False):
             worst=worst,
         )
 
-    def log_density(self, u: Sequence[Floats], newest: int | None = None) -> Floats:
-        """Of logarithms of the scales, k arrays, within their bounds and up to a constant.
+    def log_density(self, u: Sequence[Floats]) -> Floats:
+        """Of logarithms of the scales, k arrays, within their bounds and up to a constant."""
+        each = (np.log(self.density(u, newest)) for newest in range(len(u)))
+        return np.asarray(sum(each, np.zeros(1)))
 
-        It is flat but for usual sizes and ratios. With ``newest`` only the size of this scale
-        counts, and its ratios to the ones before it.
+    def density(self, u: Sequence[Floats], newest: int) -> Floats:
+        """Of the logarithm of one scale, given those before it, up to a factor.
+
+        It is flat but for a usual size, and usual ratios to the ones before.
         """
-        odds = np.ones(1)
-        for scale, over, size, within in self._usual():
-            if newest in {None, scale if over is None else max(scale, over)}:
-                away = u[scale] - (0.0 if over is None else u[over]) - math.log(size)
-                # Cauchy's: a log that shows another one is believed.
-                odds = odds * (1.0 + (away / math.log(within)) ** 2)
-        return np.asarray(-np.log(odds))
+        odds: Floats = np.ones(1)
+        for over, size, within in self._usual[newest]:
+            away = u[newest] - (0.0 if over is None else u[over]) - math.log(size)
+            # Cauchy's: a log that shows another one is believed.
+            odds = odds * (1.0 + (away / math.log(within)) ** 2)
+        return 1.0 / odds
 
-    def _usual(self) -> Iterator[tuple[int, int | None, float, float]]:
-        """Index of a scale, and its usual size (None), or its usual ratio to another scale.
+    @cached_property
+    def _usual(self) -> defaultdict[int, list[tuple[int | None, float, float]]]:
+        """By the index of a scale: its usual size (of None), and its usual ratios to scales before.
 
-        Half of all systems are within the factor that comes last.
+        The number that comes last is the factor within which half of all systems are.
         """
+        found: defaultdict[int, list[tuple[int | None, float, float]]] = defaultdict(list)
         if self.worst is not None:
             for at, worst in enumerate(self.worst, start=1):
-                yield at, 0, math.exp(worst), _ALIKE
+                found[at].append((0, math.exp(worst), _ALIKE))
         named = [(at, SCALES[name]) for at, name in enumerate(self.scales) if name in SCALES]
         for at, scale in named:
             if scale.usual is not None:
-                yield at, None, scale.usual, _COMMON
-            for other, ratio in scale.like.items():
-                if other in self.scales:
-                    yield at, self.scales.index(other), ratio, _ALIKE
+                found[at].append((None, scale.usual, _COMMON))
+            for name, ratio in scale.like.items():
+                if name in self.scales:
+                    other = self.scales.index(name)
+                    over, size = (other, ratio) if other < at else (at, 1.0 / ratio)
+                    found[max(at, other)].append((over, size, _ALIKE))
+        return found

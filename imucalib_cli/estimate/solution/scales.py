@@ -118,15 +118,13 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         """Log marginal likelihood of the scales."""
         learnt, log_P = self.learnt, -2.0 * u[self.learnt.scale]
         H, gradient = learnt.equations(u)
-        unit = 1.0 / np.sqrt(H.diagonal())
         # The last row of this factor is the gradient over that of H: one factor serves for both.
-        bordered = np.empty((len(unit) + 1,) * 2)
-        bordered[:-1, :-1] = H * unit * unit[:, None]
-        bordered[-1, :-1], bordered[-1, -1] = unit * gradient, _HUGE
+        bordered = np.full((len(H) + 1,) * 2, _HUGE)
+        bordered[:-1, :-1], bordered[-1, :-1] = H, gradient
         root = np.linalg.cholesky(bordered)
         half = root[-1, :-1]
         fit = half @ half - np.exp(log_P) @ learnt.offset**2
-        log_det = 2.0 * np.log(root.diagonal()[:-1] / unit).sum()
+        log_det = 2.0 * np.log(root.diagonal()[:-1]).sum()
         return learnt.constant + 0.5 * float(fit - log_det + log_P.sum())
 
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
@@ -514,18 +512,18 @@ def _proposal(
     for index, (low, high) in enumerate(bounds):
         fine = np.linspace(low, high, _FINE)
         drawn = [*points.T[:index, :, None], fine]
-        log_height = np.interp(fine, tried[index], heights[index] - heights[index].max())
+        height = np.exp(np.interp(fine, tried[index], heights[index] - heights[index].max()))
         # One row for all points where no scale before is alike.
-        density = np.exp(log_height + np.atleast_2d(prior.log_density(drawn, newest=index)))
+        density = np.atleast_2d(height * prior.density(drawn, index))
         steps = 0.5 * (fine[1] - fine[0]) * (density[:, 1:] + density[:, :-1])
         cumulative = np.concatenate([np.zeros((len(steps), 1)), steps.cumsum(axis=1)], axis=1)
-        total = cumulative[:, -1].copy()
-        cumulative /= total[:, None]
+        total = cumulative[:, -1]
+        wanted = even[:, index] * total
         # The linear interpolation of each row by itself.
-        after = np.argmax(cumulative > even[:, index, None], axis=1)
+        after = np.argmax(cumulative > wanted[:, None], axis=1)
         rows = np.arange(len(even)) % len(density)
         below, above = cumulative[rows, after - 1], cumulative[rows, after]
-        share = (even[:, index] - below) / (above - below)
+        share = (wanted - below) / (above - below)
         points[:, index] = fine[after - 1] + share * (fine[after] - fine[after - 1])
         before, there = density[rows, after - 1], density[rows, after]
         log_density += np.log((before + share * (there - before)) / total)
