@@ -55,11 +55,16 @@ def peano_kernel(s: Floats, h: Floats, order: int) -> Floats:
     The filter has unit spacing and takes the derivative of this order. The kernel, per sample, is
     zero outside the window and of unit area.
     """
-    half = len(h) // 2
+    half, degree = len(h) // 2, order - 1
     x = np.arange(-half, half + 1, dtype=np.float64)
-    distance = x - np.asarray(s, dtype=np.float64)[..., None]
-    distance = np.where(distance > 0, distance ** (order - 1), 0.0)
-    return np.asarray(distance @ h / math.factorial(order - 1), dtype=np.float64)
+    # Sums of h (x - s)**degree over the samples after s: a binomial of sums that are known.
+    sums = np.zeros((len(h) + 1, order))
+    sums[:-1] = np.cumsum((h[:, None] * np.vander(x, order, increasing=True))[::-1], axis=0)[::-1]
+    after = np.searchsorted(x, s, side="right")
+    found = np.zeros(np.shape(s))
+    for k in range(order):
+        found += math.comb(degree, k) * (-s) ** (degree - k) * sums[after, k]
+    return found / math.factorial(degree)
 
 
 def cubic_weights(moments: Floats) -> Floats:
