@@ -11,7 +11,7 @@ window's centre; a and w are the readings with the sensor's errors removed.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import Struct
@@ -20,7 +20,7 @@ from imucalib_cli.estimate.effects import Clock, Reading, Samples
 from imucalib_cli.estimate.model.state import Chain, less_errors
 from imucalib_cli.estimate.model.windows import blocks, in_windows, window_centres
 from imucalib_cli.robot.rotations import skew, vee
-from imucalib_cli.signals.kernels import MARGIN
+from imucalib_cli.signals.kernels import MARGIN, convolve_at
 from imucalib_cli.signals.samples import SENSORS
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.windows import Windowing, WindowPlan
     from imucalib_cli.signals.samples import Sensor
 
-
+_NEIGHBOURS: Final = 3
+"""Samples on either side by which a pose between samples is found."""
 BLOCK = 256
 """Windows computed at once: they stay in the processor's cache."""
 
@@ -141,10 +142,24 @@ class Model(Struct, frozen=True, eq=False):
         Over a span of the grid; their stamps have each a shift, s, and a drift.
         """
         grid, near = self.windowing.grid, self.windowing.trajectory.nearest_covered
-        stamps = np.asarray(grid.t0 + grid.dt * np.arange(span.start, span.stop))
-        R, p = chain.poses(near(self.robot_times(stamps, accel)))
-        R_gyro = R if gyro == accel else chain.poses(near(self.robot_times(stamps, gyro)))[0]
-        return R, p, R_gyro
+
+        def poses(first: int, end: int, shift: tuple[float, float]) -> tuple[Floats, Floats]:
+            stamps = np.asarray(grid.t0 + grid.dt * np.arange(first, end))
+            return chain.poses(near(self.robot_times(stamps, shift)))
+
+        if gyro[1] != accel[1]:
+            return *poses(span.start, span.stop, accel), poses(span.start, span.stop, gyro)[0]
+        later = (accel[0] - gyro[0]) / grid.dt
+        whole = round(later)
+        beyond = abs(whole) + _NEIGHBOURS
+        R, p = poses(span.start - beyond, span.stop + beyond, accel)
+        # Polynomials through its neighbours: a chain takes ten times as long.
+        places = np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
+        powers = np.vander(places, increasing=True)
+        weights = np.linalg.solve(powers.T, (later - whole) ** np.arange(len(places)))
+        inner = np.arange(beyond, len(p) - beyond)
+        R_gyro = convolve_at(R.reshape(-1, 9), weights, inner + whole - _NEIGHBOURS)
+        return R[inner], p[inner], R_gyro.reshape(-1, 3, 3)
 
 
 class Residuals(Struct, frozen=True, eq=False):
