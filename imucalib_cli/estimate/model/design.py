@@ -20,7 +20,7 @@ from imucalib_cli.estimate.effects import Clock, Reading, Samples
 from imucalib_cli.estimate.model.state import Chain, less_errors
 from imucalib_cli.estimate.model.windows import blocks, in_windows, window_centres
 from imucalib_cli.robot.rotations import skew, vee
-from imucalib_cli.signals.kernels import MARGIN, convolve_at
+from imucalib_cli.signals.kernels import MARGIN
 from imucalib_cli.signals.samples import SENSORS
 
 if TYPE_CHECKING:
@@ -157,9 +157,11 @@ class Model(Struct, frozen=True, eq=False):
         places = np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1)
         powers = np.vander(places, increasing=True)
         weights = np.linalg.solve(powers.T, (later - whole) ** np.arange(len(places)))
-        inner = np.arange(beyond, len(p) - beyond)
-        R_gyro = convolve_at(R.reshape(-1, 9), weights, inner + whole - _NEIGHBOURS)
-        return R[inner], p[inner], R_gyro.reshape(-1, 3, 3)
+        count = span.stop - span.start
+        R_gyro = np.zeros((count, 3, 3))
+        for weight, place in zip(weights.tolist(), (beyond + whole + places).tolist(), strict=True):
+            R_gyro += weight * R[place : place + count]
+        return R[beyond : beyond + count], p[beyond : beyond + count], R_gyro
 
 
 class Residuals(Struct, frozen=True, eq=False):
