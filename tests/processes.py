@@ -25,7 +25,8 @@ def python(*arguments: object, **more: Any) -> subprocess.CompletedProcess[str]:
 def start_script(script: Path, text: str, **more: Any) -> subprocess.Popen[bytes]:
     """A running Python process of a new script, which may import these tests."""
     script.write_text(text)
-    environment = {**os.environ, "PYTHONPATH": str(_ROOT)}
+    # A process that is killed leaves its temporary files beside the script.
+    environment = {**os.environ, "PYTHONPATH": str(_ROOT), "TMPDIR": str(script.parent)}
     given = {"cwd": _ROOT, "env": environment, "stderr": subprocess.PIPE, **more}
     return subprocess.Popen([sys.executable, str(script)], **given)
 

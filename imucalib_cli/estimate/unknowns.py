@@ -468,7 +468,7 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
             also=Reading("gyro", _rate_turned, _BY_EACH),
             sways="turn",
         ),
-        least=1e-6,
+        least=1e-6,  # 10 µrad under gravity: 1 µm on an arm of 0.1 m
         words="turn of the mount under load",
     ),
     Unknown(

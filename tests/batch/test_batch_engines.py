@@ -6,6 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -112,7 +113,10 @@ def test_workers_import_modules_before_first_log() -> None:
     assert (done.returncode, done.stdout.split()) == (0, []), done.stderr
 
 
-def test_process_count_does_not_exceed_workers(tmp_path: Path) -> None:
+def test_process_count_does_not_exceed_workers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))  # killed processes leave files there
     logs = texts(tmp_path / "logs", a="sleep", b="sleep", c="sleep")
     task = copying(tmp_path / "traces")
     run = batch(None, logs, task=task, engine=LocalProcesses(workers=2, memory=GIB)).run()
