@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec import Struct, ValidationError, convert
 from msgspec.structs import asdict
-from threadpoolctl import threadpool_limits
 
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError, UntrustedError
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, PosePrior, WindowChoice
@@ -30,6 +29,7 @@ from imucalib_cli.jobs.input.request import (
 from imucalib_cli.logs.messages.columns import joint_columns
 from imucalib_cli.logs.remote.file import path_or_url
 from imucalib_cli.logs.unpacked import removing_copies
+from imucalib_cli.process import one_thread
 from imucalib_cli.results.fields import sections, summarise, verdict
 from imucalib_cli.results.formats import FORMATS, refuse_untrusted
 from imucalib_cli.results.requirement import Tolerance
@@ -404,8 +404,7 @@ def _expected(imu_model: StrPath, options: MatchedOptions | PaperOptions) -> Exp
 def _calibrated(
     recording: Recording, request: CalibrationRequest, progress: Progress | None
 ) -> Calibration:
-    # small matrices: threads cost more than they give
-    with threadpool_limits(limits=1, user_api="blas"):
+    with one_thread():
         outcome = calibrate_recording(recording, request, progress or unheard)
     for failure in outcome.failures:
         raise failure

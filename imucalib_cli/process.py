@@ -29,6 +29,15 @@ def prepare_to_compute() -> None:
     del block
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """The same where the process is another's: BLAS without threads, and one order of its sums."""
+    from threadpoolctl import threadpool_limits  # late: commands set it before numpy is imported
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
 def fresh_processes(preloaded: Sequence[str] = ()) -> BaseContext:
     """How to start worker processes: not by fork, as a thread may hold a lock at that moment.
 

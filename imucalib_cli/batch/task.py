@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
-from threadpoolctl import threadpool_limits
 
 from imucalib_cli import __version__
 from imucalib_cli.batch.content_key import key_of, sizes_of, stamps_of, urdf_hash
@@ -19,6 +18,7 @@ from imucalib_cli.batch.record import Record
 from imucalib_cli.errors import FEWER_TOPICS, ImucalibError, InputError
 from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.logs.unpacked import removing_copies
+from imucalib_cli.process import one_thread
 from imucalib_cli.results.formats import FORMATS
 from imucalib_cli.results.names import shortened, stems_of
 
@@ -149,8 +149,7 @@ class Task:
 
     def _outcome(self, log: BatchLog) -> Outcome:
         request = replace(self.request, logs=log.paths, details=bool(self.extras))
-        # small matrices: threads cost more than they give, and another order of sums other digits
-        with threadpool_limits(limits=1, user_api="blas"), removing_copies():
+        with one_thread(), removing_copies():
             return calibrate(request)
 
     def _has_its_urdf(self) -> bool:

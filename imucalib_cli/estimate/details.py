@@ -17,6 +17,7 @@ from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.solution.fit import transferred
 from imucalib_cli.estimate.solution.spectrum import Spectrum
+from imucalib_cli.process import one_thread
 from imucalib_cli.signals.stretches import stretches_of
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ class Details(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """Series and curves behind an estimate by the matched method, each computed when first read."""
 
     fit: Fit
+    """By this log and this IMU alone."""
     state: State
     """Values of the unknowns at which the windows are; the fit's, or by several IMUs."""
     imu: ImuSamples
@@ -111,8 +113,9 @@ class Details(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     dependence: tuple[Dependence, ...]
     """The answer by other windows, where there are any."""
     log: LogStatistics
+    """Of the fit."""
     std: Floats
-    """(6,), 1 sigma of the pose as stated."""
+    """(6,), m and rad, 1 sigma of the pose as stated."""
 
     @property
     def half_window(self) -> float:
@@ -126,16 +129,19 @@ class Details(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         return self.log.spectra
 
     @cached_property
+    @one_thread()
     def windows(self) -> WindowSeries:
         """Both sides of the equations."""
         return window_series(self.fit, self.state)
 
     @cached_property
+    @one_thread()
     def stretches(self) -> LogParts | None:
         """None where the whole pose is held."""
         return parts_of_log(self.log, self.std)
 
     @cached_property
+    @one_thread()
     def offset(self) -> OffsetProfile | None:
         """None where the time offset was given."""
         return _offset_profile(self.fit)

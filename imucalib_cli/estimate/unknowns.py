@@ -16,6 +16,7 @@ the base. A URDF whose last link is wrong gives the pose that this URDF needs.
 from __future__ import annotations
 
 from operator import methodcaller
+from pickle import PicklingError
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -95,7 +96,9 @@ class Unknown(Struct, frozen=True, kw_only=True, eq=False):
     """Its group, where it is not that of its effect."""
 
     def __reduce__(self) -> tuple[Callable[[str], Unknown], tuple[str]]:
-        """Pickle the name alone: functions of an effect cannot be pickled."""
+        """Pickle the name of an entry of the table: functions of an effect cannot be pickled."""
+        if _BY_NAME.get(self.name) is not self:
+            raise PicklingError(f"{self.name} is no entry of the table")
         return unknown_named, (self.name,)
 
     @property

@@ -147,9 +147,9 @@ def _spectra(spectra: tuple[Spectrum, Spectrum]) -> Figure:
 
 def _window(details: Details) -> Figure:
     own = 2.0 * details.half_window
-    none = np.where(details.fit.layout.free_pose, 0.0, np.nan)  # what is held is not drawn
-    solved = [(own, none, none)] + [
-        (each.seconds, each.difference + none, np.sqrt(np.diag(each.covariance)) + none)
+    drawn = np.where(details.fit.layout.free_pose, 0.0, np.nan)  # what is held is not
+    solved = [(own, drawn, drawn)] + [
+        (each.seconds, each.difference + drawn, np.sqrt(np.diag(each.covariance)) + drawn)
         for each in details.dependence
     ]
     solved.sort(key=lambda each: each[0])

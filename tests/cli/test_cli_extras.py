@@ -343,9 +343,9 @@ def few(arm: Outcome) -> Outcome:
     assert details is not None
     columns = asdict(details.windows).items()
     windows = replace(details.windows, **{name: each[::20] for name, each in columns})
-    few = replace(details)
-    vars(few)["windows"] = windows
-    estimate = replace(one.estimate, details=few)
+    rare = replace(details)
+    vars(rare)["windows"] = windows
+    estimate = replace(one.estimate, details=rare)
     return replace(arm, calibrated=(replace(one, estimate=estimate),))
 
 

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from imucalib_cli.estimate.details import Details
 from imucalib_cli.estimate.options import WindowChoice
@@ -101,6 +102,22 @@ def test_shock_is_drawn_as_excluded() -> None:
     left_out = windows.t[windows.weight == 0.0]
     assert len(left_out)
     assert np.abs(left_out - 10.0).max() < 1.0
+
+
+def test_details_are_computed_by_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By more they take thirty times as long on a busy machine."""
+    seen: list[int] = []
+
+    def count_threads(*_: object) -> None:
+        seen.extend(each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas")
+
+    details = replace(details_of(noisy()))
+    for name in ("window_series", "parts_of_log", "_offset_profile"):
+        monkeypatch.setattr(f"imucalib_cli.estimate.details.{name}", count_threads)
+    with threadpool_limits(limits=2, user_api="blas"):
+        _ = details.windows, details.stretches, details.offset
+    assert len(seen) >= 3
+    assert set(seen) == {1}
 
 
 def test_held_values_are_left_out() -> None:

@@ -4,6 +4,8 @@ Robots have analytic motions. The columns are compared with differences of the e
 which other tests compare with pinocchio's truth.
 """
 
+import math
+import pickle
 from collections.abc import Iterable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
@@ -136,6 +138,13 @@ def case(robot: str) -> Case:
     return Case(Model(windowing, layout), state)
 
 
+def test_entries_are_pickled_by_their_names() -> None:
+    for entry in TABLE:
+        assert pickle.loads(pickle.dumps(entry)) is entry  # noqa: S301 - our own
+    with pytest.raises(pickle.PicklingError, match="translation"):
+        pickle.dumps(replace(TABLE[0], std=1.0))
+
+
 @pytest.mark.parametrize("robot", slow_after(2, ROBOTS))
 def test_true_state_has_small_residuals(robot: str) -> None:
     """Otherwise its columns would not describe a real motion."""
@@ -144,6 +153,27 @@ def test_true_state_has_small_residuals(robot: str) -> None:
     assert np.abs(residuals.values[:, :3]).max() < 3e-3
     assert np.abs(residuals.values[:, 3:]).max() < 3e-4
     assert np.median(np.abs(residuals.values[:, :3])) < 1e-5
+
+
+@pytest.mark.parametrize("delay", [2.5e-3, -20.3e-3])
+def test_gyroscope_with_delay_and_drift_has_residuals_of_exact_poses(
+    delay: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, state = case("mixed")
+    x = state.x.copy()
+    x[model.layout.part("gyro_delay")], x[model.layout.part("clock_drift")] = delay, 5e-4
+    late, centres = replace(state, x=x), model.centres(state)[20:-20]
+    (found,) = model.residuals(late, centres)
+    of_both = Model.shifts
+
+    def as_different(model: Model, state: State) -> tuple[tuple[float, float], ...]:
+        """Clocks of different drift, for which poses are computed at each sensor's stamps."""
+        accel, (shift, drift) = of_both(model, state)
+        return accel, (shift, math.nextafter(drift, 1.0))
+
+    monkeypatch.setattr(Model, "shifts", as_different)
+    (exact,) = model.residuals(late, centres)
+    np.testing.assert_allclose(found.values, exact.values, atol=1e-7)
 
 
 def compared(

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.samples import Sensor
 
 _NEIGHBOURS: Final = 3
-"""Samples on either side by which a pose between samples is found."""
+"""Samples on either side by which a pose between samples is found. Residuals of an IMU at 50 Hz on
+an arm whose moves take 1.6 s then differ from those of exact poses by 0.02 of a window's noise."""
 BLOCK = 256
 """Windows computed at once: they stay in the processor's cache."""
 
@@ -139,7 +140,8 @@ class Model(Struct, frozen=True, eq=False):
     ) -> tuple[Floats, Floats, Floats]:
         """R_world_parent and p_world_parent for the accelerometer, and R for the gyroscope.
 
-        Over a span of the grid; their stamps have each a shift, s, and a drift.
+        Over a span of the grid; their stamps have each a shift, s, and a drift. The latter is a
+        rotation up to the error of a polynomial in each of its entries.
         """
         grid, near = self.windowing.grid, self.windowing.trajectory.nearest_covered
 
@@ -147,9 +149,10 @@ class Model(Struct, frozen=True, eq=False):
             stamps = np.asarray(grid.t0 + grid.dt * np.arange(first, end))
             return chain.poses(near(self.robot_times(stamps, shift)))
 
-        if gyro[1] != accel[1]:
-            return *poses(span.start, span.stop, accel), poses(span.start, span.stop, gyro)[0]
-        later = (accel[0] - gyro[0]) / grid.dt
+        if gyro == accel or gyro[1] != accel[1]:
+            R, p = poses(span.start, span.stop, accel)
+            return R, p, R if gyro == accel else poses(span.start, span.stop, gyro)[0]
+        later = (accel[0] - gyro[0]) / (grid.dt * (1.0 - accel[1]))
         whole = round(later)
         beyond = abs(whole) + _NEIGHBOURS
         R, p = poses(span.start - beyond, span.stop + beyond, accel)

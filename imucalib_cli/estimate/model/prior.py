@@ -114,14 +114,14 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         It is flat but for a usual size, and usual ratios to the ones before.
         """
         odds: Floats = np.ones(1)
-        for over, size, within in self._usual[newest]:
+        for over, size, within in self._usual.get(newest, ()):
             away = u[newest] - (0.0 if over is None else u[over]) - math.log(size)
             # Cauchy's: a log that shows another one is believed.
             odds = odds * (1.0 + (away / math.log(within)) ** 2)
         return 1.0 / odds
 
     @cached_property
-    def _usual(self) -> defaultdict[int, list[tuple[int | None, float, float]]]:
+    def _usual(self) -> dict[int, list[tuple[int | None, float, float]]]:
         """By the index of a scale: its usual size (of None), and its usual ratios to scales before.
 
         The number that comes last is the factor within which half of all systems are.
@@ -139,4 +139,4 @@ class Prior(Struct, frozen=True, kw_only=True, eq=False, dict=True):
                     other = self.scales.index(name)
                     over, size = (other, ratio) if other < at else (at, 1.0 / ratio)
                     found[max(at, other)].append((over, size, _ALIKE))
-        return found
+        return dict(found)

@@ -182,8 +182,8 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         return np.array(steps), whole
 
 
-class _Learnt(Struct, frozen=True, kw_only=True, eq=False):
-    """The l components whose scale is learnt; the others are integrated over once."""
+class _Learnt(Struct, frozen=True, kw_only=True, eq=False, dict=True):
+    """The l components whose scale is learnt; the others are integrated over once a problem."""
 
     information: Floats
     """(l, l), less what determines the others."""
@@ -195,12 +195,14 @@ class _Learnt(Struct, frozen=True, kw_only=True, eq=False):
     """(l,), as in :class:`Prior`."""
     constant: float
     """What the others add to the log likelihood."""
-    moved: Floats
-    """(n, l), change of all components by these."""
-    step: Floats
-    """(n,), of all where these stay."""
-    covariance: Floats
-    """(n, n), of all where these are known."""
+    own: Indices
+    """(l,), places of these among all n."""
+    back: Floats
+    """(n, g), from the g others, as independent directions of unit variance, to all."""
+    across: Floats
+    """(g, l), gradient of those directions by these."""
+    gradient: Floats
+    """(g,), likewise, where these stay."""
 
     @classmethod
     def of(cls, problem: Problem) -> _Learnt:
@@ -215,8 +217,6 @@ class _Learnt(Struct, frozen=True, kw_only=True, eq=False):
         gradient = root @ (problem.score[others] + P * offset)
         back = np.zeros((len(learnt), len(others)))
         back[others] = root.T
-        moved = -back @ across
-        moved[own, np.arange(len(own))] = 1.0
         fit = gradient @ gradient - P @ offset**2
         return cls(
             information=A[np.ix_(own, own)] - across.T @ across,
@@ -224,10 +224,18 @@ class _Learnt(Struct, frozen=True, kw_only=True, eq=False):
             offset=problem.offset[own],
             scale=problem.prior.scale[own],
             constant=0.5 * float(fit + np.log(P).sum()) + float(np.linalg.slogdet(root)[1]),
-            moved=moved,
-            step=-back @ gradient,
-            covariance=back @ back.T,
+            own=own,
+            back=back,
+            across=across,
+            gradient=gradient,
         )
+
+    @cached_property
+    def moved(self) -> Floats:
+        """(n, l), change of all by these."""
+        moved = -self.back @ self.across
+        moved[self.own, np.arange(len(self.own))] = 1.0
+        return np.asarray(moved)
 
     def equations(self, u: Floats) -> tuple[Floats, Floats]:
         """H (l, l), and the gradient (l,), at logarithms of the scales (k,)."""
@@ -244,11 +252,11 @@ class _Learnt(Struct, frozen=True, kw_only=True, eq=False):
 
     def whole(self, step: Floats) -> Floats:
         """(n,), step of all."""
-        return np.asarray(self.step + self.moved @ step)
+        return np.asarray(self.moved @ step - self.back @ self.gradient)
 
     def whole_covariance(self, inverse: Floats) -> Floats:
         """(n, n), covariance of all."""
-        return symmetric(self.covariance + self.moved @ inverse @ self.moved.T)
+        return symmetric(self.back @ self.back.T + self.moved @ inverse @ self.moved.T)
 
 
 class _Share(Struct, frozen=True, eq=False):
