@@ -9,13 +9,14 @@ mean response of the window's kernel, so the normal matrices of the bands are en
 from __future__ import annotations
 
 import itertools
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.model.windows import runs
+from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH, runs
 from imucalib_cli.estimate.solution.robust import SCALE_FLOOR
 
 if TYPE_CHECKING:
@@ -81,14 +82,14 @@ class BandSums:
         """(2, bands, size, size)."""
         self._transform()
         self._filled = None
-        return self.sums
+        return self.sums * (2.0 / self.length)
 
     def _transform(self) -> None:
         if self._filled is None:
             return
-        root = np.sqrt(one_sided(self.length) / self.length)
         for row, values in enumerate(self._buffer):
-            found = np.fft.rfft(values) * root
+            found = np.fft.rfft(values)
+            found[:, [0, -1]] *= math.sqrt(0.5)  # these two bins are alone, all others pairs
             for index, band in enumerate(self._bands):
                 flat = np.ascontiguousarray(found[:, band]).view(np.float64)
                 self.sums[row // 3, index] += flat @ flat.T
@@ -192,7 +193,7 @@ def statistics(
 
     ``centres`` (W,) are grid indices, ascending; ``windows`` is their number by weights.
     """
-    bands = BandSums((centres - centres[0]) // plan.hop, size)
+    bands = BandSums(_slots(centres, plan.hop), size)
 
     def through_bands() -> Iterator[tuple[slice, Floats]]:
         for part, each in rows:
@@ -250,9 +251,15 @@ def deviance(plan: WindowPlan, centres: Indices, residuals: Floats) -> float:
 
 def band_frequencies(plan: WindowPlan, centres: Indices, dt: float) -> Floats:
     """(bands,), Hz, middle of each band of :func:`statistics`; ``dt`` of the grid, s."""
-    length = _transform_length((centres - centres[0]) // plan.hop)
+    length = _transform_length(_slots(centres, plan.hop))
     f = np.fft.rfftfreq(length, plan.hop * dt)
     return np.array([f[band].mean() for band in _bands(length)])
+
+
+def _slots(centres: Indices, hop: int) -> Indices:
+    """(W,), places on the even grid of windows; long gaps, over which nothing agrees, shortened."""
+    slots = (centres - centres[0]) // hop
+    return np.cumsum(np.minimum(np.diff(slots, prepend=slots[:1]), 2 * WINDOWS_PER_LENGTH))
 
 
 def _transform_length(slots: Indices) -> int:
