@@ -47,6 +47,7 @@ _NEEDED = (
     "lxml.etree",
     "numpy.fft",
     "numpy.random",
+    "threadpoolctl",
     "yourdfpy",
     "zstandard",
 )
