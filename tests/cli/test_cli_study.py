@@ -108,6 +108,7 @@ def test_a_wrong_parameter_is_named(small: Path, tmp_path: Path, imucalib: Imuca
     assert "windos" in said.err
 
 
+@pytest.mark.slow
 def test_stored_rows_need_no_simulator_and_figures_are_optional(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, study: Imucalib
 ) -> None:

@@ -58,10 +58,10 @@ def flawed(kind: str, name: str = "", size: float = 0.0) -> Fault:
     slow_after(
         1,
         [
+            (ARM, flawed("offset", size=7.3), "offset", "", np.degrees(7.3)),
             (ARM, flawed("zero", "elbow_joint", np.radians(5)), "zero", "elbow_joint", -5.0),
             (ARM, flawed("zero", "wrist_2_joint", -np.pi / 2), "zero", "wrist_2_joint", 90.0),
             (ARM, flawed("zero", "elbow_joint", np.radians(25)), "zero", "elbow_joint", -25.0),
-            (ARM, flawed("offset", size=7.3), "offset", "", np.degrees(7.3)),
             (BODY, flawed("handed"), "axes", "", None),
         ],
     ),
@@ -208,6 +208,7 @@ def test_encoder_toggling_between_two_counts_is_one_publisher() -> None:
     assert find_rival_publishers(undecided) is not None
 
 
+@pytest.mark.slow
 def test_signs_of_quaternions_are_one_publisher() -> None:
     """A quaternion and its negative are one rotation, and some publishers choose either."""
     given = misdescribed(clean(BODY), flawed("none"))

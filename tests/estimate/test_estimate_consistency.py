@@ -72,7 +72,8 @@ def test_scatter_of_parts_is_in_sigma(seed: int) -> None:
     assert np.all(found.sigma > 1.5 * undisturbed.sigma)
 
 
-@pytest.mark.parametrize("held", slow_after(1, [{"tz": 0.0}, {"tz": 0.0, "rx": 0.0, "ry": 0.0}]))
+@pytest.mark.slow
+@pytest.mark.parametrize("held", [{"tz": 0.0}, {"tz": 0.0, "rx": 0.0, "ry": 0.0}])
 def test_parts_and_windows_are_compared_where_components_are_held(held: dict[str, Any]) -> None:
     """As the mount of a planar robot is; it scatters as that of the test above."""
     known = prior(**held)

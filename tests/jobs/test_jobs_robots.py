@@ -67,6 +67,7 @@ def test_imu_on_a_finger_is_located_by_large_strokes_only(tmp_path: Path, grippe
     assert named == ("finger_r" if gripper == 1.0 else "l4")
 
 
+@pytest.mark.slow
 def test_unread_pose_topic_is_proposed_as_base(tmp_path: Path) -> None:
     shape, mount = SHAPES["arm on a moving base"], random_mount(3)
     log = record(shape, tmp_path / "log", mount=mount, base_topic="/mocap", seconds=15.0)
