@@ -31,7 +31,7 @@ def prepare_to_compute() -> None:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """The same where the process is another's: BLAS without threads, and one order of its sums."""
+    """Compute by one thread of BLAS: more cost more than they give, and sum in another order."""
     from threadpoolctl import threadpool_limits  # late: commands set it before numpy is imported
 
     with threadpool_limits(limits=1, user_api="blas"):
