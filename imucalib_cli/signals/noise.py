@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from imucalib_cli.signals.stretches import thinned
+
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
 
@@ -17,20 +19,8 @@ _CALMEST_PERCENT = 20.0
 _CALMEST_DEVIATION = 0.2533
 """A fifth of normal deviations is smaller than this, in standard deviations."""
 _ROUNDING = 1e-12
-_ENOUGH = 200_000
+ENOUGH = 200_000
 """Samples whose median gives the noise to 0.3 %."""
-_STRETCH = 1000
-"""Samples in a row, so that a period of the recording does not matter."""
-
-
-def excerpt(values: Floats) -> Floats:
-    """Enough of the samples (N, C) for a median, in stretches evenly over a long log."""
-    number = len(values) // _STRETCH
-    every = number * _STRETCH // _ENOUGH
-    if every < 2:
-        return values
-    rows = values[: number * _STRETCH].reshape(number, _STRETCH, -1)[::every]
-    return rows.reshape(-1, values.shape[1])
 
 
 def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = False) -> Floats:
@@ -40,7 +30,7 @@ def white_noise(values: Floats, rows: Bools | None = None, *, calmest: bool = Fa
     the log if that is asked, since vibration varies with motion.
     """
     off = np.abs(deviation_from_neighbours(values))
-    off = excerpt(off[slice(None) if rows is None else rows])
+    off = thinned(off[slice(None) if rows is None else rows], ENOUGH)
     if calmest:
         low = np.percentile(off, _CALMEST_PERCENT, axis=0)
         return np.asarray(low / (_CALMEST_DEVIATION * NOISE_OF_DEVIATION))

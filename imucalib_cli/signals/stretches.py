@@ -9,8 +9,13 @@ from msgspec import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from typing import TypeVar
+
+    from numpy.typing import NDArray
 
     from imucalib_cli.arrays import Bools, Indices
+
+    S = TypeVar("S", bound=np.generic)
 
 
 class Stretches(Struct, frozen=True, eq=False):
@@ -52,3 +57,12 @@ def stretches_of(holds: Bools) -> Stretches:
     """Stretches in which a mask (N,) is True."""
     change = np.diff(np.concatenate([[0], holds.astype(np.int8), [0]]))
     return Stretches(np.flatnonzero(change == 1), np.flatnonzero(change == -1))
+
+
+def thinned(rows: NDArray[S], most: int) -> NDArray[S]:
+    """About ``most`` rows (N, ...), in 20 stretches evenly over the log; all if there are fewer."""
+    if len(rows) <= most:
+        return rows
+    stretch = max(most // 20, 1)
+    starts = np.linspace(0, len(rows) - stretch, 20).astype(np.intp)
+    return rows[np.unique(starts[:, None] + np.arange(stretch))]

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.estimate.details import Details
 from imucalib_cli.estimate.options import MatchedOptions, PosePrior
-from imucalib_cli.jobs.calibrate import Calibrated, calibrate
+from imucalib_cli.jobs.calibrate import calibrate
 from imucalib_cli.logs.part import Part
 from imucalib_cli.report.chart import plain, ranges, thinned
 from imucalib_cli.report.figures import Material, figures
@@ -57,12 +57,6 @@ def material_of(name: str) -> Material:
     """Of a sample's IMU, without stamps."""
     (found,) = outcome(name).calibrated
     return Material(result=found.result, details=found.estimate.details, stamps={})
-
-
-@pytest.fixture
-def free() -> Calibrated:
-    (found,) = outcome("rihibot").calibrated
-    return found
 
 
 @pytest.fixture
@@ -127,7 +121,8 @@ def test_every_figure_has_text_and_plots(name: str) -> None:
         assert plot["x"] == sorted(plot["x"])
 
 
-def test_held_components_are_not_drawn(free: Calibrated) -> None:
+def test_held_components_are_not_drawn() -> None:
+    (free,) = outcome("rihibot").calibrated
     known = np.array([True, True, False, True, False, True])
     pose = PosePrior(
         std=tuple(np.where(known, np.inf, 0.0)),

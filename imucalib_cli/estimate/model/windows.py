@@ -206,15 +206,6 @@ class Windowing(Struct, frozen=True, eq=False):
         return WindowRows(centres, accel, gyro)
 
 
-def thinned(centres: Indices, most: int) -> Indices:
-    """About ``most`` windows, in 20 stretches evenly over the log; all where there are fewer."""
-    if len(centres) <= most:
-        return centres
-    stretch = max(most // 20, 1)
-    starts = np.linspace(0, len(centres) - stretch, 20).astype(np.intp)
-    return centres[np.unique(starts[:, None] + np.arange(stretch))]
-
-
 def blocks(centres: Indices, hop: int, most: int) -> Iterator[slice]:
     """Parts of the windows, none with a gap or longer than ``most`` hops."""
     if not len(centres):

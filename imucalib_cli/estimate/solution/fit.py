@@ -14,7 +14,7 @@ from imucalib_cli.estimate.model import columns as lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
-from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH, thinned
+from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH
 from imucalib_cli.estimate.solution.algebra import embedded
 from imucalib_cli.estimate.solution.normal_equations import Answer, NormalEquations, admitted
 from imucalib_cli.estimate.solution.robust import residual_scales, window_weights
@@ -42,6 +42,7 @@ from imucalib_cli.estimate.solution.step import (
 from imucalib_cli.estimate.unknowns import LEAN, SCALES, Unknown
 from imucalib_cli.estimate.window_choice import SeenNoise, kinematic_variance
 from imucalib_cli.robot.rotations import rotation_angle
+from imucalib_cli.signals.stretches import thinned
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices

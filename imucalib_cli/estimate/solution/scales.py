@@ -116,16 +116,16 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
 
     def likelihood(self, u: Floats) -> float:
         """Log marginal likelihood of the scales."""
-        learnt, log_P = self.learnt, -2.0 * u[self.learnt.scale]
-        H, gradient = learnt.equations(u)
+        learnt, P = self.learnt, self.learnt.precision(u)
+        H, gradient = learnt.equations(P)
         # The last row of this factor is the gradient over that of H: one factor serves for both.
         bordered = np.full((len(H) + 1,) * 2, _HUGE)
         bordered[:-1, :-1], bordered[-1, :-1] = H, gradient
         root = np.linalg.cholesky(bordered)
         half = root[-1, :-1]
-        fit = half @ half - np.exp(log_P) @ learnt.offset**2
+        fit = half @ half - P @ learnt.offset**2
         log_det = 2.0 * np.log(root.diagonal()[:-1]).sum()
-        return learnt.constant + 0.5 * float(fit - log_det + log_P.sum())
+        return learnt.constant + 0.5 * float(fit - log_det + np.log(P).sum())
 
     def along(self, u: Floats, tried: Sequence[Floats]) -> list[Floats]:
         """Log marginal likelihoods of each scale's tried values (v,), the others as in ``u``.
@@ -237,16 +237,19 @@ class _Learnt(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         moved[self.own, np.arange(len(self.own))] = 1.0
         return np.asarray(moved)
 
-    def equations(self, u: Floats) -> tuple[Floats, Floats]:
-        """H (l, l), and the gradient (l,), at logarithms of the scales (k,)."""
-        P = np.exp(-2.0 * u)[self.scale]
+    def precision(self, u: Floats) -> Floats:
+        """(l,), P's diagonal."""
+        return np.asarray(np.exp(-2.0 * u)[self.scale])
+
+    def equations(self, P: Floats) -> tuple[Floats, Floats]:
+        """H (l, l), and the gradient (l,), by the prior's precision (l,)."""
         H = self.information.copy()
         H.flat[:: len(H) + 1] += P
         return H, self.score + P * self.offset
 
     def solve(self, u: Floats) -> tuple[Floats, Floats]:
         """As :meth:`Problem.solve`, of these alone."""
-        H, gradient = self.equations(u)
+        H, gradient = self.equations(self.precision(u))
         inverse = inverse_of(H)
         return -(inverse @ gradient), inverse
 

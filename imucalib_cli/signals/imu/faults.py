@@ -14,10 +14,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.findings import Finding, warning
-from imucalib_cli.signals.noise import excerpt, quantum, white_noise
+from imucalib_cli.signals.noise import ENOUGH, quantum, white_noise
 from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES
 from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
-from imucalib_cli.signals.stretches import Stretches, stretches_of
+from imucalib_cli.signals.stretches import Stretches, stretches_of, thinned
 from imucalib_cli.signals.turning import AGREE, BIN, TURNING
 
 if TYPE_CHECKING:
@@ -262,7 +262,7 @@ def axis_letters(which: Bools) -> str:
 
 def constant_axes(values: Floats) -> Bools:
     """Axes with one value throughout, except for spikes, (3,)."""
-    return np.asarray(np.mean(values == np.median(excerpt(values), axis=0), axis=0) >= DEAD)
+    return np.asarray(np.mean(values == np.median(thinned(values, ENOUGH), axis=0), axis=0) >= DEAD)
 
 
 def jumps_out(values: Floats, runs: Stretches, sensor: Sensor) -> Bools:
