@@ -216,7 +216,7 @@ def parse_robot(data: bytes, path: Path | str) -> Robot:
 
 
 class _Unopened(ModuleType):
-    """Placeholder for a package; all its names, here those of annotations, are ``object``."""
+    """Placeholder for a module that nothing here calls; all its names are ``object``."""
 
     def __getattr__(self, name: str) -> type:
         return object
@@ -226,8 +226,9 @@ class _Unopened(ModuleType):
 def _yourdfpy() -> Any:
     # Import private copies of yourdfpy.urdf, and of the trimesh.transformations that it uses,
     # without the rest of the two packages: meshes and scenes are not used, and importing them takes
-    # 0.5 s and 70 MB. sys.modules is restored, so that other users of yourdfpy in this process get
-    # all of it.
+    # 0.5 s and 70 MB. The transformations of a URDF need nothing of the two modules that they
+    # import. sys.modules is restored, so that other users of yourdfpy in this process get all of
+    # it.
     packages = ("yourdfpy", "trimesh")
 
     def taken_out() -> dict[str, ModuleType]:
@@ -238,6 +239,8 @@ def _yourdfpy() -> Any:
         specs = {name: importlib.util.find_spec(name) for name in packages}
         before = taken_out()
         try:
+            for name in ("trimesh.typed", "trimesh.util"):
+                sys.modules[name] = _Unopened(name)
             for name, spec in specs.items():
                 if spec is not None:
                     sys.modules[name] = unopened = _Unopened(name)

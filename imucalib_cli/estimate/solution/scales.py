@@ -46,8 +46,8 @@ _KEPT: Final = 128
 half as many by 0.07."""
 _FROM_MODE: Final = np.outer((-1.0, 1.0), 0.4 * 2.0 ** np.arange(5)).ravel()
 """Where the likelihood of a scale's logarithm is evaluated: at best it is some tenths wide."""
-_FINE: Final = 200
-"""Points of its interpolation."""
+_FINE: Final = 100
+"""Points of its interpolation: a cell is a tenth wide."""
 _FLATTER: Final = 1.5
 """Root of the likelihood that is drawn from: scales are correlated, and tails must be covered.
 Tuned."""
@@ -526,16 +526,16 @@ def _proposal(
         height = np.exp(np.interp(fine, tried[index], heights[index] - heights[index].max()))
         # One row for all points where no scale before is alike.
         density = np.atleast_2d(height * prior.density(drawn, index))
-        steps = 0.5 * (fine[1] - fine[0]) * (density[:, 1:] + density[:, :-1])
+        steps = 0.5 * (density[:, 1:] + density[:, :-1])
         cumulative = np.concatenate([np.zeros((len(steps), 1)), steps.cumsum(axis=1)], axis=1)
         total = cumulative[:, -1]
         wanted = even[:, index] * total
-        # The linear interpolation of each row by itself.
+        # The linear interpolation of each row by itself: in a cell the density is constant.
         after = np.argmax(cumulative > wanted[:, None], axis=1)
         rows = np.arange(len(even)) % len(density)
         below, above = cumulative[rows, after - 1], cumulative[rows, after]
         share = (wanted - below) / (above - below)
-        points[:, index] = fine[after - 1] + share * (fine[after] - fine[after - 1])
-        before, there = density[rows, after - 1], density[rows, after]
-        log_density += np.log((before + share * (there - before)) / total)
+        cell = fine[1] - fine[0]
+        points[:, index] = fine[after - 1] + share * cell
+        log_density += np.log((above - below) / (cell * total))
     return points, log_density
