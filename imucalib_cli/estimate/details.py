@@ -13,9 +13,7 @@ from msgspec import Struct
 from msgspec.structs import asdict, replace
 
 from imucalib_cli.estimate.checks.segments import parts_of_log
-from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import Chain
-from imucalib_cli.estimate.solution.fit import transferred
 from imucalib_cli.estimate.solution.spectrum import Spectrum
 from imucalib_cli.process import one_thread
 from imucalib_cli.signals.stretches import stretches_of
@@ -205,22 +203,39 @@ def _offset_profile(fit: Fit) -> OffsetProfile | None:
     if not len(value) or std[0] <= 0.0:
         return None
     seconds = value[0] + std[0] * np.array([*(-n for n in _OFFSETS[::-1]), 0.0, *_OFFSETS])
-    misfit = np.array([_misfit(fit, offset) for offset in seconds.tolist()])
+    misfit = _misfits(fit, seconds)
     sigmas = np.sqrt(np.maximum(misfit - misfit[len(_OFFSETS)], 0.0))
     # The stated sigma knows the noise's colour, which the chi-squared does not.
     beside = sigmas[[len(_OFFSETS) - 1, len(_OFFSETS) + 1]].mean()
     return OffsetProfile(seconds=seconds, sigmas=sigmas / max(float(beside), 1e-9))
 
 
-def _misfit(fit: Fit, offset: float) -> float:
-    """Least chi-squared, priors included, with the time offset held: one step from the fit."""
-    options = replace(fit.options, time_offset=offset)
-    layout = lay_out(fit.model.windowing.trajectory, options)
-    model, state = replace(fit.model, layout=layout), transferred(fit, layout, options)
-    (residuals,) = model.residuals(state, fit.windows.centres)
-    equations, square = fit.equations_in(layout, state, residuals)
-    problem = equations.problem(layout, options)
-    step, _ = problem.solve(fit.u)
-    P, away = problem.precision(fit.u), problem.offset
-    gradient = problem.score + P * away
-    return float(square / equations.level + P @ away**2 + gradient @ step)
+def _misfits(fit: Fit, offsets: Floats) -> Floats:
+    """Least chi-squared, priors included, with the time offset held at each of some values (K,).
+
+    Residuals there are exact; how they change with all else is as it is at the fit.
+    """
+    windows, equations, layout = fit.windows, fit.equations, fit.layout
+    clock = np.arange(layout.size) == layout.part("time_offset").start
+
+    def residuals(offset: float) -> Floats:
+        there = replace(windows.at, x=np.where(clock, offset, windows.at.x))
+        return windows.model.residuals(there, windows.centres)[0].values
+
+    left = np.stack([residuals(offset) for offset in offsets.tolist()], axis=-1)
+    changes = (left - windows.residuals.values[:, :, None]) * windows.whitening[:, :, None]
+    left *= windows.whitening[:, :, None]
+    scores = np.zeros((len(offsets), layout.size))
+    for part, rows in windows.rows():
+        J = rows[:, :, 1:].reshape(-1, layout.size)
+        scores += changes[part].reshape(len(J), -1).T @ J
+    scores = equations.score + scores @ fit.statistics.calibration[1:, 1:].T
+    misfits = (left**2).sum(axis=(0, 1)) / equations.level
+    for index, score in enumerate(scores):
+        problem = replace(equations, score=score).problem(layout, fit.options)
+        others = problem.of(~clock[layout.free])
+        step, _ = others.solve(fit.u)
+        P = others.precision(fit.u)
+        gradient = others.score + P * others.offset
+        misfits[index] += P @ others.offset**2 + gradient @ step
+    return np.asarray(misfits)

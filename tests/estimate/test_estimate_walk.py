@@ -91,7 +91,7 @@ def test_the_equations_about_another_point_are_the_same_at_the_fits_own() -> Non
     """With what the mean force of the base IMU says, which is in no window."""
     options = MatchedOptions(gravity="none")
     fit = whole_fit(lean_fit(windowing_of(logged(Walk(noisy=True)), 0.3), options, 0.0), options)
-    again, _ = fit.equations_in(fit.layout, fit.windows.at)
+    again = fit.equations_in(fit.layout, fit.windows.at)
     unit = np.sqrt(np.diag(fit.equations.information))
     off = (again.information - fit.equations.information) / np.outer(unit, unit)
     assert np.abs(off).max() < 1e-6

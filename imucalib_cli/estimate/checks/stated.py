@@ -129,7 +129,7 @@ def _with_columns(fit: Fit, freed: MatchedOptions) -> NormalEquations:
     layout = lay_out(fit.model.windowing.trajectory, freed)
     if layout.size == fit.layout.size:
         return fit.equations
-    return fit.equations_in(layout, transferred(fit, layout, freed, fit.windows.at))[0]
+    return fit.equations_in(layout, transferred(fit, layout, freed, fit.windows.at))
 
 
 def _gain(equations: NormalEquations, stated: MatchedOptions, freed: MatchedOptions) -> float:

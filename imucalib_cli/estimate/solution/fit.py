@@ -190,22 +190,16 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
             matrices = part_matrices(windows.centres, rows, self.layout.size + 1)
         return turned(matrices, self.statistics.calibration)
 
-    def equations_in(
-        self, layout: Layout, state: State, residuals: Residuals | None = None
-    ) -> tuple[NormalEquations, float]:
-        """Equations of its windows about a state of another layout, and e'e there."""
+    def equations_in(self, layout: Layout, state: State) -> NormalEquations:
+        """Equations of its windows about a state of another layout, where residuals are as here."""
         model = replace(self.model, layout=layout)
-        residuals = residuals or self.windows.residuals
-        there = replace(self.windows, model=model, at=state, residuals=residuals)
-        total, _, noise_score = there.sums()
-        level = self.equations.level
-        total = total + level * gravity_by_base(model, state, self.options)
+        total, _, noise_score = replace(self.windows, model=model, at=state).sums()
+        total = total + self.equations.level * gravity_by_base(model, state, self.options)
         A, b = total[1:, 1:], total[1:, 0] - noise_score
-        white = A * level
-        equations = replace(
+        white = A * self.equations.level
+        return replace(
             self.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
         )
-        return equations, float(total[0, 0])
 
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model with as many unknowns."""

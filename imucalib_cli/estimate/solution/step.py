@@ -67,17 +67,22 @@ class Linearised(Struct, frozen=True, eq=False):
         """Number of windows by their weights."""
         return float(self.weights.sum()) / max(float(self.weights.max()), 1e-300)
 
-    def rows(self) -> Iterator[tuple[slice, Floats]]:
-        """[e J] of windows, (w, 6, n + 1), so weighted that every sample counts once."""
+    @property
+    def whitening(self) -> Floats:
+        """(W, 6), factors of the rows by which every sample counts once."""
         gains = self.model.windowing.plan.noise_gains / self.scales
-        root = np.sqrt(self.weights)[:, None] * np.repeat(gains, 3)
+        return np.asarray(np.sqrt(self.weights)[:, None] * np.repeat(gains, 3))
+
+    def rows(self) -> Iterator[tuple[slice, Floats]]:
+        """Whitened [e J] of windows, (w, 6, n + 1)."""
+        whitening = self.whitening
         unit, values = self.model.layout.unit, self.residuals.values
         for part, J in columns(self.model, self.at, self.centres):
             # Residuals count in the unit of the readings: with smaller lengths and forces they
             # would be smaller, and a small unit of length would seem to fit better.
             J[:, :3, unit] += values[part, :3, None] / 3.0
             rows = np.concatenate([values[part, :, None], J], axis=2)
-            rows *= root[part, :, None]
+            rows *= whitening[part, :, None]
             yield part, rows
 
     def sums(self) -> tuple[Floats, Floats, Floats]:
