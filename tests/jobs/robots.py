@@ -135,7 +135,6 @@ def messages(
     root = (pin.JointModelFreeFlyer(),) if shape.base else ()
     model = pin.buildModelFromXML(shape.urdf(), *root)
     data, frame = model.createData(), model.getFrameId(shape.carrier)
-    neutral = pin.neutral(model)
     names = [row[0] for row in shape.joints if row[1] != "fixed"]
     jointed = [model.joints[model.getJointId(name)] for name in names]
     places = [slice(joint.idx_q, joint.idx_q + joint.nq) for joint in jointed]
@@ -146,47 +145,45 @@ def messages(
     size *= [shape.stroke if name in shape.fingers else 1.0 for name in names]
     waves = rng.uniform(0.8, 3.0, (2, len(names) + 6)), rng.uniform(0, 6, (2, len(names) + 6))
 
-    def sway(t: float) -> Floats:
-        return (np.sin(waves[0] * t + waves[1]) * [[0.6], [0.4]]).sum(axis=0)
-
-    def joints(t: float) -> Floats:
-        q = sway(t)[6:] * size
-        for name in shape.fingers[1:]:
-            q[names.index(name)] = -q[names.index(shape.fingers[0])]
-        return q
-
-    def base(t: float) -> pin.SE3:
-        s = sway(t)[:6]
-        R = Rotation.from_euler("ZYX", [1.2 * s[0], 0.3 * s[1], 0.3 * s[2]]).as_matrix()
-        return pin.SE3(R, np.array([0.5 * s[3], 0.5 * s[4], 0.1 * s[5]]))
-
-    def imu_pose(t: float) -> pin.SE3:
-        q = neutral.copy()
-        if shape.base:
-            q[:7] = pin.SE3ToXYZQUAT(base(t))
-        for place, turns, value in zip(places, turning, joints(t), strict=True):
-            q[place] = (np.cos(value), np.sin(value)) if turns else value
-        pin.framesForwardKinematics(model, data, q)
-        return data.oMf[frame] * mount
-
+    t = np.arange(0.0, seconds, 0.01)
+    near = t[:, None] + _STEP * np.arange(-4, 5)
+    waving = np.sin(near[..., None, None] * waves[0] + waves[1])
+    sway = (waving * [[0.6], [0.4]]).sum(axis=2)  # (N, 9, n + 6)
+    joints = sway[..., 6:] * size
+    for name in shape.fingers[1:]:
+        joints[..., names.index(name)] = -joints[..., names.index(shape.fingers[0])]
+    angles = sway[..., :3] * [1.2, 0.3, 0.3]
+    turned = Rotation.from_euler("ZYX", angles.reshape(-1, 3)).as_quat()
+    base = np.dstack([sway[..., 3:6] * [0.5, 0.5, 0.1], turned.reshape(*near.shape, 4)])
+    q = np.tile(pin.neutral(model), (*near.shape, 1))
+    if shape.base:
+        q[..., :7] = base
+    for place, turns, value in zip(places, turning, np.moveaxis(joints, 2, 0), strict=True):
+        q[..., place] = np.dstack([np.cos(value), np.sin(value)] if turns else [value])
+    R, p = np.empty((*near.shape, 3, 3)), np.empty((*near.shape, 3))
+    for index in np.ndindex(near.shape):
+        pin.framesForwardKinematics(model, data, q[index])
+        pose = data.oMf[frame] * mount
+        R[index], p[index] = pose.rotation, pose.translation
+    R_imu = np.swapaxes(R[:, 4], 1, 2)
+    turns_by = Rotation.from_matrix((R_imu[:, None] @ R).reshape(-1, 3, 3)).as_rotvec()
+    noise = rng.standard_normal((len(t), 6 + len(names))) * np.repeat(
+        [1e-3, 0.01, 2e-5], [3, 3, len(names)]
+    )
+    w = _FIRST @ turns_by.reshape(p.shape) / _STEP + noise[:, :3]
+    force = _SECOND @ p / _STEP**2 - GRAVITY
+    a = (R_imu @ force[..., None])[..., 0] + noise[:, 3:6]
+    read = joints[:, 4] + noise[:, 6:]
+    # a mimic joint is not published
+    told = [k for k, name in enumerate(names) if name not in shape.fingers[1:]]
     said = []
-    for t in np.arange(0.0, seconds, 0.01):
-        around = [imu_pose(t + k * _STEP) for k in range(-4, 5)]
-        R = around[4].rotation
-        p = np.array([each.translation for each in around])
-        acceleration = _SECOND @ p / _STEP**2 - GRAVITY
-        turned = np.array([pin.log3(R.T @ each.rotation) for each in around])
-        w = _FIRST @ turned / _STEP + rng.normal(0.0, 1e-3, 3)
-        a = R.T @ acceleration + rng.normal(0.0, 0.01, 3)
-        ns = START_NS + round(float(t) * 1e9)
-        said.append(say(f"{namespace}/imu", reading(ns, w, a, imu_frame), ns))
-        # a mimic joint is not published
-        told = [k for k, name in enumerate(names) if name not in shape.fingers[1:]]
-        q = joints(float(t)) + rng.normal(0.0, 2e-5, len(names))
-        state = positions(ns, (joint_prefix + names[k] for k in told), q[told])
+    for k, seconds_since in enumerate(t.tolist()):
+        ns = START_NS + round(seconds_since * 1e9)
+        said.append(say(f"{namespace}/imu", reading(ns, w[k], a[k], imu_frame), ns))
+        state = positions(ns, (joint_prefix + names[j] for j in told), read[k, told])
         said.append(say(f"{namespace}/joint_states", state, ns + 1))
         if shape.base:
-            said.append(_pose_message(base_topic, shape.base, base(float(t)), ns))
+            said.append(_pose_message(base_topic, shape.base, base[k, 4], ns))
     return said
 
 
@@ -199,8 +196,8 @@ def assert_matches_truth(result: Result, mount: pin.SE3, *, largest: float = 5e-
     assert sigma[:3].max() < largest
 
 
-def _pose_message(topic: str, child: str, pose: pin.SE3, ns: int) -> Said:
-    xyz, xyzw = np.split(pin.SE3ToXYZQUAT(pose), [3])
+def _pose_message(topic: str, child: str, pose: Floats, ns: int) -> Said:
+    xyz, xyzw = np.split(pose, [3])
     if topic == "/tf":
         return say(topic, tf(ns, "odom", child, xyz, xyzw), ns + 2)
     return say(topic, posed(ns, "odom", xyz, xyzw), ns + 2)
