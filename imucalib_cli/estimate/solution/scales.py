@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     P = TypeVar("P", bound=Prior)
 
-_POINTS: Final = (64, 256, 1024, 4096)
+_POINTS: Final = tuple(64 * 2**doubled for doubled in range(7))
 """Importance points: more where few of them count, as where scales are correlated. Thirty times as
 many as the first move the mean by a tenth of sigma, and sigma by some per cent."""
 _COUNT: Final = 8.0
