@@ -336,6 +336,17 @@ def test_errors_of_a_pose_stream_are_corrected(wrong: Callable[[Track], Floats],
     assert (np.abs(value) > 5.0 * std).any()
 
 
+def test_positions_that_are_old_and_smooth_are_both() -> None:
+    """A first-order filter delays by its time constant, and adds half its square of the change."""
+    log, _ = everyday("mobile", "quiet", 402)
+    joints, track = log.path.tracks
+    values = np.hstack([filtered(track, constant=0.03)[:, :3], track.values[:, 3:]])
+    tracks = (joints, replace(track, values=values))
+    found = solve_well(replace(log, path=replace(log.path, tracks=tracks)))
+    assert found.parameter("pose_age")[0] == pytest.approx(0.03, rel=0.05)
+    assert found.parameter("pose_filter")[0][0] == pytest.approx(0.03**2 / 2, rel=0.5)
+
+
 @pytest.mark.parametrize("seed", slow_after(1, [401, 407]))
 def test_late_tracker_of_the_base_is_found(seed: int) -> None:
     """Its stamps are 7 and 5 ms off those of the joints."""

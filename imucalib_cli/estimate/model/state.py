@@ -137,14 +137,16 @@ class Chain(Struct, frozen=True, eq=False):
             if joint.name not in motions:
                 motions[joint.name] = joint.of(motion, loads)
             values[joint.track][:, joint.column] += size @ curve.basis(motions[joint.name])
-        for track, sizes in self.streams["filter"].items():
-            values[track][:] -= np.repeat(sizes, (3, 4)) * motion.changes[track]
-        return motion._replace(values=self._corrected(values, t))
+        return motion._replace(values=self._corrected(values, t, motion.changes))
 
-    def _corrected(self, values: tuple[Floats, ...], t: Floats) -> tuple[Floats, ...]:
-        """With errors of the pose streams removed."""
+    def _corrected(
+        self, values: tuple[Floats, ...], t: Floats, changes: tuple[Floats, ...] = ()
+    ) -> tuple[Floats, ...]:
+        """With errors of the pose streams removed; a filter needs the changes of their rates."""
         for track, (age,) in self.streams["age"].items():
             values[track][:, :3] = self.trajectory.values_of(track, t + age)[:, :3]
+        for track, sizes in self.streams["filter"].items():
+            values[track][:] -= np.repeat(sizes, (3, 4)) * changes[track]
         for track, scale in self.streams["scale"].items():
             values[track][:, :3] *= 1.0 + scale
         for track, turn in self.streams["turn"].items():
