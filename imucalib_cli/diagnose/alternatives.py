@@ -203,11 +203,11 @@ class Fitter(Struct, frozen=True, eq=False):
         table = (*LEAN, _zero(hypothesis.names[0])) if hypothesis.kind == "zero" else LEAN
         try:
             windowing = Windowing(grid, self.trajectory(hypothesis.path), self.windowing.plan)
-            lean = lean_fit(windowing, options, offset, table=table, rough=True)
+            lean = lean_fit(windowing, options, offset, table, rough=True)
             rough = Trial(hypothesis, lean)
             if rough.good or (hypothesis.kind == "link" and rough.turns_alike):
                 # A better fit could make it decisive.
-                lean = lean_fit(windowing, options, offset, near=lean, table=table)
+                lean = lean_fit(windowing, options, lean, table)
         except InputError:
             return None
         if hypothesis.kind == "zero":

@@ -89,7 +89,7 @@ def find_still_imu(given: Trial) -> Finding | None:
 
 
 def _less_a_step(values: Floats) -> Floats:
-    """(N, 3), values less their means before and after the instant of the best split."""
+    """(N, 3), values less their medians before and after the split that suits their means best."""
     count = np.arange(1, len(values))[:, None]
     sums, squares = np.cumsum(values, axis=0)[:-1], float(np.sum(values**2))
     total = np.sum(values, axis=0)

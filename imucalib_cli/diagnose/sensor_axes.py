@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucalib_cli.diagnose.hypotheses import Hypothesis
-from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.robot.rotations import rotation_angle
 
 if TYPE_CHECKING:
@@ -34,8 +34,10 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
     None where one does already, or where the motion says too little. The time offset of the rows
     must be about right; gravity (3,), m/s², is gravity_world of the fit, or zero.
     """
-    accel = _free_matrix(rows.accel, [columns.T, columns.R, columns.BA, columns.G])
-    gyro = _free_matrix(rows.gyro, [columns.R, columns.BG])
+    accel = _free_matrix(
+        rows.accel, [lean_columns.T, lean_columns.R, lean_columns.BA, lean_columns.G]
+    )
+    gyro = _free_matrix(rows.gyro, [lean_columns.R, lean_columns.BG])
     if accel is None or gyro is None:
         return None
     left_accel, left_gyro = (float(np.linalg.det(Q)) < 0.0 for Q in (accel, gyro))
@@ -65,7 +67,6 @@ def reoriented(rows: WindowRows, path: KinematicPath, gravity: Floats) -> Hypoth
     if _near(P, -np.eye(3)):
         # An accelerometer that finds gravity where it belongs has the right sign.
         down = gravity.any() and gravity[2] < 0.0
-        mirror = np.eye(3)
         return changed("reversed", -np.eye(3), "gyroscope" if down else mirrored)
     S = _signed_axes(P)
     if S is not None:
@@ -79,16 +80,18 @@ def _free_matrix(rows: Floats, parts: list[slice]) -> Floats | None:
 
     That one is by linear least squares; None where the motion says too little.
     """
-    flat = rows.reshape(-1, columns.COUNT)
-    which = np.concatenate([np.arange(columns.COUNT)[part] for part in parts])
+    flat = rows.reshape(-1, lean_columns.COUNT)
+    which = np.concatenate([np.arange(lean_columns.COUNT)[part] for part in parts])
     normal = flat[:, which].T @ flat[:, which]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
     if values[0] < 1e-7 * values[-1]:
         return None
-    score = (flat[:, which].T @ flat[:, columns.ONE]) * scale
+    score = (flat[:, which].T @ flat[:, lean_columns.ONE]) * scale
     x = -scale * (vectors @ ((vectors.T @ score) / values))
-    M = x[np.flatnonzero(np.isin(which, np.arange(columns.COUNT)[columns.R]))].reshape(3, 3)
+    M = x[np.flatnonzero(np.isin(which, np.arange(lean_columns.COUNT)[lean_columns.R]))].reshape(
+        3, 3
+    )
     U, stretch, Vt = np.linalg.svd(M)
     if stretch[-1] <= 0.0 or stretch[0] > _STRETCHED * stretch[-1]:
         return None

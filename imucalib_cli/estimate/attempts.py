@@ -124,7 +124,7 @@ def with_longer_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> 
     )
     if window.seconds <= attempt.window.seconds:
         return None
-    return replace(attempt, lean=lean_fit(longer, options, 0.0, attempt.lean), window=window)
+    return replace(attempt, lean=lean_fit(longer, options, attempt.lean), window=window)
 
 
 def _next_attempt(
@@ -134,5 +134,5 @@ def _next_attempt(
     trajectory = near.lean.model.windowing.trajectory.with_ticks(robot_ticks)
     grid = near.clean.grid(trajectory.interval, use_ticks=imu_ticks)
     plan = plan_windows(odd_length(near.window.seconds / grid.dt), options.degree, grid.dt)
-    lean = lean_fit(Windowing(grid, trajectory, plan), options, 0.0, near.lean)
+    lean = lean_fit(Windowing(grid, trajectory, plan), options, near.lean)
     return replace(near, lean=lean, imu_ticks=imu_ticks)

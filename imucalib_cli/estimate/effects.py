@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from imucalib_cli.arrays import Floats
     from imucalib_cli.signals.samples import Sensor
@@ -61,11 +62,11 @@ class Reading(Struct, frozen=True, eq=False):
         return self.error(samples, np.tensordot(size, self.matrices, axes=1))
 
     @lru_cache(maxsize=256)  # noqa: B019 entries of the table live as long as the program
-    def own_response(self, dt: float, level: tuple[float, ...]) -> Floats:
+    def own_response(self, dt: float, mean: tuple[float, ...]) -> Floats:
         """(size, 3, 7), change of the basis along each axis by noise of that axis at one instant.
 
-        It says how the reading's noise enters both the column and the residual. The sensor reads a
-        level (3,) otherwise.
+        It says how the reading's noise enters both the column and the residual. Otherwise the
+        sensor reads its mean (3,).
         """
         quiet, middle, noise = np.zeros((7, 3)), 3, 1e-4
 
@@ -73,10 +74,30 @@ class Reading(Struct, frozen=True, eq=False):
             accel, gyro = (reading, quiet) if self.sensor == "accel" else (quiet, reading)
             return self.basis(Samples(accel=accel, gyro=gyro, age=quiet[:, 0], dt=dt))
 
-        still = quiet + level
+        still = quiet + mean
         pulses = still + noise * np.eye(3)[:, None] * (np.arange(7) == middle)[:, None]
         found = [basis(pulse)[:, :, axis] for axis, pulse in enumerate(pulses)]
         return (np.stack(found, axis=1) - np.moveaxis(basis(still), 1, 2)) / noise
+
+
+def less_errors(
+    errors: Iterable[tuple[Reading, Floats]], samples: Samples, sensor: Sensor
+) -> Floats:
+    """(M, 3), readings of a sensor with errors of given sizes removed."""
+
+    def error(effect: Reading, size: Floats, read: Floats) -> Floats:
+        at = replace(samples, accel=read) if sensor == "accel" else replace(samples, gyro=read)
+        return effect.of(at, size)
+
+    measured = samples.of(sensor)
+    ideal = np.array(measured)
+    for effect, size in errors:
+        if effect.sensor == sensor and size.any():
+            read = measured
+            if effect.turns:  # from half of the way: the square of a turn looks like a scale error
+                read = ideal - 0.5 * error(effect, size, ideal)
+            ideal -= error(effect, size, read)
+    return ideal
 
 
 class JointMotion(Struct, frozen=True, eq=False, dict=True):

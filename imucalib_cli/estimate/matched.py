@@ -146,7 +146,7 @@ def _statistics(evidence: judge.Evidence, segments: Segments) -> LogStatistics:
         edges=segments.edges,
         spectra=spectra_of(fit),
         windows=evidence.dependence,
-        widened=judge.of_findings(evidence),
+        widened=judge.covariance_of_findings(evidence),
         offset_variance=offset_variance,
         seconds=fit.model.seconds,
         clock_stepped=stepped,

@@ -172,10 +172,11 @@ def _derivative(values: Floats, dt: float) -> Floats:
 
 
 def _swayed(samples: Samples, matrices: Floats) -> Floats:
-    """(..., M, 3), acceleration of a sway that follows the force."""
+    """(..., M, 3), acceleration of a sway in proportion to the force."""
     f, w, dt = samples.accel, samples.gyro, samples.dt
     forces = (f, _derivative(f, dt), _second_derivative(f, dt))
     away, speed, change = (each @ matrices for each in forces)
+    # The mount gives against the force that it exerts.
     by_turning = cross(w, 2.0 * speed + cross(w, away)) + cross(_derivative(w, dt), away)
     return np.asarray(-(change + by_turning))
 
@@ -528,6 +529,7 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
         unit="s²",
         scale="joint_filter",
         healthy=1e-3,
+        # What a filter adds to a reading is added to a report here, with the other sign.
         effect=JointCurve(lambda m: -m.change[None]),
         least=5e-5,  # less may be the second order of a delay, up to the largest that is sound
         positive=True,

@@ -75,9 +75,9 @@ def choose_window(
 
 def _automatic(grid: ImuGrid, trajectory: Trajectory, seen: SeenNoise | None) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
-    turning = lever_power(grid, trajectory) if seen is None else seen.turning
+    power = lever_power(grid, trajectory) if seen is None else seen.lever_power
     for seconds in _LENGTHS:
-        is_lever_right = attenuation(seconds, turning, trajectory) <= MAX_ATTENUATION
+        is_lever_right = attenuation(seconds, power, trajectory) <= MAX_ATTENUATION
         is_lever_right &= seen is None or not seen.matters(seconds)
         if is_lever_right and not is_drowned(seconds, grid, trajectory):
             if seconds == _LENGTHS[0]:
@@ -105,13 +105,13 @@ def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
     return kinematic_variance(seconds, trajectory)[0] > own
 
 
-def attenuation(seconds: float, turning: float, trajectory: Trajectory) -> float:
+def attenuation(seconds: float, power: float, trajectory: Trajectory) -> float:
     """Share of noise in the lever arm's regressor, by which the lever arm is shortened.
 
-    ``turning`` is the regressor's :func:`lever_power`.
+    ``power`` is the regressor's :func:`lever_power`.
     """
     noise = second_derivative_gain(seconds) * kinematic_noise(trajectory)[0]
-    return noise / turning if turning > 0.0 else 0.0
+    return noise / power if power > 0.0 else 0.0
 
 
 class SeenNoise(Struct, frozen=True, kw_only=True):
@@ -127,7 +127,7 @@ class SeenNoise(Struct, frozen=True, kw_only=True):
     """m, length of the lever arm."""
     std: float
     """m, 1 sigma of its components."""
-    turning: float
+    lever_power: float
     """1/s⁴, :func:`lever_power`."""
 
     @classmethod
@@ -138,7 +138,7 @@ class SeenNoise(Struct, frozen=True, kw_only=True):
             rotation=left / (first_derivative_gain(windowing.seconds) / 6.0),
             lever=lever,
             std=std,
-            turning=lever_power(windowing.grid, windowing.trajectory),
+            lever_power=lever_power(windowing.grid, windowing.trajectory),
         )
 
     def error(self, seconds: float) -> float:
@@ -152,8 +152,8 @@ class SeenNoise(Struct, frozen=True, kw_only=True):
         by_gravity = STANDARD_GRAVITY * first_derivative_gain(seconds) * self.rotation
         # The power contains the noise too; where that is nearly all of it, the rest is uncertain.
         noise = second_derivative_gain(_LENGTHS[0]) * self.rotation
-        turning = max(self.turning - noise, 0.1 * self.turning)
-        return (share * self.lever + by_gravity) / turning if turning > 0.0 else 0.0
+        power = max(self.lever_power - noise, 0.1 * self.lever_power)
+        return (share * self.lever + by_gravity) / power if power > 0.0 else 0.0
 
     def matters(self, seconds: float) -> bool:
         """Whether that is more than a third of sigma, which would add a twentieth to it.

@@ -52,7 +52,7 @@ class ImuGrid(Struct, frozen=True, eq=False, dict=True):
         return np.asarray(self.t0 + self.dt * np.arange(len(self.usable)), dtype=np.float64)
 
     @cached_property
-    def level(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    def mean_reading(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Mean readings (3,) of accelerometer and gyroscope, m/s² and rad/s."""
         accel, gyro = (each[self.usable].mean(axis=0) for each in (self.accel, self.gyro))
         return tuple(accel.tolist()), tuple(gyro.tolist())

@@ -21,7 +21,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.estimate.solution.solve import Known, solve_globally
 from imucalib_cli.robot.rotations import (
     matrix_from_rotvec,
@@ -105,8 +105,8 @@ def matched_cost(
 ) -> PoseCost:
     """Residuals of the matched filters over stds of a window, with only the pose unknown."""
     both = np.concatenate([rows.accel / accel_std, rows.gyro / gyro_std], axis=1)
-    constant = both[:, :, columns.ONE] + both[:, :, columns.G] @ gravity_world
-    slope = np.concatenate([both[:, :, columns.T], both[:, :, columns.R]], axis=2)
+    constant = both[:, :, lean_columns.ONE] + both[:, :, lean_columns.G] @ gravity_world
+    slope = np.concatenate([both[:, :, lean_columns.T], both[:, :, lean_columns.R]], axis=2)
     return PoseCost(constant.ravel(), slope.reshape(-1, 12))
 
 
@@ -292,12 +292,12 @@ def _reduced_solve(cost: PoseCost, _: Pose) -> tuple[Pose, int]:
     known = Known.of(pose_only(0.0))
     # Even weak priors assume residuals in units of their noise.
     known = replace(known, std=np.where(known.std > 0.0, np.inf, 0.0))
-    own = np.r_[columns.ONE, columns.T, columns.R]
+    own = np.r_[lean_columns.ONE, lean_columns.T, lean_columns.R]
     J = np.column_stack([cost.constant, cost.slope])
-    statistics = np.zeros((columns.COUNT, columns.COUNT))
+    statistics = np.zeros((lean_columns.COUNT, lean_columns.COUNT))
     statistics[np.ix_(own, own)] = J.T @ J
     found = solve_globally(statistics, known)
-    return Pose(found.R, found.x[columns.T]), 1
+    return Pose(found.R, found.x[lean_columns.T]), 1
 
 
 OPTIMISERS = (

@@ -120,7 +120,7 @@ class Evidence(Struct, frozen=True, eq=False):
         return worst if worst is not None and worst.sigmas > WARN_SIGMAS else None
 
 
-def of_findings(evidence: Evidence) -> Floats:
+def covariance_of_findings(evidence: Evidence) -> Floats:
     """(6, 6), added to the covariance.
 
     For noise of the kinematics, dependence on the window, scatter of the log's parts, a change,

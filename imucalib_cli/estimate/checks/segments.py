@@ -184,6 +184,7 @@ class Segments:
         moves = self._fit.layout.free_pose
         A, b = self._sums.folds()
         others = inverse_of(self._total - A)
+        # At the solution all scores and the prior's cancel: without one, minus that is left.
         each = (others @ b[:, :, None])[:, pose, 0]
         scatter = each - each.mean(axis=0)
         fold_std = np.sqrt((FOLDS - 1) / FOLDS * (scatter**2).sum(axis=0))
@@ -196,7 +197,7 @@ class Segments:
             left += 0.5 * inverse[block]
         difference = (solutions[1] - solutions[0])[pose]
         C = sum(covariances)[block]
-        # Others are rounding.
+        # In units of the prior: near 1 a direction is not determined, and differences are rounding.
         precision = np.sqrt(np.diag(self._P)[pose])
         shares, axes = np.linalg.eigh(left * np.outer(precision, precision))
         seen = np.diag(precision) @ axes[:, shares < _BY_PRIOR]
@@ -232,6 +233,7 @@ class Segments:
         share = weight @ expected
         total = float(np.trace(share.sum(axis=0)))
         squares = max(float(np.einsum("kij,kji->", share, share)), 1e-300)
+        # Satterthwaite's degrees of freedom, less the pose that all folds share.
         freedom = max(total**2 / squares - len(pose), 1.0)
         ratio = float(np.einsum("ki,kij,kj->", changes, weight, changes)) / max(total, 1e-300)
         spread = 2.0 / (9.0 * freedom)
@@ -263,6 +265,7 @@ class Segments:
 
     def _price(self, part: Indices) -> float:
         """Cost of components that change, in the Bayesian information criterion."""
+        # Six residuals of each window that does not overlap another.
         windows = self._fit.statistics.windows / WINDOWS_PER_LENGTH
         return len(part) * math.log(6.0 * windows)
 

@@ -143,9 +143,9 @@ def _sound(fit: Fit, length: int) -> bool:
     windowing = fit.model.windowing
     if length > windowing.plan.length:
         return True
-    seconds = (length - 1) * windowing.grid.dt
+    seconds = length * windowing.grid.dt
     seen = fit.seen_noise
-    known = attenuation(seconds, seen.turning, windowing.trajectory)
+    known = attenuation(seconds, seen.lever_power, windowing.trajectory)
     return known <= MAX_ATTENUATION and not seen.matters(seconds)
 
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.estimate.effects import Clock, Reading, Samples
-from imucalib_cli.estimate.model.state import Chain, less_errors
+from imucalib_cli.estimate.effects import Clock, Reading, Samples, less_errors
+from imucalib_cli.estimate.model.state import Chain
 from imucalib_cli.estimate.model.windows import blocks, in_windows, window_centres
 from imucalib_cli.robot.rotations import skew, vee
 from imucalib_cli.signals.kernels import MARGIN

@@ -28,7 +28,8 @@ from imucalib_cli.estimate.effects import (
 )
 from imucalib_cli.estimate.model.design import BLOCK
 from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.model.state import Chain, base_nodes, box_over, gravity_axes, velocity_of
+from imucalib_cli.estimate.model.reckoned_base import base_nodes, box_over, velocity_of
+from imucalib_cli.estimate.model.state import Chain, gravity_axes
 from imucalib_cli.estimate.model.windows import blocks, in_windows
 from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
@@ -43,7 +44,8 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.design import Model
     from imucalib_cli.estimate.model.layout import Joint, Layout, Placed
     from imucalib_cli.estimate.model.loads import Payload
-    from imucalib_cli.estimate.model.state import BaseNodes, State
+    from imucalib_cli.estimate.model.reckoned_base import BaseNodes
+    from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.model.windows import WindowPlan
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
@@ -108,6 +110,7 @@ class NodePlan(Struct, frozen=True, eq=False):
         spread[:: self.every] = pair.average
         alone = np.fft.rfft(spread, 2 * size) * np.fft.rfft(self.box, 2 * size)
         turns = np.exp(-2j * np.pi * self.every * np.outer(taps, frequency))
+        # A kernel is its response to a pulse, reversed: that of a derivative is odd.
         return responses[:, :, ::-1] @ turns * alone, size
 
 
@@ -162,6 +165,7 @@ class _Nodes(Struct, frozen=True, eq=False, dict=True):
         found = {}
         for index, step in self.chain.path.joint_steps.items():
             R, p = self.frames[index]
+            # Samples are last in R, so that matmul(v, R) is R v, and matmul(X.T, R) is R X.
             axis = step.multiplier * np.matmul(step.axis, R)
             turn, shift = (
                 (np.zeros_like(axis), axis)
@@ -235,6 +239,7 @@ class _Nodes(Struct, frozen=True, eq=False, dict=True):
         """Turn and shift (2, 3, M): by a filter of a stream's positions, and of its quaternions."""
         (R, before), (R_after, after) = self.frames[index : index + 2]
         step = self.chain.path.pose_steps[index]
+        # Of an inverse step all that follows moves against the stream, about the frame before it.
         axes, centre, sign = (R_after, before, 1.0) if step.inverse else (R, after, -1.0)
         pose, change = self.motion.values[step.track].T, self.motion.changes[step.track].T
         v, w, dv, dw = pose[3:6], pose[6], change[3:6], change[6]
@@ -263,6 +268,7 @@ class _Nodes(Struct, frozen=True, eq=False, dict=True):
             turn, shift, _ = self.twist_of_curve(joint, effect)
         else:
             turn, shift = self.twist_of_step(placed)
+        # It is constant in the parent link: every node shows the same.
         turn, shift = turn[..., 0], shift[..., 0]
         return np.hstack([shift @ self.R[..., 0], turn @ self.R[..., 0]])
 
@@ -274,6 +280,8 @@ def _block_columns(
 
     accelerometer  R_c' (D2 shift - K2*force - gravity)
     gyroscope      R_c' (D1 turn - K1*rate)
+
+    A turn of the link turns its rate and the reading alike, seen in the world: D1 turn is left.
     """
     nodes = _nodes(model, plan, chain, state, centres)
     channels = _channels(model.layout, nodes)
@@ -427,7 +435,9 @@ def _add_of_base(
             channels["rate"].append((part, seen))
             channels["base turn"].append((part, _integral(-seen, base.samples.dt)))
         return
-    if isinstance(effect, Clock):  # a later stamp means a later pose
+    if isinstance(effect, Clock):
+        # A later stamp means a later pose: at an instant of the robot the base is where it is at
+        # its own stamp, which is later by the value. Another IMU is where it was before.
         turn, shift = (each[None] for each in base.velocity)
         constant, drift = effect.accel
         channels["times"].append((part, constant + drift * base.later))

@@ -145,7 +145,7 @@ class Layout(Prior, frozen=True, kw_only=True, eq=False):
         return self.free[self.pose]
 
     @property
-    def unit(self) -> Indices:
+    def accel_scale(self) -> Indices:
         """(3,), components of the unit in which the accelerometer reads; (0,) where it is held."""
         return places_of([self.part("accel_scale")])
 

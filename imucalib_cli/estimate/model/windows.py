@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.robot.rotations import vee
 from imucalib_cli.signals.kernels import MARGIN, MatchedFilter, convolve_at, matched_filter
 from imucalib_cli.signals.stretches import all_hold
@@ -63,7 +63,7 @@ class WindowPlan(Struct, frozen=True, eq=False):
         """Grid samples on each side of a centre that a window needs, with those for differences."""
         return (
             max(self.length // 2 + MARGIN, (self.node_length // 2 + MARGIN) * self.node)
-            + 3 * self.node
+            + 3 * self.node  # two for differences of columns, one for the average of each node
         )
 
     @property
@@ -125,9 +125,9 @@ class WindowRows(Struct, frozen=True, eq=False):
     centres: Indices
     """(W,), grid index."""
     accel: Floats
-    """(W, 3, columns.COUNT), m/s²."""
+    """(W, 3, lean_columns.COUNT), m/s²."""
     gyro: Floats
-    """(W, 3, columns.COUNT), rad/s."""
+    """(W, 3, lean_columns.COUNT), rad/s."""
 
     def residuals(self, x: Floats) -> tuple[Floats, Floats]:
         """Accelerometer and gyroscope residuals (W, 3), in the parent frame."""
@@ -136,9 +136,9 @@ class WindowRows(Struct, frozen=True, eq=False):
     def normal_matrix(self, stds: Floats, weights: Floats) -> Floats:
         """(COUNT, COUNT), the sensors weighted by their residuals' scales (2,)."""
         root = np.sqrt(weights)[:, None, None]
-        total = np.zeros((columns.COUNT, columns.COUNT))
+        total = np.zeros((lean_columns.COUNT, lean_columns.COUNT))
         for rows, std in zip((self.accel, self.gyro), stds, strict=True):
-            flat = (rows * (root / std)).reshape(-1, columns.COUNT)
+            flat = (rows * (root / std)).reshape(-1, lean_columns.COUNT)
             total += flat.T @ flat
         return total
 
@@ -158,6 +158,7 @@ class Windowing(Struct, frozen=True, eq=False):
     @property
     def white_gains(self) -> Floats:
         """(2,), white noise of a window over that of the IMU's samples."""
+        # On the finer grid samples of the same density have more variance.
         return np.asarray(self.plan.gains * np.sqrt(self.grid.refine))
 
     @property
@@ -168,7 +169,7 @@ class Windowing(Struct, frozen=True, eq=False):
         return tuple(
             plan_windows(length, plan.degree, dt, hop=hop, nodes=_FEWER_NODES)
             for length, hop in ((halved, plan.hop), (doubled, 2 * plan.hop))
-            if length >= 9  # a window of nine samples cannot be halved any more
+            if length >= 9  # shorter ones are hardly longer than the filters need
         )
 
     @property
@@ -192,8 +193,8 @@ class Windowing(Struct, frozen=True, eq=False):
 
     def rows(self, time_offset: float, centres: Indices) -> WindowRows:
         """The lean system of windows about centres (W,), ascending, at a time offset, s."""
-        accel = np.zeros((len(centres), 3, columns.COUNT))
-        gyro = np.zeros((len(centres), 3, columns.COUNT))
+        accel = np.zeros((len(centres), 3, lean_columns.COUNT))
+        gyro = np.zeros((len(centres), 3, lean_columns.COUNT))
         reach = self.plan.length // 2 + MARGIN
         for part in blocks(centres, self.plan.hop, 128):
             span = slice(int(centres[part][0]) - reach, int(centres[part][-1]) + reach + 1)
@@ -244,12 +245,12 @@ def _accel_rows(R: Floats, p: Floats, accel: Floats, centres: Indices, plan: Win
     # R_rj a_k for every row r, then every entry (j, k) of R_fs.
     products = (flat[:, :, None] * accel[:, None, :]).reshape(-1, 27)
     averaged = in_windows(np.hstack([products, flat]), pair.average, centres)
-    rows = np.zeros((len(centres), 3, columns.COUNT))
-    rows[:, :, columns.ONE] = derived[:, :3]
-    rows[:, :, columns.T] = derived[:, 3:].reshape(-1, 3, 3)
-    rows[:, :, columns.R] = -averaged[:, :27].reshape(-1, 3, 9)
-    rows[:, :, columns.BA] = averaged[:, 27:].reshape(-1, 3, 3)
-    rows[:, :, columns.G] = -np.eye(3)
+    rows = np.zeros((len(centres), 3, lean_columns.COUNT))
+    rows[:, :, lean_columns.ONE] = derived[:, :3]
+    rows[:, :, lean_columns.T] = derived[:, 3:].reshape(-1, 3, 3)
+    rows[:, :, lean_columns.R] = -averaged[:, :27].reshape(-1, 3, 9)
+    rows[:, :, lean_columns.BA] = averaged[:, 27:].reshape(-1, 3, 3)
+    rows[:, :, lean_columns.G] = -np.eye(3)
     return np.asarray(np.swapaxes(R[centres], 1, 2) @ rows)
 
 
@@ -264,8 +265,8 @@ def _gyro_rows(R: Floats, gyro: Floats, centres: Indices, plan: WindowPlan) -> F
     # vee(B [e_j]x) = (tr B e_j - B' e_j) / 2: how rate j, seen through B, turns the window.
     trace = np.trace(turned, axis1=2, axis2=3)
     response = 0.5 * (trace[:, :, None, None] * np.eye(3) - np.swapaxes(turned, 2, 3))
-    rows = np.zeros((len(centres), 3, columns.COUNT))
-    rows[:, :, columns.ONE] = vee(back @ derived)
-    rows[:, :, columns.R] = -np.moveaxis(response[:, :3], 1, 3).reshape(-1, 3, 9)
-    rows[:, :, columns.BG] = response[:, 3]
+    rows = np.zeros((len(centres), 3, lean_columns.COUNT))
+    rows[:, :, lean_columns.ONE] = vee(back @ derived)
+    rows[:, :, lean_columns.R] = -np.moveaxis(response[:, :3], 1, 3).reshape(-1, 3, 9)
+    rows[:, :, lean_columns.BG] = response[:, 3]
     return rows

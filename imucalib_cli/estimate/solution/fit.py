@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.model import columns as lean_columns
+from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
@@ -28,10 +28,10 @@ from imucalib_cli.estimate.solution.solve import (
 from imucalib_cli.estimate.solution.spectrum import (
     PARTS,
     Statistics,
+    congruence,
     deviance,
     part_matrices,
     part_numbers,
-    turned,
 )
 from imucalib_cli.estimate.solution.step import (
     Linearised,
@@ -188,7 +188,7 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
             weights[differs[number]] = huber[differs[number]]
             rows = replace(windows, weights=weights).rows()
             matrices = part_matrices(windows.centres, rows, self.layout.size + 1)
-        return turned(matrices, self.statistics.calibration)
+        return congruence(matrices, self.statistics.calibration)
 
     def equations_in(self, layout: Layout, state: State) -> NormalEquations:
         """Equations of its windows about a state of another layout, where residuals are as here."""
@@ -202,7 +202,7 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
         )
 
     def evidence_over(self, other: Fit) -> float:
-        """Fall of the information criterion against another model with as many unknowns."""
+        """Fall of the information criterion against another model; one more unknown is free."""
         count = min(len(self.windows.centres), len(other.windows.centres))
         return count * (other._deviance - self._deviance)
 
@@ -216,8 +216,7 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
 def lean_fit(
     windowing: Windowing,
     options: MatchedOptions,
-    time_offset: float,
-    near: Fit | None = None,
+    start: float | Fit,
     table: tuple[Unknown, ...] = LEAN,
     *,
     rough: bool = False,
@@ -229,8 +228,8 @@ def lean_fit(
     Args:
         windowing: The two streams and their windows.
         options: What is known beforehand.
-        time_offset: IMU stamp - robot stamp to begin with, s.
-        near: A nearby solution to start from; None searches all rotations.
+        start: IMU stamp - robot stamp, s, from which all rotations are searched, or a nearby
+            solution.
         table: Of unknowns.
         rough: Whether to stop when steps hardly reduce the residuals: wrong models never settle.
 
@@ -238,10 +237,10 @@ def lean_fit(
         InputError: The streams overlap for too few windows.
     """
     model = Model(windowing, lay_out(windowing.trajectory, options, table))
-    if near is None:
-        state, rise = _globally(windowing, options, time_offset, model.layout)
+    if isinstance(start, Fit):
+        state, rise = transferred(start, model.layout, options), start.runner_up_rise
     else:
-        state, rise = transferred(near, model.layout, options), near.runner_up_rise
+        state, rise = _globally(windowing, options, start, model.layout)
     return _fitted(model, options, state, rise, more=1, rough=rough)
 
 

@@ -31,7 +31,7 @@ class NormalEquations(Struct, frozen=True, eq=False):
     information: Floats
     """(n, n), J'J of the whitened rows."""
     score: Floats
-    """(n,), J'e."""
+    """(n,), J'e, with e predicted less measured: a step lowers the cost against it."""
     noise: Floats
     """(n, n), covariance of the score for the noise's own spectrum."""
     level: float
@@ -149,6 +149,7 @@ def admitted(state: State, layout: Layout, options: MatchedOptions) -> State:
 def prior_offset(layout: Layout, options: MatchedOptions, state: State) -> Floats:
     """(n,), distance of each component from the mean of its prior."""
     offset = np.array(state.x)
+    # Where nothing is stated, a prior is about the state itself, and only limits the step.
     clock = layout.part("time_offset")
     offset[clock] = 0.0 if options.time_offset is None else state.x[clock] - options.time_offset
     for each, gravity in layout.of(Gravity):

@@ -104,6 +104,7 @@ def calibration(
         root = unit[:, None] * axes * np.sqrt(np.maximum(powers, 0.0))
         shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
         root = root @ turn
+        # J becomes J (I - A^-1 N), with N = root root' the noise in A.
         no_more_than_all = root / np.maximum(shares, 1.0)
         T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
     return T, T[1:, 1:] @ score
@@ -134,11 +135,11 @@ def _of_columns(
             (of_base, windowing.base_noise, base),
         ),
     ):
-        level = grid.level[sensor]
+        mean = grid.mean_reading[sensor]
         found = [
             (each.part, response)
             for each, effect in errors
-            if effect.sensor == name and (response := effect.own_response(nodes.dt, level)).any()
+            if effect.sensor == name and (response := effect.own_response(nodes.dt, mean)).any()
         ]
         if not found:
             continue
@@ -162,9 +163,11 @@ def _of_columns(
         in_residual = np.fft.rfft(np.pad(plain, margin), length) * root
         places = places_of(part for part, _ in found)
         left = in_residual - np.tensordot(x[places], in_columns, axes=1)
-        # As in the rows: these columns contain the residual, whose noise has the other sign.
-        in_columns[np.isin(places, layout.unit)] -= left / 3.0
+        # A reading enters its residual with the other sign than its column: ``left`` is minus the
+        # noise of the residual, which the columns of the unit contain too.
+        in_columns[np.isin(places, layout.accel_scale)] -= left / 3.0
         flat = in_columns.reshape(len(places), -1).view(np.float64)
+        # No column responds to noise of both sensors.
         on_information[np.ix_(places, places)] = flat @ flat.T
         on_score[places] = -(flat @ left.ravel().view(np.float64))
     return on_information, on_score
@@ -201,10 +204,10 @@ def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
     """
     dt = model.windowing.grid.dt
     turn = np.exp(-2j * np.pi * dt * np.outer(np.arange(7) - 3, frequency))
-    left, levels = np.ones((2, 3, len(frequency)), complex), model.windowing.grid.level
+    left, means = np.ones((2, 3, len(frequency)), complex), model.windowing.grid.mean_reading
     for each, effect in model.layout.of(Reading):
         sensor = SENSORS.index(effect.sensor)
-        response = effect.own_response(dt, levels[sensor])
+        response = effect.own_response(dt, means[sensor])
         left[sensor] -= np.tensordot(x[each.part], response, axes=1) @ turn
     return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), _LEAST_LEFT))
 

@@ -154,6 +154,7 @@ class Problem(Struct, frozen=True, kw_only=True, eq=False, dict=True):
             if SCALES[name].one_gross and len(members) >= _ENOUGH:
                 at, (low, high) = u[index], self.bounds[index]
                 share = _Share.of(self.offset + step, inverse, members, at)
+                # In a system of one quality it may be below its own limit.
                 found[members] = share.rises_by_one_gross(
                     np.maximum(at - _SMALLER, min(at, low)), high
                 )

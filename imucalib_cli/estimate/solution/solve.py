@@ -14,7 +14,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.estimate.model.state import turned_about
 from imucalib_cli.estimate.unknowns import LEAN
 from imucalib_cli.robot.rotations import (
@@ -35,7 +35,7 @@ SAME_ROTATION = 0.02
 """rad: rotations closer than this are one minimum; noise moves it by a tenth of that."""
 WEAKEST_STD = {each.name: each.std for each in LEAN}
 """Keeps from running away what the motion does not determine."""
-_V = np.r_[columns.ONE, np.arange(columns.COUNT)[columns.R]]
+_V = np.r_[lean_columns.ONE, np.arange(lean_columns.COUNT)[lean_columns.R]]
 """Columns of v."""
 _GENERATORS = skew(np.eye(3))
 """[e_x]x, [e_y]x, [e_z]x: d(exp([phi]x) R) = [e]x R."""
@@ -60,17 +60,17 @@ class Known(Struct, frozen=True, eq=False):
         """Translate the options."""
         nothing = np.eye(3), np.zeros(3), np.full(6, np.inf)
         R, t, pose_std = options.known_pose or nothing
-        std, mean = np.full(columns.COUNT, np.inf), np.zeros(columns.COUNT)
+        std, mean = np.full(lean_columns.COUNT, np.inf), np.zeros(lean_columns.COUNT)
         for name, part, given in (
-            ("translation", columns.T, pose_std[:3]),
-            ("accel_bias", columns.BA, options.accel_bias_std),
-            ("gyro_bias", columns.BG, options.gyro_bias_std),
+            ("translation", lean_columns.T, pose_std[:3]),
+            ("accel_bias", lean_columns.BA, options.accel_bias_std),
+            ("gyro_bias", lean_columns.BG, options.gyro_bias_std),
         ):
             std[part] = np.minimum(given, WEAKEST_STD[name])
         norm = options.gravity_norm if options.has_gravity else 0.0
         tilts = options.gravity == "tilt" and options.has_gravity
-        std[columns.G] = norm * options.tilt_std if tilts else 0.0
-        mean[columns.T], mean[columns.G] = t, (0.0, 0.0, -norm)
+        std[lean_columns.G] = norm * options.tilt_std if tilts else 0.0
+        mean[lean_columns.T], mean[lean_columns.G] = t, (0.0, 0.0, -norm)
         return cls(std, mean, pose_std[3:], R, norm)
 
     @property
@@ -82,8 +82,8 @@ class Known(Struct, frozen=True, eq=False):
         """The same with gravity held in a direction, of its own magnitude."""
         std, mean = self.std.copy(), self.mean.copy()
         size = float(np.linalg.norm(gravity))
-        if std[columns.G].any() and size > 0.0:
-            mean[columns.G], std[columns.G] = gravity * (self.gravity_norm / size), 0.0
+        if std[lean_columns.G].any() and size > 0.0:
+            mean[lean_columns.G], std[lean_columns.G] = gravity * (self.gravity_norm / size), 0.0
         return replace(self, std=std, mean=mean)
 
 
@@ -110,8 +110,8 @@ def solve_globally(normal: Floats, known: Known) -> Solution:
     relaxed = nearest_rotation(_least_squares(S[1:, 1:], S[1:, :1]).reshape(3, 3))
     rotations = np.array([relaxed, *(cube_rotations() @ known.R)])
     rotations = turned_about(rotations, known.R, known.turns)
-    starts = np.zeros((len(rotations), columns.COUNT))
-    starts[:, columns.ONE], starts[:, columns.R] = 1.0, rotations.reshape(-1, 9)
+    starts = np.zeros((len(rotations), lean_columns.COUNT))
+    starts[:, lean_columns.ONE], starts[:, lean_columns.R] = 1.0, rotations.reshape(-1, 9)
     found = refine(normal, known, starts)
     order = np.argsort(found.cost)
     best, R = order[0], found.R[order]
@@ -168,10 +168,10 @@ def _eliminated(normal: Floats, known: Known) -> tuple[Floats, Floats]:
     """All columns as linear functions of v, (COUNT, 10), and the cost's form in v, (10, 10)."""
     information, held = _precision(known.std), known.std == 0.0
     N = normal + np.diag(information)
-    N[columns.ONE] -= information * known.mean
-    N[:, columns.ONE] -= information * known.mean
-    N[columns.ONE, columns.ONE] += information @ known.mean**2
-    back = np.zeros((columns.COUNT, len(_V)))
+    N[lean_columns.ONE] -= information * known.mean
+    N[:, lean_columns.ONE] -= information * known.mean
+    N[lean_columns.ONE, lean_columns.ONE] += information @ known.mean**2
+    back = np.zeros((lean_columns.COUNT, len(_V)))
     back[_V, np.arange(len(_V))] = 1.0
     back[held, 0] = known.mean[held]
     moving = np.setdiff1d(np.flatnonzero(~held), _V)

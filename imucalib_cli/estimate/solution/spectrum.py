@@ -142,13 +142,13 @@ class Statistics(Struct, frozen=True, eq=False):
         """Statistics of [e J] T', with the noise's part of their score."""
         return replace(
             self,
-            normal=turned(self.normal, T),
+            normal=congruence(self.normal, T),
             calibration=T,
             noise_score=noise_score,
         )
 
     def levels(self, step: Floats, covariance: Floats) -> Floats:
-        """Noise level in each band, (2, bands), after a step (n,); 1 is white noise of the scale.
+        """Noise level in each band, (2, bands), after a step (n,); alike if the noise is white.
 
         The covariance (n, n) of the solution says how much the unknowns took of each band.
         """
@@ -177,7 +177,7 @@ class Statistics(Struct, frozen=True, eq=False):
         return accel, gyro
 
 
-def turned(matrices: Floats, T: Floats) -> Floats:
+def congruence(matrices: Floats, T: Floats) -> Floats:
     """T A T' of matrices A (..., n, n); most rows of T are those of the identity."""
     rows = np.flatnonzero((np.eye(len(T)) != T).any(axis=1))
     found = matrices.copy()

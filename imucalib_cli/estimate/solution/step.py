@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.estimate.effects import Reading
 from imucalib_cli.estimate.model.jacobian import columns
-from imucalib_cli.estimate.model.state import Chain, mean_force_of_base
+from imucalib_cli.estimate.model.reckoned_base import mean_force_of_base, reckoned_base
 from imucalib_cli.estimate.model.windows import COMMON_IMU
 from imucalib_cli.estimate.solution.algebra import embedded, symmetric
 from imucalib_cli.estimate.solution.normal_equations import NormalEquations, prior_offset
@@ -20,9 +20,9 @@ from imucalib_cli.estimate.solution.scales import Problem, most_likely
 from imucalib_cli.estimate.solution.spectrum import (
     Statistics,
     band_frequencies,
+    congruence,
     part_matrices,
     statistics,
-    turned,
 )
 from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.kernels import second_derivative_gain
@@ -76,10 +76,11 @@ class Linearised(Struct, frozen=True, eq=False):
     def rows(self) -> Iterator[tuple[slice, Floats]]:
         """Whitened [e J] of windows, (w, 6, n + 1)."""
         whitening = self.whitening
-        unit, values = self.model.layout.unit, self.residuals.values
+        unit, values = self.model.layout.accel_scale, self.residuals.values
         for part, J in columns(self.model, self.at, self.centres):
             # Residuals count in the unit of the readings: with smaller lengths and forces they
-            # would be smaller, and a small unit of length would seem to fit better.
+            # would be smaller, and a small unit of length would seem to fit better. The three
+            # axes share it: the unit changes as their mean does.
             J[:, :3, unit] += values[part, :3, None] / 3.0
             rows = np.concatenate([values[part, :, None], J], axis=2)
             rows *= whitening[part, :, None]
@@ -94,7 +95,7 @@ class Linearised(Struct, frozen=True, eq=False):
         matrices = part_matrices(self.centres, self.rows(), self.model.layout.size + 1)
         total = matrices.sum(axis=0)
         T, noise_score = self.calibration(total)
-        return turned(total, T), matrices[:, 1:, 0] @ T[1:, 1:].T, noise_score
+        return congruence(total, T), matrices[:, 1:, 0] @ T[1:, 1:].T, noise_score
 
     def calibration(self, total: Floats) -> tuple[Floats, Floats]:
         """:func:`calibration` of its columns, whose sum of [e J]' [e J] is ``total``."""
@@ -114,6 +115,7 @@ def linearised(
     """Windows about a state, whose residuals are known; ``noise`` is None at the first one."""
     windowing, own = model.windowing, residual_scales(residuals.values)
     scales = np.maximum(own, SCALE_FLOOR)
+    # In the scales, the least noise that is believed.
     least_level = min(1.0, float(((SCALE_FLOOR / own) ** 2).min()))
     if noise is None:  # poses that were computed with the IMU have less noise than its readings
         of_readings = windowing.noise * np.sqrt(windowing.grid.refine)
@@ -179,6 +181,7 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
         u = most_likely(problem, u)
         step, inverse = problem.solve(u)
         move = embedded(step, layout.free)
+        # The sums are not divided by the level, of which the inverse is in units.
         levels = stats.levels(move, embedded(inverse, layout.free) / level)
         left = levels * to_power[:, None]
         noise = NoiseSpectrum.of(model, state.x + move, at.frequency, left, stats.passed)
@@ -199,7 +202,7 @@ def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, round
 def gravity_by_base(model: Model, state: State, options: MatchedOptions) -> Floats:
     """[e J]' [e J] (n + 1, n + 1) of the base IMU's mean force, which is gravity's, over noise."""
     layout = model.layout
-    base = Chain.of(model.windowing.trajectory, layout, state).base
+    base = reckoned_base(model.windowing.trajectory, layout, state.x)
     if base is None or options.gravity_norm <= 0.0:
         return np.zeros((layout.size + 1,) * 2)
     placed = ((each.part, reading) for each, reading in layout.of_base(Reading))
@@ -211,8 +214,8 @@ def gravity_by_base(model: Model, state: State, options: MatchedOptions) -> Floa
 def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     """Information (n, n) for residuals of a common IMU, or their own if larger.
 
-    Noise in a regressor looks like motion: that of the measurements for the rotation, that of the
-    encoders for the lever arm. Twice its expected share is subtracted.
+    Noise in a regressor looks like motion: for the rotation that of the residuals, for the lever
+    arm that of the encoders. Twice its expected share is subtracted.
     """
     layout, windowing = model.layout, model.windowing
     taken = np.maximum(scales, COMMON_IMU)

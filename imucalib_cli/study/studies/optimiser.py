@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.estimate.model import columns
+from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.estimate.model.windows import Windowing, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, PaperOptions, WindowChoice
 from imucalib_cli.estimate.solution.robust import residual_scales
@@ -212,7 +212,7 @@ class OptimiserStudy(Conditioned):
         normal = windows.normal_matrix(np.array(_FIRST_SCALES) / gains, np.ones(len(centres)))
         x = solve_globally(normal, known).x
         accel, gyro = residual_scales(np.concatenate(windows.residuals(x), axis=1))
-        matched = matched_cost(windows, x[columns.G], accel / gains[0], gyro / gains[1])
+        matched = matched_cost(windows, x[lean_columns.G], accel / gains[0], gyro / gains[1])
         seconds = between - begun, time.perf_counter() - between
         return {"published": (published, seconds[0]), "matched": (matched, seconds[1])}
 
