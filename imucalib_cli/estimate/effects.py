@@ -109,6 +109,8 @@ class JointMotion(Struct, frozen=True, eq=False, dict=True):
     """(M,), smoothed over some samples, as ``change``."""
     change: Floats
     """(M,), of the rate, rad/s² or m/s²."""
+    side: Floats
+    """(M,), -1 to 1, sign of the last motion."""
     load: Floats
     """(M,), Nm/kg (model/loads.py); anything for a curve that is not loaded."""
 

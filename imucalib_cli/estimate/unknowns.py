@@ -47,9 +47,6 @@ if TYPE_CHECKING:
 
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
 
-PLAY_RATE: Final = 0.01
-"""rad/s or m/s: a slower joint does not surely touch one side of its teeth."""
-
 # Matrices M of vectors v @ M, one for each component of an error.
 _ALIKE: Final = np.eye(3)[None]
 """All axes alike."""
@@ -540,8 +537,8 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_play",
         healthy=0.005,
-        effect=JointCurve(lambda m: np.tanh(m.rate / PLAY_RATE)[None]),
-        words="play of a joint, to either side with its motion",
+        effect=JointCurve(lambda m: m.side[None]),
+        words="play of a joint, to the side of its last motion",
     ),
     Unknown(
         name="joint_sag",

@@ -28,6 +28,8 @@ from imucalib_cli.signals.timing.stamps import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from numpy.typing import NDArray
+
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.robot.path import KinematicPath, PoseStep, Track, TrackKind
     from imucalib_cli.signals.grid import ImuGrid
@@ -37,6 +39,8 @@ _BLOCK = 1 << 15
 """Instants whose poses are computed at once."""
 _RATE_SECONDS = 0.02
 """s: half the span of the differences for rates; long compared with an encoder's steps."""
+_TOUCHES = 0.01
+"""rad/s or m/s: a slower joint does not surely touch one side of its teeth."""
 _HELD = 0.5
 """Share of repeated rows in fast motion above which the publisher holds its values. Tuned."""
 _TURN = 2.0 * np.pi
@@ -69,6 +73,22 @@ class CleanTrack(Struct, frozen=True, eq=False, dict=True):
     def breaks(self) -> Indices:
         """Indices of the first samples after each gap."""
         return gap_breaks(self.t)
+
+    @cached_property
+    def reach(self) -> int:
+        """Samples on either side by which rates are taken."""
+        return max(round(_RATE_SECONDS / self.interval), 1)
+
+    @cached_property
+    def sides(self) -> NDArray[np.int8]:
+        """(N, J), sign of the last motion, 0 before the first: at rest play stays on its side."""
+        found = np.zeros(self.values.shape, np.int8)
+        for side, values in zip(found.T, self.values.T, strict=True):  # one by one, to save memory
+            rates = _rates(self.t, values, self.reach)
+            moves = np.abs(rates) > _TOUCHES
+            last = np.maximum.accumulate(np.where(moves, np.arange(len(rates)), 0))
+            side[:] = np.where(moves, np.sign(rates), 0.0)[last]
+        return found
 
     def on_ticks(self) -> CleanTrack:
         """The track on its constant-rate clock, if it has one."""
@@ -216,6 +236,8 @@ class TrackMotion(NamedTuple):
     rates: tuple[Floats, ...]
     changes: tuple[Floats, ...]
     """Of the rates."""
+    sides: tuple[Floats, ...]
+    """-1 to 1, as :attr:`CleanTrack.sides`."""
 
 
 class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
@@ -328,16 +350,11 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
 
     def motion(self, t: Floats) -> TrackMotion:
         """How each track moves at instants (M,), s."""
-        found = [_motion(track, self._reach(index), t) for index, track in enumerate(self._used)]
-        return TrackMotion(*(tuple(each[kind] for each in found) for kind in range(3)))
-
-    def _reach(self, index: int) -> int:
-        """Samples of a track on either side by which its rates are taken."""
-        return max(round(_RATE_SECONDS / self.tracks[index].interval), 1)
+        return TrackMotion(*zip(*(_motion(track, t) for track in self._used), strict=True))
 
     def change_gain(self, index: int, frequency: Floats) -> Floats:
         """(F,), 1/s²: changes of a track's rates over its values, at frequencies (F,), Hz."""
-        reach = self._reach(index) * self.tracks[index].interval
+        reach = self.tracks[index].reach * self.tracks[index].interval
         return np.asarray(-((np.sin(2.0 * np.pi * frequency * reach) / reach) ** 2))
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
@@ -354,16 +371,24 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
         return sum(len(track.breaks) for track in self._used)
 
 
-def _motion(track: CleanTrack, reach: int, t: Floats) -> tuple[Floats, ...]:
-    """Values, rates and their changes, by differences over ``reach`` samples on either side."""
+def _rates(t: Floats, values: Floats, reach: int) -> Floats:
+    """(N, ...), by differences over ``reach`` samples on either side, fewer at the ends."""
+    index = np.arange(len(t))
+    later, earlier = np.minimum(index + reach, len(t) - 1), np.maximum(index - reach, 0)
+    return np.asarray(((values[later] - values[earlier]).T / (t[later] - t[earlier])).T)
+
+
+def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """What a :class:`TrackMotion` has of a track."""
     first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
-    around = 2 * reach + MIN_TRACK_SAMPLES
+    around = 2 * track.reach + MIN_TRACK_SAMPLES
     part = slice(max(first - around, 0), min(last + around, len(track.t)))
-    stamps, values, index = track.t[part], track.values[part], np.arange(len(track.t[part]))
-    later, earlier = np.minimum(index + reach, len(index) - 1), np.maximum(index - reach, 0)
-    took = (stamps[later] - stamps[earlier])[:, None]
-    rates = (values[later] - values[earlier]) / took
-    changes = (rates[later] - rates[earlier]) / took
+    stamps, values = track.t[part], track.values[part]
+    rates = _rates(stamps, values, track.reach)
+    changes = _rates(stamps, rates, track.reach)
     breaks = track.breaks[(track.breaks > part.start) & (track.breaks < part.stop)] - part.start
     found = lagrange(stamps, np.hstack([values, rates, changes]), t, breaks=breaks)
-    return tuple(np.split(found, 3, axis=1))
+    # No polynomial, which a step would make swing.
+    sides = np.stack([np.interp(t, stamps, each) for each in track.sides[part].T], axis=1)
+    values, rates, changes = np.split(found, 3, axis=1)
+    return values, rates, changes, sides

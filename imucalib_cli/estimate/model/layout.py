@@ -58,8 +58,8 @@ class Joint(Struct, frozen=True, eq=False):
 
     def of(self, motion: TrackMotion, loads: Mapping[str, Floats]) -> JointMotion:
         """Its part of the motion of all tracks."""
-        q, rate, change = (each[self.track][:, self.column] for each in motion)
-        return JointMotion(q, rate, change, loads.get(self.name, rate))
+        q, rate, change, side = (each[self.track][:, self.column] for each in motion)
+        return JointMotion(q, rate, change, side, loads.get(self.name, rate))
 
 
 class Placed(Struct, frozen=True, eq=False):
@@ -359,7 +359,8 @@ class _Chain:
                 whole = origin.what == "translation" or of_stream
                 own = np.eye(3) if whole else self._not_of_joints(index, step)
                 # Behind the last that moves nothing turns, and all of it looks like the mount.
-                directions = self._turning(index, own) if index < self._last else own
+                turns = origin.what == "rotation"
+                directions = self._seen(index, own, turns=turns) if index < self._last else own
                 if len(directions):
                     yield index, directions, step.R
 
@@ -390,9 +391,17 @@ class _Chain:
         *_, directions = np.linalg.svd(np.stack([*axes, np.zeros(3)]))
         return _towards_axes(directions[len(axes) :])
 
-    def _turning(self, step: int, among: Floats) -> Floats:
-        """(k, 3), directions at a step that turn in the parent link; others are the mount's."""
-        seen = np.swapaxes(self._frames[-1][0], 1, 2) @ self._frames[step][0] @ among.T
+    def _seen(self, step: int, among: Floats, *, turns: bool) -> Floats:
+        """(k, 3), directions at a step that are not constant in the parent link, or turn its place.
+
+        Others are the mount's.
+        """
+        (R, p), (_, behind) = self._frames[-1], self._frames[step + 1]
+        back = np.swapaxes(R, 1, 2)
+        seen = back @ self._frames[step][0] @ among.T
+        if turns:  # also where a wrist keeps its link level, the lever to it turns
+            arm = back @ (p - behind)[:, :, None]
+            seen = np.concatenate([seen, cross(seen, arm, -2)], axis=1)
         seen = seen - seen.mean(axis=0)
         values, vectors = np.linalg.eigh(np.einsum("mij,mik->jk", seen, seen) / len(seen))
         kept = values > _CONSTANT
