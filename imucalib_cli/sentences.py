@@ -259,9 +259,9 @@ CAUSES: dict[str, str] = {
     "link": "the IMU moves like {any}[ (rigidly joined: {joined})], not like {nominal} (…): rerun "
     "with --parent {parents}; if --parent was not given, also correct the frame_id or the URDF's "
     "joint that holds the IMU",
-    "sign": "joint {first} turns opposite to the URDF: its axis has the wrong sign "
+    "sign": "joint {first} moves opposite to the URDF: its axis has the wrong sign "
     "(…): reverse <axis> in the URDF, or the sign of these positions in their publisher",
-    "sign.several": "joints {all} turn opposite to the URDF: their axes have the "
+    "sign.several": "joints {all} move opposite to the URDF: their axes have the "
     "wrong sign (…): reverse <axis> in the URDF, or the sign of these positions in their "
     "publisher",
     "order": "the positions of {all} are exchanged in {topic}[ ({how:order})] (…): " + _REORDER,

@@ -43,9 +43,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from imucalib_cli.arrays import Floats
+    from imucalib_cli.estimate.effects import JointMotion
     from imucalib_cli.signals.samples import Sensor
 
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
+
+PLAY_RATE: Final = 0.01
+"""rad/s or m/s: a slower joint does not surely touch one side of its teeth."""
 
 # Matrices M of vectors v @ M, one for each component of an error.
 _ALIKE: Final = np.eye(3)[None]
@@ -166,6 +170,12 @@ def _second_derivative(values: Floats, dt: float) -> Floats:
 
 def _derivative(values: Floats, dt: float) -> Floats:
     return with_ends((values[2:] - values[:-2]) / (2.0 * dt))
+
+
+def _on_the_side(motion: JointMotion) -> Floats:
+    """(2, M), sign of the motion, and that of the last one where there is none."""
+    moving = np.tanh(motion.rate / PLAY_RATE)
+    return np.stack([moving, motion.side - moving])
 
 
 def _swayed(samples: Samples, matrices: Floats) -> Floats:
@@ -537,8 +547,9 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_play",
         healthy=0.005,
-        effect=JointCurve(lambda m: m.side[None]),
-        words="play of a joint, to the side of its last motion",
+        effect=JointCurve(_on_the_side),
+        labels=("moving", "at rest"),
+        words="play of a joint, to the side of its motion, and at rest to that of the last one",
     ),
     Unknown(
         name="joint_sag",

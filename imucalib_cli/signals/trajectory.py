@@ -39,8 +39,8 @@ _BLOCK = 1 << 15
 """Instants whose poses are computed at once."""
 _RATE_SECONDS = 0.02
 """s: half the span of the differences for rates; long compared with an encoder's steps."""
-_TOUCHES = 0.01
-"""rad/s or m/s: a slower joint does not surely touch one side of its teeth."""
+_MOVES = 0.01
+"""rad/s or m/s: beyond the steps of usual encoders over these differences."""
 _HELD = 0.5
 """Share of repeated rows in fast motion above which the publisher holds its values. Tuned."""
 _TURN = 2.0 * np.pi
@@ -85,7 +85,7 @@ class CleanTrack(Struct, frozen=True, eq=False, dict=True):
         found = np.zeros(self.values.shape, np.int8)
         for side, values in zip(found.T, self.values.T, strict=True):  # one by one, to save memory
             rates = _rates(self.t, values, self.reach)
-            moves = np.abs(rates) > _TOUCHES
+            moves = np.abs(rates) > _MOVES
             last = np.maximum.accumulate(np.where(moves, np.arange(len(rates)), 0))
             side[:] = np.where(moves, np.sign(rates), 0.0)[last]
         return found

@@ -247,6 +247,16 @@ def test_clock_step_is_in_sigma_of_partly_fixed_pose() -> None:
     np.testing.assert_array_less(0.5 * solve(stepped).sigma[3:], part.sigma[3:])
 
 
+@pytest.mark.parametrize(("step", "told"), [(0.0, True), (2e-3, False)])
+def test_shift_by_the_rounding_of_stamps_is_no_clock_that_is_set(step: float, *, told: bool) -> None:
+    """As a rate that is a little off drifts against stamps that are rounded to ``step``."""
+    log = make_log(OTHER).noisy(1, "industrial")
+    stamps = np.where(log.imu.t > 14.0, log.imu.t + 2e-3, log.imu.t)
+    found = solve(log.with_imu(np.round(stamps / step) * step if step else stamps))
+    assert ("change.clock" in found.codes) == told
+    assert found.covered
+
+
 @BOTH_GRADES
 def test_slow_turn_of_the_mount_is_a_drift_and_no_step(grade: str) -> None:
     """The pose is that of the middle of the log, and sigma covers both ends."""

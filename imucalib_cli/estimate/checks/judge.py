@@ -30,7 +30,7 @@ from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warni
 from imucalib_cli.signals.noise import deviation_from_neighbours
 from imucalib_cli.signals.samples import SENSORS, STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold, stretches_of
-from imucalib_cli.signals.timing.stamps import sample_interval
+from imucalib_cli.signals.timing.stamps import rounding, sample_interval
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -360,7 +360,7 @@ def _parts(evidence: Evidence) -> Iterator[Finding]:
 def _changed(evidence: Evidence) -> Iterator[Finding]:
     """An instant at which mount, clock or bias changed, or a drift of the pose."""
     change = evidence.change
-    if change is None:
+    if change is None or _is_rounding(evidence, change):
         return
     lengths, size, values = lengths_of(change.moves_pose), change.size, dict[str, Any]()
     if change.kind in {"mount", "drift"}:
@@ -378,6 +378,15 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
     matters = beyond_sigma(evidence.fit, change.moves_pose).reshape(2, 3).any(axis=1)
     make = untrusted if (slipped & matters).any() else warning
     yield make(f"change.{change.kind}", **values)
+
+
+def _is_rounding(evidence: Evidence, change: Change) -> bool:
+    """Whether a clock seems to be set because a stream's rate drifts against its rounded stamps."""
+    tracks = evidence.fit.model.windowing.trajectory.tracks
+    streams = (evidence.attempt.clean.samples.t, *(track.t for track in tracks))
+    if change.kind != "clock" or (step := max(map(rounding, streams))) == 0.0:
+        return False
+    return bool(abs(change.size[0]) - WARN_SIGMAS * change.std[0] <= step)
 
 
 def _only_part(fit: Fit, change: Change) -> Literal["before", "after", "none"] | None:

@@ -34,6 +34,9 @@ BUNCHED = 0.05
 """Share of short intervals from which stamps count as bunched; rare hiccups do not. Tuned."""
 _SPAN = 128
 """Samples over which the usual interval is computed: many bursts, few gaps."""
+_ROUNDED = 0.01
+"""Share of intervals that differ if stamps are rounded to a part of the interval: at an exact rate
+none do, but where a clock is set."""
 _LEAST_INTERVAL = 1e-9
 """s, the resolution of stamps."""
 
@@ -152,6 +155,14 @@ def usual_interval(t: Floats, *, robust: bool = False) -> float:
     median = float(np.median(took))
     near = took[np.abs(took) <= 1.5 * max(median, _LEAST_INTERVAL)]
     return max((median if robust or not len(near) else float(near.mean())) / span, _LEAST_INTERVAL)
+
+
+def rounding(t: Floats) -> float:
+    """Step to which stamps are rounded, s; 0 where they are not."""
+    steps = np.diff(np.round(t / _LEAST_INTERVAL).astype(np.int64))
+    step = float(np.gcd.reduce(steps)) * _LEAST_INTERVAL
+    differ = float(np.mean(steps != np.median(steps)))
+    return step if step > EXACT_SECONDS and differ > _ROUNDED else 0.0
 
 
 def sample_interval(t: Floats) -> float:
