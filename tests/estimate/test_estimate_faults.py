@@ -248,7 +248,9 @@ def test_clock_step_is_in_sigma_of_partly_fixed_pose() -> None:
 
 
 @pytest.mark.parametrize(("step", "told"), [(0.0, True), (2e-3, False)])
-def test_shift_by_the_rounding_of_stamps_is_no_clock_that_is_set(step: float, *, told: bool) -> None:
+def test_shift_by_the_rounding_of_stamps_is_no_clock_that_is_set(
+    step: float, *, told: bool
+) -> None:
     """As a rate that is a little off drifts against stamps that are rounded to ``step``."""
     log = make_log(OTHER).noisy(1, "industrial")
     stamps = np.where(log.imu.t > 14.0, log.imu.t + 2e-3, log.imu.t)

@@ -6,7 +6,7 @@ which other tests compare with pinocchio's truth.
 
 import math
 import pickle
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -305,6 +305,38 @@ def test_axis_errors_are_those_that_no_zero_replaces() -> None:
         assert isinstance(joint, JointStep)
         assert isinstance(step, FixedStep)
         np.testing.assert_allclose(each.directions @ step.R @ joint.axis, 0.0, atol=1e-12)
+
+
+def test_axis_of_an_arm_that_keeps_its_wrist_level_is_not_hidden() -> None:
+    """To the parent link its turn is constant, and a turn of the mount, but its lever turns."""
+    t = np.arange(0.0, 10.0, 0.01)
+    q = np.sin(np.outer(t, [0.9, 1.3, 1.7, 2.1]))
+    names = ("j1", "j2", "j3", "j5")
+
+    def joint(name: str, axis: Sequence[float], column: int, multiplier: float = 1.0) -> JointStep:
+        turn: dict[str, Any] = {"track": 0, "column": column, "multiplier": multiplier}
+        return JointStep(name=name, kind="revolute", axis=np.array(axis), **turn)
+
+    def link(*place: float) -> FixedStep:
+        return FixedStep(R=np.eye(3), p=np.array(place))
+
+    steps = (
+        joint("j1", (0.0, 0.0, 1.0), 0),
+        link(0.3, 0.0, 0.1),
+        joint("j2", (0.0, 1.0, 0.0), 1),
+        link(0.0, 0.0, 1.0),
+        joint("j3", (0.0, 1.0, 0.0), 2),
+        link(1.1, 0.0, 0.0),
+        joint("j4", (0.0, 1.0, 0.0), 2, -1.0),
+        link(0.2, 0.0, -0.1),
+        joint("j5", (0.0, 0.0, 1.0), 3),
+    )
+    track = Track(name="/joint_states", kind="joints", t=t, values=q, names=names)
+    path = KinematicPath(world="base", parent="flange", steps=steps, tracks=(track,))
+    layout = lay_out(Trajectory.of(path), MatchedOptions())
+    found = {label for each in owners(layout, Origin)["joint_axis"] for label in each.labels}
+    assert "j3 z" in found
+    assert "j5 z" not in found  # its zero
 
 
 def test_moving_base_makes_first_joint_zero_observable() -> None:

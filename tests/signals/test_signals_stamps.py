@@ -10,6 +10,7 @@ from imucalib_cli.signals.timing.stamps import (
     constant_rate_ticks,
     gap_breaks,
     longest_step,
+    rounding,
     tidy_rows,
 )
 
@@ -204,3 +205,14 @@ def test_lossy_or_slow_stream_is_not_missing() -> None:
     lossy = T[rng.random(len(T)) < 0.5]
     slow = T[::100]  # 1 Hz
     assert list(missing_parts({"/imu": lossy, "/tf": slow, "/odom": T[T < 57.0]})) == []
+
+
+@pytest.mark.parametrize(
+    ("rate", "step", "found"),
+    [(400.0, 1e-3, 1e-3), (90.0, 1e-4, 1e-4), (500.0, 1e-3, 0.0), (400.0, 0.0, 0.0)],
+)
+def test_step_of_rounded_stamps(rate: float, step: float, found: float) -> None:
+    """At a rate of which each interval is a multiple of the step there is none to see."""
+    t = 1.7e9 % 1e4 + np.arange(4000) / rate
+    t = np.round(t / step) * step if step else t + 1e-5 * np.random.default_rng(1).random(len(t))
+    assert rounding(t) == pytest.approx(found, abs=1e-9)
