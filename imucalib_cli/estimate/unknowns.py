@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.estimate.effects import JointMotion
     from imucalib_cli.signals.samples import Sensor
 
 Group = Literal["mount", "bias", "gravity", "offset", "sensor", "robot"]
@@ -170,12 +169,6 @@ def _second_derivative(values: Floats, dt: float) -> Floats:
 
 def _derivative(values: Floats, dt: float) -> Floats:
     return with_ends((values[2:] - values[:-2]) / (2.0 * dt))
-
-
-def _on_the_side(motion: JointMotion) -> Floats:
-    """(2, M), sign of the motion, and that of the last one where there is none."""
-    moving = np.tanh(motion.rate / PLAY_RATE)
-    return np.stack([moving, motion.side - moving])
 
 
 def _swayed(samples: Samples, matrices: Floats) -> Floats:
@@ -547,9 +540,9 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
         unit="rad",
         scale="joint_play",
         healthy=0.005,
-        effect=JointCurve(_on_the_side),
-        labels=("moving", "at rest"),
-        words="play of a joint, to the side of its motion, and at rest to that of the last one",
+        effect=JointCurve(lambda m: np.stack([np.tanh(m.rate / PLAY_RATE), m.side])),
+        labels=("returns", "stays"),
+        words="play of a joint, to the side of its motion; at rest it returns, or stays there",
     ),
     Unknown(
         name="joint_sag",

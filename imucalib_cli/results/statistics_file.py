@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 _WHAT: Final = "statistics of an imucalib result"
 _SCHEMA: Final = 2
-_ROOM: Final = 1_000_000
-"""Bytes for all matrices; parts are joined until they fit."""
+_ROOM: Final = 900_000
+"""Bytes for all matrices; parts are joined until they fit. The rest of a megabyte is for others."""
 _LARGEST: Final = 64 << 20
 """Bytes of all arrays of a file: fifty times the largest that is written."""
 _ROUNDING: Final = 1e-6

@@ -230,7 +230,7 @@ def changes(values: Floats) -> Indices:
 
 
 class TrackMotion(NamedTuple):
-    """Arrays (M, J) of each track; rates and changes are smoothed over some samples."""
+    """Arrays (M, J) of each track; all but the values are smoothed over some samples."""
 
     values: tuple[Floats, ...]
     rates: tuple[Floats, ...]
@@ -378,7 +378,7 @@ def _rates(t: Floats, values: Floats, reach: int) -> Floats:
     return np.asarray(((values[later] - values[earlier]).T / (t[later] - t[earlier])).T)
 
 
-def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, ...]:
     """What a :class:`TrackMotion` has of a track."""
     first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
     around = 2 * track.reach + MIN_TRACK_SAMPLES
@@ -386,9 +386,9 @@ def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, Floats, Floats, Float
     stamps, values = track.t[part], track.values[part]
     rates = _rates(stamps, values, track.reach)
     changes = _rates(stamps, rates, track.reach)
+    # Smoothed too, by the rate of their sum: columns are computed at nodes far apart.
+    so_far = np.cumsum(track.sides[part], axis=0, dtype=np.float64)
+    sides = _rates(np.arange(len(stamps), dtype=np.float64), so_far, track.reach)
     breaks = track.breaks[(track.breaks > part.start) & (track.breaks < part.stop)] - part.start
-    found = lagrange(stamps, np.hstack([values, rates, changes]), t, breaks=breaks)
-    # No polynomial, which a step would make swing.
-    sides = np.stack([np.interp(t, stamps, each) for each in track.sides[part].T], axis=1)
-    values, rates, changes = np.split(found, 3, axis=1)
-    return values, rates, changes, sides
+    found = lagrange(stamps, np.hstack([values, rates, changes, sides]), t, breaks=breaks)
+    return tuple(np.split(found, 4, axis=1))

@@ -201,10 +201,10 @@ def test_play_keeps_its_side_while_a_joint_rests() -> None:
     play = np.array([play_of(each, 3e-4) for each in track.values.T]).T
     reported = replace(track, values=track.values - play)
     found = solve_well(replace(log, path=replace(log.path, tracks=(reported,))))
-    moving, at_rest = found.parameter("joint_play")[0].reshape(-1, 2).T
-    # Of some joints other unknowns do the same.
-    assert at_rest.min() == pytest.approx(-3e-4, rel=0.2)
-    np.testing.assert_allclose(at_rest, moving, rtol=0.0, atol=3e-5)
+    (returns, stays), stds = (each.reshape(-1, 2).T for each in found.parameter("joint_play"))
+    assert (stays < -4.0 * stds[1]).all()
+    assert stays.min() == pytest.approx(-3e-4, rel=0.25)  # with others, a delay does the same
+    assert np.abs(returns).max() < 1e-5
 
 
 @pytest.mark.slow
