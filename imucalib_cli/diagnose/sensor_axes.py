@@ -89,9 +89,8 @@ def _free_matrix(rows: Floats, parts: list[slice]) -> Floats | None:
         return None
     score = (flat[:, which].T @ flat[:, lean_columns.ONE]) * scale
     x = -scale * (vectors @ ((vectors.T @ score) / values))
-    M = x[np.flatnonzero(np.isin(which, np.arange(lean_columns.COUNT)[lean_columns.R]))].reshape(
-        3, 3
-    )
+    of_rotation = np.arange(lean_columns.COUNT)[lean_columns.R]
+    M = x[np.isin(which, of_rotation)].reshape(3, 3)
     U, stretch, Vt = np.linalg.svd(M)
     if stretch[-1] <= 0.0 or stretch[0] > _STRETCHED * stretch[-1]:
         return None
