@@ -225,17 +225,14 @@ def _misfits(fit: Fit, offsets: Floats) -> Floats:
     left = np.stack([residuals(offset) for offset in offsets.tolist()], axis=-1)
     changes = (left - windows.residuals.values[:, :, None]) * windows.whitening[:, :, None]
     left *= windows.whitening[:, :, None]
-    scores = np.zeros((len(offsets), layout.size))
+    moved = np.zeros((len(offsets), layout.size))
     for part, rows in windows.rows():
         J = rows[:, :, 1:].reshape(-1, layout.size)
-        scores += changes[part].reshape(len(J), -1).T @ J
-    scores = equations.score + scores @ fit.statistics.calibration[1:, 1:].T
-    misfits = (left**2).sum(axis=(0, 1)) / equations.level
-    for index, score in enumerate(scores):
-        problem = replace(equations, score=score).problem(layout, fit.options)
-        others = problem.of(~clock[layout.free])
-        step, _ = others.solve(fit.u)
-        P = others.precision(fit.u)
-        gradient = others.score + P * others.offset
-        misfits[index] += P @ others.offset**2 + gradient @ step
-    return np.asarray(misfits)
+        moved += changes[part].reshape(len(J), -1).T @ J
+    moved = moved @ fit.statistics.calibration[1:, 1:].T / equations.level
+    others = equations.problem(layout, fit.options).of(~clock[layout.free])
+    _, inverse = others.solve(fit.u)
+    P = others.precision(fit.u)
+    gradients = others.score + P * others.offset + moved[:, layout.free & ~clock]
+    squares = (left**2).sum(axis=(0, 1)) / equations.level + P @ others.offset**2
+    return np.asarray(squares - ((gradients @ inverse) * gradients).sum(axis=1))
