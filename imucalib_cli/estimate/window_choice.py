@@ -133,9 +133,8 @@ class SeenNoise(Struct, frozen=True, kw_only=True):
     @classmethod
     def of(cls, rate_variance: float, windowing: Windowing, lever: float, std: float) -> SeenNoise:
         """By the variance that a fit leaves of the gyroscope's components in windows, (rad/s)²."""
-        left = max(rate_variance - _KNOWN * float(own_noise(windowing)[1]) ** 2, 0.0)
         return cls(
-            rotation=left / (first_derivative_gain(windowing.seconds) / 6.0),
+            rotation=rotation_noise(rate_variance, windowing),
             lever=lever,
             std=std,
             lever_power=lever_power(windowing.grid, windowing.trajectory),
@@ -184,6 +183,21 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
         else:
             position += float(variance[:3].sum()) * track.interval
     return 2.0 * trajectory.angle_noise, position  # each angle fills two units of |dR|²
+
+
+def rotation_noise(rate_variance: float, windowing: Windowing) -> float:
+    """s, as in :func:`kinematic_noise`, by which rates in windows vary, beyond the sensor's noise."""
+    left = max(rate_variance - _KNOWN * float(own_noise(windowing)[1]) ** 2, 0.0)
+    return left / (first_derivative_gain(windowing.seconds) / 6.0)
+
+
+def lever_noise(windowing: Windowing, rotation: float, scale: float) -> float:
+    """Information that noise in a window pretends on each component of the lever arm, whitened.
+
+    ``rotation``, s, is as in :func:`kinematic_noise`, ``scale`` the accelerometer's residuals', m/s².
+    """
+    per_axis = second_derivative_gain(windowing.seconds) * rotation / 3.0
+    return float(per_axis * (windowing.plan.noise_gains[0] / scale) ** 2)
 
 
 def lever_power(grid: ImuGrid, trajectory: Trajectory) -> float:

@@ -12,7 +12,7 @@ from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.windows import WINDOWS_PER_LENGTH
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, squared_distance
 from imucalib_cli.estimate.solution.scales import DECISIVE
-from imucalib_cli.estimate.solution.spectrum import PARTS
+from imucalib_cli.estimate.solution.spectrum import PARTS, part_numbers
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
@@ -249,14 +249,14 @@ class Segments:
             part = self._places(*names)
             if not len(part):
                 continue
-            wander = self._wander(part) if kind in _WALK else np.zeros((len(part),) * 2)
-            cut = self._likeliest_cut(part, wander)
+            usual = self._usual(kind, part)
+            cut = self._likeliest_cut(part, usual)
             if cut is None:
                 continue
-            parts = np.arange(len(self._A))
-            found = self._change(kind, part, (parts >= cut).astype(float), wander)
+            parts, expected = np.arange(len(self._A)), usual[cut]
+            found = self._change(kind, part, (parts >= cut).astype(float), expected)
             if kind == "mount":
-                drift = self._change("drift", part, (parts + 0.5) / len(parts) - 0.5, wander)
+                drift = self._change("drift", part, (parts + 0.5) / len(parts) - 0.5, expected)
                 found = found if found.evidence > drift.evidence + DECISIVE else drift
             best[kind] = found
         most = max((each.evidence for each in best.values()), default=0.0)
@@ -281,7 +281,7 @@ class Segments:
         left = own - np.swapaxes(cross, -1, -2) @ self._inverse @ cross
         return left, -(inverse_of(left) @ score[..., None])[..., 0]
 
-    def _likeliest_cut(self, part: Indices, wander: Floats) -> int | None:
+    def _likeliest_cut(self, part: Indices, usual: Floats) -> int | None:
         """Where a change explains most; None where it explains less than it costs everywhere."""
         least = max(_LEAST_SEGMENTS, math.ceil(_LEAST_WINDOWS * self._parts_in_window))
         cuts = slice(least, len(self._A) - least + 1)
@@ -297,7 +297,7 @@ class Segments:
         scale = np.sqrt(np.maximum(own, 1e-300))
         seen = np.linalg.eigvalsh(left / (scale[:, :, None] * scale[:, None, :]))[:, 0] >= 1e-6
         gain = np.zeros(len(seen))
-        gain[seen] = squared_distance(size[seen], inverse_of(left[seen]) + wander)
+        gain[seen] = squared_distance(size[seen], inverse_of(left[seen]) + usual[cuts][seen])
         gainful = gain > self._price(part)
         if self._loud:
             left_over = self._fit.statistics.normal[:, :, 0, 0].sum() / self._fit.equations.level
@@ -306,7 +306,7 @@ class Segments:
             return None
         return least + int(np.argmax(np.where(gainful, gain, 0.0)))
 
-    def _change(self, kind: Kind, part: Indices, weights: Floats, wander: Floats) -> Change:
+    def _change(self, kind: Kind, part: Indices, weights: Floats, usual: Floats) -> Change:
         """A change of some components, of which each part of the log has a share (P,)."""
         inverse, over = self._inverse, weights[:, None]
         cross = np.tensordot(weights, self._A[..., part], axes=1)
@@ -319,7 +319,7 @@ class Segments:
         b = self._b + self._A @ moved + over * (self._A[..., part] @ size)
         each = over * b[:, part] - b @ inverse @ cross
         scatter = C @ self._sum_of_squares(each) @ C * len(each) / (len(each) - 1.0)
-        C = _larger(scatter, C) + wander
+        C = _larger(scatter, C) + usual
         evidence = squared_distance(size, C) - self._price(part)
         std, seen = np.sqrt(np.diag(C)), self._fit.layout.free_pose
         pose = self._places("translation", "rotation")
@@ -360,7 +360,37 @@ class Segments:
             total += across + across.T
         return np.asarray(total)
 
-    def _wander(self, part: Indices) -> Floats:
+    def _usual(self, kind: Kind, part: Indices) -> Floats:
+        """(PARTS, k, k), covariance of a step before each part that is no change."""
+        usual = np.zeros((len(self._A), len(part), len(part)))
+        if kind in _WALK:
+            usual += self._walk(part)
+        elif kind == "mount":
+            shorter = self._shortening()
+            k = shorter.shape[1]
+            usual[:, :k, :k] = shorter[:, :, None] * shorter[:, None, :]
+        return usual
+
+    def _shortening(self) -> Floats:
+        """(PARTS, l), steps of the l free components of the lever arm by noise of the kinematics, m.
+
+        Noise looks like rotation without a lever arm: where the robot hardly moves, it is short.
+        """
+        fit, lever = self._fit, self._places("translation")
+        A, prior = self._A[:, lever][..., lever], self._P[np.ix_(lever, lever)]
+        windows = np.bincount(part_numbers(fit.windows.centres), fit.windows.weights, PARTS)
+        noise = fit.lever_noise / fit.equations.level * windows
+        free = fit.state.t[fit.layout.free_pose[:3]]
+
+        def shortened(A: Floats, noise: Floats) -> Floats:
+            steps = (inverse_of(A + prior) @ (noise[:, None] * free)[..., None])[..., 0]
+            return -np.clip(steps, -np.abs(free), np.abs(free))  # at most to nothing
+
+        from_here = (np.cumsum(each[::-1], axis=0)[::-1] for each in (A, noise))
+        so_far = (np.cumsum(each, axis=0) - each for each in (A, noise))
+        return shortened(*from_here) - shortened(*so_far)
+
+    def _walk(self, part: Indices) -> Floats:
         """Covariance of a step by the usual walk of a bias.
 
         Means of two halves of a random walk of S steps of variance q differ by S q / 3.

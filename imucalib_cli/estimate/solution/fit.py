@@ -40,7 +40,12 @@ from imucalib_cli.estimate.solution.step import (
     solved_step,
 )
 from imucalib_cli.estimate.unknowns import LEAN, SCALES, Unknown
-from imucalib_cli.estimate.window_choice import SeenNoise, kinematic_variance
+from imucalib_cli.estimate.window_choice import (
+    SeenNoise,
+    kinematic_variance,
+    lever_noise,
+    rotation_noise,
+)
 from imucalib_cli.robot.rotations import rotation_angle
 from imucalib_cli.signals.stretches import thinned
 
@@ -127,6 +132,13 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
             std=float(np.sqrt(moving.mean())) if len(moving) else np.inf,
         )
 
+    @property
+    def lever_noise(self) -> float:
+        """What all that the gyroscope leaves looks like: information of a window on a lever arm."""
+        windowing = self.model.windowing
+        rotation = rotation_noise(self._rate_noise, windowing)
+        return lever_noise(windowing, rotation, float(self.windows.scales[0]))
+
     @cached_property
     def over_noise(self) -> Floats:
         """(2,), residual scale over the known noise: the sensor's own and the kinematics'."""
@@ -146,7 +158,7 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
         known = np.hypot(windowing.noise * windowing.white_gains, np.sqrt(kinematic))
         return np.maximum(known, COMMON_IMU)
 
-    @property
+    @cached_property
     def _rate_noise(self) -> float:
         """(rad/s)², variance of the gyroscope's residuals, without what changes slowly.
 

@@ -24,8 +24,7 @@ from imucalib_cli.estimate.solution.spectrum import (
     part_matrices,
     statistics,
 )
-from imucalib_cli.estimate.window_choice import kinematic_noise
-from imucalib_cli.signals.kernels import second_derivative_gain
+from imucalib_cli.estimate.window_choice import kinematic_noise, lever_noise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -223,9 +222,7 @@ def _motion(model: Model, stats: Statistics, scales: Floats) -> Floats:
     noise = np.zeros(layout.size)
     noise[layout.part("rotation")] = 2.0 * share @ gains**2
     rotation, _ = kinematic_noise(windowing.trajectory)
-    noise[layout.part("translation")] = (
-        second_derivative_gain(windowing.seconds) * rotation / 3.0 * (gains[0] / taken[0]) ** 2
-    )
+    noise[layout.part("translation")] = lever_noise(windowing, rotation, taken[0])
     seen = np.einsum("s,sbpq->pq", share, stats.normal[:, :, 1:, 1:])
     return np.asarray(seen - 2.0 * stats.windows * np.diag(noise))
 
