@@ -186,7 +186,7 @@ def kinematic_noise(trajectory: Trajectory) -> tuple[float, float]:
 
 
 def rotation_noise(rate_variance: float, windowing: Windowing) -> float:
-    """s, as in :func:`kinematic_noise`, by which rates in windows vary, beyond the sensor's noise."""
+    """s, as in :func:`kinematic_noise`: variance of rates in windows beyond the sensor's noise."""
     left = max(rate_variance - _KNOWN * float(own_noise(windowing)[1]) ** 2, 0.0)
     return left / (first_derivative_gain(windowing.seconds) / 6.0)
 
@@ -194,7 +194,8 @@ def rotation_noise(rate_variance: float, windowing: Windowing) -> float:
 def lever_noise(windowing: Windowing, rotation: float, scale: float) -> float:
     """Information that noise in a window pretends on each component of the lever arm, whitened.
 
-    ``rotation``, s, is as in :func:`kinematic_noise`, ``scale`` the accelerometer's residuals', m/s².
+    ``rotation``, s, is as in :func:`kinematic_noise`, ``scale`` that of the accelerometer's
+    residuals, m/s².
     """
     per_axis = second_derivative_gain(windowing.seconds) * rotation / 3.0
     return float(per_axis * (windowing.plan.noise_gains[0] / scale) ** 2)

@@ -372,23 +372,23 @@ class Segments:
         return usual
 
     def _shortening(self) -> Floats:
-        """(PARTS, l), steps of the l free components of the lever arm by noise of the kinematics, m.
+        """(PARTS, l), m, steps of the l free components of the lever arm by noise of the kinematics.
 
         Noise looks like rotation without a lever arm: where the robot hardly moves, it is short.
         """
         fit, lever = self._fit, self._places("translation")
         A, prior = self._A[:, lever][..., lever], self._P[np.ix_(lever, lever)]
         windows = np.bincount(part_numbers(fit.windows.centres), fit.windows.weights, PARTS)
-        noise = fit.lever_noise / fit.equations.level * windows
-        free = fit.state.t[fit.layout.free_pose[:3]]
+        t = fit.state.t[fit.layout.free_pose[:3]]
+        score = fit.lever_noise / fit.equations.level * np.outer(windows, t)
+        most = np.abs(t)
 
-        def shortened(A: Floats, noise: Floats) -> Floats:
-            steps = (inverse_of(A + prior) @ (noise[:, None] * free)[..., None])[..., 0]
-            return -np.clip(steps, -np.abs(free), np.abs(free))  # at most to nothing
+        def shorter(A: Floats, score: Floats) -> Floats:
+            return np.clip((inverse_of(A + prior) @ score[..., None])[..., 0], -most, most)
 
-        from_here = (np.cumsum(each[::-1], axis=0)[::-1] for each in (A, noise))
-        so_far = (np.cumsum(each, axis=0) - each for each in (A, noise))
-        return shortened(*from_here) - shortened(*so_far)
+        A_so_far, so_far = np.cumsum(A, axis=0) - A, np.cumsum(score, axis=0) - score
+        before = shorter(A_so_far, so_far)
+        return before - shorter(A.sum(axis=0) - A_so_far, score.sum(axis=0) - so_far)
 
     def _walk(self, part: Indices) -> Floats:
         """Covariance of a step by the usual walk of a bias.
