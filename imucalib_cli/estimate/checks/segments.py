@@ -372,7 +372,7 @@ class Segments:
         return usual
 
     def _shortening(self) -> Floats:
-        """(PARTS, l), m, steps of the l free components of the lever arm by noise of the kinematics.
+        """(PARTS, l), m: steps of the lever arm, free components, by noise of the kinematics.
 
         Noise looks like rotation without a lever arm: where the robot hardly moves, it is short.
         """
