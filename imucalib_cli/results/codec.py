@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import math
 import re
 import reprlib
@@ -109,15 +108,18 @@ def to_yaml(documents: Sequence[Tree | Document]) -> str:
 def to_json(documents: Sequence[Tree | Document]) -> str:
     """One object, or an array of several."""
     content = msgspec.to_builtins(documents[0] if len(documents) == 1 else documents)
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return _json_of(content, indent=2) + "\n"
+
+
+def _json_of(content: Any, indent: int | None = None) -> str:
+    import json  # YAML, the default, does without
+
+    return json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False)
 
 
 def to_jsonl(documents: Sequence[Tree | Document]) -> str:
     """One object a line."""
-    lines = (
-        json.dumps(document, ensure_ascii=False, allow_nan=False)
-        for document in map(msgspec.to_builtins, documents)
-    )
+    lines = (_json_of(document) for document in map(msgspec.to_builtins, documents))
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -364,7 +366,7 @@ def json_schema(title: str, description: str, *kinds: type[Tree]) -> str:
         ],
         "$defs": {"document": {"oneOf": list(places)}, **parts},
     }
-    return json.dumps(schema, indent=2) + "\n"
+    return _json_of(schema, indent=2) + "\n"
 
 
 def _describe(part: Document, kind: type[Tree]) -> None:

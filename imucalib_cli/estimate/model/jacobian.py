@@ -35,7 +35,7 @@ from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
 
+    Blocks = Iterable[tuple[slice, Floats]]
+    """Columns of the windows, block by block."""
     Channels = defaultdict[str, list[tuple[slice, Floats]]]
     """Effects of unknowns along the nodes, world axes: components, and their changes (n, 3, M) of
 

@@ -12,6 +12,7 @@ from msgspec.structs import asdict, replace
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
+from imucalib_cli.estimate.model.jacobian import columns
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH
@@ -63,6 +64,11 @@ _FEW: Final = 480
 """Windows that are enough for a first solution."""
 _MORE: Final = 8
 """Factor by which windows grow from one solution to the next, until all are used."""
+_HELD: Final = 4096
+"""Windows whose columns are held for the next step: 30 to 60 MB."""
+_ALIKE: Final = 0.02
+"""Share by which columns may differ from those of the step before to stand for them: less than the
+accuracy they need."""
 _PASSES: Final = 8
 """Steps at most: an answer that still moves then is said not to settle."""
 _ANEW: Final = 4
@@ -381,6 +387,7 @@ def _fitted(
     curvature = _curvature(layout, seconds)
     scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
     noise, u = None, None
+    blocks, blocked, moved = None, np.zeros(0, np.intp), np.zeros(layout.size)
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
@@ -393,15 +400,22 @@ def _fitted(
         sure = more > 1 or turn >= 2
         at = linearised(model, state, centres, residuals, noise, redescend=sure)
         falls, scales = (at.scales / scales).min() < 0.9, at.scales  # a right model far less
-        solved = solved_step(at, options, u if turn >= _ANEW else None, rounds=2 if turn else 1)
+        bent = float((moved / curvature).max(initial=0.0))
+        if blocks is None or bent > _ALIKE or not np.array_equal(centres, blocked):
+            blocked, moved[:] = centres, 0.0
+            blocks = [*columns(model, state, centres)] if len(centres) <= _HELD else None
+        solved = solved_step(
+            at, options, u if turn >= _ANEW else None, rounds=2 if turn else 1, blocks=blocks
+        )
         step, std = solved.step, np.sqrt(np.diag(solved.inverse))
-        settled = _settles(step, std, curvature[layout.free])
+        settled = _settles(step, std, moved[layout.free], curvature[layout.free])
         enough = turn and settled and (more == 1 or all_used)
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
         noise, u, move = solved.at.noise, solved.u, embedded(step, layout.free)
         move[clock] = np.clip(move[clock], -seconds / 2.0, seconds / 2.0)
         move, last_step = _shortened(move, last_step, curvature), move
+        moved += np.abs(move)
         state = admitted(state.moved(layout, move), layout, options)
     known = std < DETERMINED
     equations = solved.equations
@@ -413,7 +427,9 @@ def _fitted(
         levels=solved.levels,
         by_other_windows=tuple(zip(others, by_others, strict=False)),
         runner_up_rise=rise,
-        settled=_settles(step[known], std[known], curvature[layout.free][known]),
+        settled=_settles(
+            step[known], std[known], moved[layout.free][known], curvature[layout.free][known]
+        ),
         of_gravity=solved.of_gravity,
     )
 
@@ -433,9 +449,12 @@ def _curvature(layout: Layout, seconds: float) -> Floats:
     return found
 
 
-def _settles(step: Floats, std: Floats, curvature: Floats) -> bool:
-    """Whether the error after a step is small: of second order, its ratio to the step bent."""
-    bent = float((np.abs(step) / curvature).max(initial=0.0))
+def _settles(step: Floats, std: Floats, moved: Floats, curvature: Floats) -> bool:
+    """Whether the error after a step is small: of second order, its ratio to the step bent.
+
+    The columns are of a state before that, from which it has ``moved`` as far.
+    """
+    bent = float(((moved + np.abs(step)) / curvature).max(initial=0.0))
     return float((np.abs(step) / std).max(initial=0.0)) * bent < _SETTLED
 
 

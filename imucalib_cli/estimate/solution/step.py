@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats, Indices
     from imucalib_cli.estimate.model.design import Model, Residuals
+    from imucalib_cli.estimate.model.jacobian import Blocks
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.state import State
     from imucalib_cli.estimate.options import MatchedOptions
@@ -72,16 +73,16 @@ class Linearised(Struct, frozen=True, eq=False):
         gains = self.model.windowing.plan.noise_gains / self.scales
         return np.asarray(np.sqrt(self.weights)[:, None] * np.repeat(gains, 3))
 
-    def rows(self) -> Iterator[tuple[slice, Floats]]:
-        """Whitened [e J] of windows, (w, 6, n + 1)."""
+    def rows(self, blocks: Blocks | None = None) -> Iterator[tuple[slice, Floats]]:
+        """Whitened [e J] of windows, (w, 6, n + 1); ``blocks`` are columns that are known."""
         whitening = self.whitening
-        unit, values = self.model.layout.accel_scale, self.residuals.values
-        for part, J in columns(self.model, self.at, self.centres):
+        unit, values = 1 + self.model.layout.accel_scale, self.residuals.values
+        for part, J in blocks or columns(self.model, self.at, self.centres):
+            rows = np.concatenate([values[part, :, None], J], axis=2)
             # Residuals count in the unit of the readings: with smaller lengths and forces they
             # would be smaller, and a small unit of length would seem to fit better. The three
             # axes share it: the unit changes as their mean does.
-            J[:, :3, unit] += values[part, :3, None] / 3.0
-            rows = np.concatenate([values[part, :, None], J], axis=2)
+            rows[:, :3, unit] += values[part, :3, None] / 3.0
             rows *= whitening[part, :, None]
             yield part, rows
 
@@ -158,14 +159,21 @@ class Step(Struct, frozen=True, kw_only=True, eq=False):
         )
 
 
-def solved_step(at: Linearised, options: MatchedOptions, u: Floats | None, rounds: int) -> Step:
+def solved_step(
+    at: Linearised,
+    options: MatchedOptions,
+    u: Floats | None,
+    rounds: int,
+    blocks: Blocks | None = None,
+) -> Step:
     """Find the noise's level and the learnt scales in turn, and the step.
 
     ``u`` are scales to begin with; None begins anew, since a wrong split between them would stay.
+    ``blocks`` are as in :meth:`Linearised.rows`.
     """
     model, layout, state = at.model, at.model.layout, at.at
     to_power = (at.scales / model.windowing.plan.noise_gains) ** 2
-    sums = statistics(model.windowing.plan, at.centres, at.rows(), at.count, layout.size + 1)
+    sums = statistics(model.windowing.plan, at.centres, at.rows(blocks), at.count, layout.size + 1)
     total = sums.normal.sum(axis=(0, 1))
     offset, level = prior_offset(layout, options, state), 1.0
     of_gravity = gravity_by_base(model, state, options)

@@ -6,10 +6,10 @@ Structs within structs are spelled out, with paths by dots. Nothing is named yet
 
 from __future__ import annotations
 
-import json
 import re
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 from msgspec import Struct, field
 
 from imucalib_cli.logs.messages.table import (
@@ -144,8 +144,8 @@ def _is_time(parts: Iterable[str]) -> bool:
 
 def _of_json(_: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
     try:
-        schema = json.loads(definition or "{}")
-    except (ValueError, RecursionError) as error:
+        schema = msgspec.json.decode(definition or "{}")
+    except (msgspec.DecodeError, RecursionError) as error:
         raise DefinitionError("no JSON schema") from error
     return _json_struct(schema, schema, "", spelling, 0)
 
