@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
-from imucalib_cli.diagnose.carrier import find_carriers
 from imucalib_cli.diagnose.diagnose import diagnose, explained, needs_diagnosis
 from imucalib_cli.diagnose.hypotheses import PoorFit
 from imucalib_cli.diagnose.nominal import inverted_nominal
@@ -120,6 +119,9 @@ def _base_elsewhere(
     base, robot, joints = sources.base, sources.whole_robot, sources.joints
     if base is None or robot is None:
         return ()
+    # late: few robots have a base IMU
+    from imucalib_cli.diagnose.carrier import find_carriers
+
     track = base.track
     samples = ImuSamples(t=track.t, gyro=track.values[:, :3], accel=track.values[:, 3:])
     for trusted in possible_bases(own, sources, request):

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec.structs import replace
 
-from imucalib_cli.diagnose.carrier import Carriers, find_carriers
 from imucalib_cli.errors import ChoiceError, ImucalibError, InputError
 from imucalib_cli.estimate.options import MatchedOptions
 from imucalib_cli.findings import note
@@ -26,6 +25,7 @@ from imucalib_cli.signals.samples import samples_of
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
+    from imucalib_cli.diagnose.carrier import Carriers
     from imucalib_cli.findings import Finding
     from imucalib_cli.jobs.input.motion import Sources
     from imucalib_cli.jobs.input.request import CalibrationRequest
@@ -78,6 +78,9 @@ def with_carriers(
             return request.repaired(samples, path).samples
         except ImucalibError:
             return samples
+
+    # late: most logs name the link
+    from imucalib_cli.diagnose.carrier import find_carriers
 
     carriers = find_carriers(repaired, options, frames, path_to)
     reason, unread = error.reason, sources.unread
