@@ -24,7 +24,7 @@ from imucalib_cli.combine.imus import (
 from imucalib_cli.estimate.effects import Origin
 from imucalib_cli.estimate.model.layout import Placed
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
-from imucalib_cli.estimate.solution.fit import lean_fit, whole_fit
+from imucalib_cli.estimate.solution.fit import Fit, lean_fit, whole_fit
 from imucalib_cli.estimate.solution.normal_equations import Answer, LogStatistics
 from imucalib_cli.jobs.several_imus import solve_imus_together
 from imucalib_cli.robot.path import JointStep, KinematicPath
@@ -87,14 +87,35 @@ def test_sigma_matches_errors_with_noise_and_all_model_errors(walks: int) -> Non
     assert chi2.ppf(0.001, 6 * walks) < total < chi2.ppf(0.999, 6 * walks)
 
 
-def test_the_equations_about_another_point_are_the_same_at_the_fits_own() -> None:
+def test_the_equations_about_another_point_are_the_same_at_the_fits_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """With what the mean force of the base IMU says, which is in no window."""
+    # Columns that are held for the last step are of the point before.
+    monkeypatch.setattr("imucalib_cli.estimate.solution.fit._HELD", 0)
     options = MatchedOptions(gravity="none")
     fit = whole_fit(lean_fit(windowing_of(logged(Walk(noisy=True)), 0.3), options, 0.0), options)
     again = fit.equations_in(fit.layout, fit.windows.at)
     unit = np.sqrt(np.diag(fit.equations.information))
     off = (again.information - fit.equations.information) / np.outer(unit, unit)
     assert np.abs(off).max() < 1e-6
+
+
+def test_columns_that_are_held_for_the_next_step_give_the_same_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    options, windowing = MatchedOptions(gravity="none"), windowing_of(logged(Walk(noisy=True)), 0.3)
+
+    def solved() -> Fit:
+        return whole_fit(lean_fit(windowing, options, 0.0), options)
+
+    held = solved()
+    monkeypatch.setattr("imucalib_cli.estimate.solution.fit._HELD", 0)
+    fresh = solved()
+    assert not np.array_equal(held.covariance, fresh.covariance)
+    assert np.abs((held.state.x - fresh.state.x) / fresh.std).max() < 0.01
+    assert np.abs((held.state.t - fresh.state.t) / fresh.std[fresh.layout.pose][:3]).max() < 0.01
+    assert held.std == pytest.approx(fresh.std, rel=0.01)
 
 
 def test_three_clocks_have_offsets_and_drifts_of_their_own_and_the_gyroscope_is_late() -> None:
