@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucalib_cli.estimate.model.windows import COMMON_IMU
+from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH
 from imucalib_cli.signals.noise import MAD_TO_STD
 
 if TYPE_CHECKING:
@@ -20,6 +20,11 @@ _CHI2_6_MEDIAN = 5.348
 _FULL = 25.0
 """Squared distance, 6 degrees of freedom, up to which a window counts in full (3e-4 beyond); from
 four times as much on it does not count."""
+_GROUPS = 8
+"""Of windows that move alike, at most."""
+_ALIKE = 4 * WINDOWS_PER_LENGTH
+"""Windows to a group, at least: a shock touches fewer than half. With more, a robot that mostly
+rests has no other group, and all its motion is an outlier: an encoder is silent at rest."""
 
 
 def residual_scales(residuals: Floats) -> Floats:
@@ -40,7 +45,8 @@ def window_weights(residuals: Floats, motion: Floats, *, redescend: bool) -> Flo
     distance = (squares / scales**2).sum(axis=1)
     order = np.argsort(motion)
     relative = np.empty(len(distance))
-    for part in np.array_split(order, min(8, max(len(order) // 32, 1))):
+    groups = min(_GROUPS, max(len(order) // _ALIKE, 1))
+    for part in np.array_split(order, groups):
         typical = max(float(np.median(distance[part])), _CHI2_6_MEDIAN)
         relative[part] = distance[part] * (_CHI2_6_MEDIAN / typical)
     if not redescend:
