@@ -14,6 +14,7 @@ import pytest
 from scipy.stats import chi2
 
 from imucalib_cli.arrays import Floats
+from imucalib_cli.estimate.solution.robust import window_weights
 from imucalib_cli.simulate.load import load_grade
 from imucalib_cli.simulate.noise import corrupt
 from imucalib_cli.simulate.options import NoiseOptions
@@ -187,3 +188,17 @@ def test_coloured_noise_is_in_sigma_and_not_a_flexible_mount(clean: Recording) -
         give, std = each.parameter("mount_give")
         assert (np.abs(give) < 4.0 * std).all()
     assert trials.squares("pose").mean() < float(chi2.ppf(0.9995, 6 * 8)) / 8
+
+
+def test_motion_of_a_short_log_that_mostly_rests_is_no_outlier_and_a_shock_is_one() -> None:
+    """An encoder is silent at rest: 36 windows are at the sensor's noise, 12 at ten times that."""
+    generator = np.random.default_rng(0)
+    scale = np.repeat((0.01, 0.001), 3)
+    moving = np.arange(48) % 4 == 0
+    motion = np.where(moving, 1.0, 0.0) + 0.01 * generator.random(48)
+    residuals = generator.standard_normal((48, 6)) * scale * np.where(moving, 10.0, 1.0)[:, None]
+    assert (window_weights(residuals, motion, redescend=True) > 0.0).all()
+    struck = np.flatnonzero(moving)[3:6]
+    residuals[struck] += 200.0 * scale
+    weights = window_weights(residuals, motion, redescend=True)
+    assert set(np.flatnonzero(weights == 0.0)) == set(struck)
