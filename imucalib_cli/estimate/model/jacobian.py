@@ -35,7 +35,7 @@ from imucalib_cli.robot.rotations import cross
 from imucalib_cli.signals.kernels import convolve_at, matched_filter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.kernels import MatchedFilter
     from imucalib_cli.signals.trajectory import TrackMotion
 
-    Blocks = Iterable[tuple[slice, Floats]]
+    Blocks = Sequence[tuple[slice, Floats]]
     """Columns of the windows, block by block."""
     Channels = defaultdict[str, list[tuple[slice, Floats]]]
     """Effects of unknowns along the nodes, world axes: components, and their changes (n, 3, M) of

@@ -387,7 +387,7 @@ def _fitted(
     curvature = _curvature(layout, seconds)
     scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
     noise, u = None, None
-    blocks, blocked, moved = None, np.zeros(0, np.intp), np.zeros(layout.size)
+    blocks, blocked, bent = None, np.zeros(0, np.intp), 0.0
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
@@ -400,22 +400,21 @@ def _fitted(
         sure = more > 1 or turn >= 2
         at = linearised(model, state, centres, residuals, noise, redescend=sure)
         falls, scales = (at.scales / scales).min() < 0.9, at.scales  # a right model far less
-        bent = float((moved / curvature).max(initial=0.0))
         if blocks is None or bent > _ALIKE or not np.array_equal(centres, blocked):
-            blocked, moved[:] = centres, 0.0
+            blocked, bent = centres, 0.0
             blocks = [*columns(model, state, centres)] if len(centres) <= _HELD else None
         solved = solved_step(
             at, options, u if turn >= _ANEW else None, rounds=2 if turn else 1, blocks=blocks
         )
         step, std = solved.step, np.sqrt(np.diag(solved.inverse))
-        settled = _settles(step, std, moved[layout.free], curvature[layout.free])
+        settled = _settles(step, std, bent, curvature[layout.free])
         enough = turn and settled and (more == 1 or all_used)
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
         noise, u, move = solved.at.noise, solved.u, embedded(step, layout.free)
         move[clock] = np.clip(move[clock], -seconds / 2.0, seconds / 2.0)
         move, last_step = _shortened(move, last_step, curvature), move
-        moved += np.abs(move)
+        bent += _bent(move, curvature)
         state = admitted(state.moved(layout, move), layout, options)
     known = std < DETERMINED
     equations = solved.equations
@@ -427,9 +426,7 @@ def _fitted(
         levels=solved.levels,
         by_other_windows=tuple(zip(others, by_others, strict=False)),
         runner_up_rise=rise,
-        settled=_settles(
-            step[known], std[known], moved[layout.free][known], curvature[layout.free][known]
-        ),
+        settled=_settles(step[known], std[known], bent, curvature[layout.free][known]),
         of_gravity=solved.of_gravity,
     )
 
@@ -449,12 +446,17 @@ def _curvature(layout: Layout, seconds: float) -> Floats:
     return found
 
 
-def _settles(step: Floats, std: Floats, moved: Floats, curvature: Floats) -> bool:
+def _bent(step: Floats, curvature: Floats) -> float:
+    """Share by which a step changes the columns."""
+    return float((np.abs(step) / curvature).max(initial=0.0))
+
+
+def _settles(step: Floats, std: Floats, bent: float, curvature: Floats) -> bool:
     """Whether the error after a step is small: of second order, its ratio to the step bent.
 
-    The columns are of a state before that, from which it has ``moved`` as far.
+    ``bent`` is the share by which columns that are held differ before that step.
     """
-    bent = float(((moved + np.abs(step)) / curvature).max(initial=0.0))
+    bent += _bent(step, curvature)
     return float((np.abs(step) / std).max(initial=0.0)) * bent < _SETTLED
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-import msgspec
 from msgspec import Struct, field
 
 from imucalib_cli.logs.messages.table import (
@@ -143,9 +142,11 @@ def _is_time(parts: Iterable[str]) -> bool:
 
 
 def _of_json(_: str, definition: str, spelling: _Spelling) -> tuple[Field, ...]:
+    import json  # late: few logs have such schemas
+
     try:
-        schema = msgspec.json.decode(definition or "{}")
-    except (msgspec.DecodeError, RecursionError) as error:
+        schema = json.loads(definition or "{}")
+    except (ValueError, RecursionError) as error:
         raise DefinitionError("no JSON schema") from error
     return _json_struct(schema, schema, "", spelling, 0)
 
