@@ -380,7 +380,7 @@ class Segments:
         A, prior = self._A[:, lever][..., lever], self._P[np.ix_(lever, lever)]
         windows = np.bincount(part_numbers(fit.windows.centres), fit.windows.weights, PARTS)
         t = fit.state.t[fit.layout.free_pose[:3]]
-        score = fit.lever_noise / fit.equations.level * np.outer(windows, t)
+        score = fit.seen_lever_noise / fit.equations.level * np.outer(windows, t)
         most = np.abs(t)
 
         def shorter(A: Floats, score: Floats) -> Floats:

@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import InputError
@@ -52,6 +53,7 @@ from imucalib_cli.signals.stretches import thinned
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats, Indices
+    from imucalib_cli.estimate.model.jacobian import Blocks
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.windows import Windowing, WindowPlan
     from imucalib_cli.estimate.options import MatchedOptions
@@ -66,9 +68,9 @@ _MORE: Final = 8
 """Factor by which windows grow from one solution to the next, until all are used."""
 _HELD: Final = 4096
 """Windows whose columns are held for the next step: 30 to 60 MB."""
-_ALIKE: Final = 0.02
-"""Share by which columns may differ from those of the step before to stand for them: less than the
-accuracy they need."""
+_MAX_BENT: Final = 0.02
+"""Share by which columns that are held may differ from new ones: less than the accuracy they
+need."""
 _PASSES: Final = 8
 """Steps at most: an answer that still moves then is said not to settle."""
 _ANEW: Final = 4
@@ -139,7 +141,7 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
         )
 
     @property
-    def lever_noise(self) -> float:
+    def seen_lever_noise(self) -> float:
         """What all that the gyroscope leaves looks like: information of a window on a lever arm."""
         windowing = self.model.windowing
         rotation = rotation_noise(self._rate_noise, windowing)
@@ -365,6 +367,26 @@ def _check_enough(windowing: Windowing, centres: Indices, offset: float) -> None
         )
 
 
+class _HeldColumns(Struct):
+    """Columns of the windows, held from step to step while steps hardly change them."""
+
+    blocks: Blocks | None = None
+    """None if there are too many to hold."""
+    centres: Indices = np.zeros(0, np.intp)
+    """Of their windows."""
+    bent: float = 0.0
+    """Share by which they differ from those about the present state."""
+
+    def of(self, at: Linearised) -> Blocks | None:
+        """Those of some windows, new if they differ too much."""
+        differ = self.bent > _MAX_BENT or not np.array_equal(at.centres, self.centres)
+        if self.blocks is None or differ:
+            self.centres, self.bent = at.centres, 0.0
+            fits = len(at.centres) <= _HELD
+            self.blocks = [*columns(at.model, at.at, at.centres)] if fits else None
+        return self.blocks
+
+
 def _fitted(
     model: Model,
     options: MatchedOptions,
@@ -387,7 +409,7 @@ def _fitted(
     curvature = _curvature(layout, seconds)
     scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
     noise, u = None, None
-    blocks, blocked, bent = None, np.zeros(0, np.intp), 0.0
+    held = _HeldColumns()
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
@@ -400,21 +422,17 @@ def _fitted(
         sure = more > 1 or turn >= 2
         at = linearised(model, state, centres, residuals, noise, redescend=sure)
         falls, scales = (at.scales / scales).min() < 0.9, at.scales  # a right model far less
-        if blocks is None or bent > _ALIKE or not np.array_equal(centres, blocked):
-            blocked, bent = centres, 0.0
-            blocks = [*columns(model, state, centres)] if len(centres) <= _HELD else None
-        solved = solved_step(
-            at, options, u if turn >= _ANEW else None, rounds=2 if turn else 1, blocks=blocks
-        )
+        last_u: Floats | None = u if turn >= _ANEW else None
+        solved = solved_step(at, options, last_u, rounds=2 if turn else 1, blocks=held.of(at))
         step, std = solved.step, np.sqrt(np.diag(solved.inverse))
-        settled = _settles(step, std, bent, curvature[layout.free])
+        settled = _settles(step, std, held.bent, curvature[layout.free])
         enough = turn and settled and (more == 1 or all_used)
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
         noise, u, move = solved.at.noise, solved.u, embedded(step, layout.free)
         move[clock] = np.clip(move[clock], -seconds / 2.0, seconds / 2.0)
         move, last_step = _shortened(move, last_step, curvature), move
-        bent += _bent(move, curvature)
+        held.bent += _bent(move, curvature)
         state = admitted(state.moved(layout, move), layout, options)
     known = std < DETERMINED
     equations = solved.equations
@@ -426,7 +444,7 @@ def _fitted(
         levels=solved.levels,
         by_other_windows=tuple(zip(others, by_others, strict=False)),
         runner_up_rise=rise,
-        settled=_settles(step[known], std[known], bent, curvature[layout.free][known]),
+        settled=_settles(step[known], std[known], held.bent, curvature[layout.free][known]),
         of_gravity=solved.of_gravity,
     )
 
