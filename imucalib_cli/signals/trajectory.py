@@ -28,8 +28,6 @@ from imucalib_cli.signals.timing.stamps import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
     from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.robot.path import KinematicPath, PoseStep, Track, TrackKind
     from imucalib_cli.signals.grid import ImuGrid
@@ -79,16 +77,38 @@ class CleanTrack(Struct, frozen=True, eq=False, dict=True):
         """Samples on either side by which rates are taken."""
         return max(round(_RATE_SECONDS / self.interval), 1)
 
+    @property
+    def rate_seconds(self) -> float:
+        """Half the span over which rates are taken, s."""
+        return self.reach * self.interval
+
     @cached_property
-    def sides(self) -> NDArray[np.int8]:
-        """(N, J), sign of the last motion, 0 before the first: at rest play stays on its side."""
-        found = np.zeros(self.values.shape, np.int8)
-        for side, values in zip(found.T, self.values.T, strict=True):  # one by one, to save memory
+    def _sides(self) -> tuple[tuple[Floats, Floats], ...]:
+        """For each channel: stamps between which its side stays, and the side's integral, s.
+
+        The side is the sign of the last motion, 0 before the first: at rest play stays on its side.
+        """
+        found, around = [], 2.0 * self.rate_seconds
+        for values in self.values.T:
             rates = _rates(self.t, values, self.reach)
             moves = np.abs(rates) > _MOVES
             last = np.maximum.accumulate(np.where(moves, np.arange(len(rates)), 0))
-            side[:] = np.where(moves, np.sign(rates), 0.0)[last]
-        return found
+            side = np.where(moves, np.sign(rates), 0.0)[last]
+            first = 1 + np.flatnonzero(np.diff(side))
+            between = 0.5 * (self.t[first] + self.t[first - 1])
+            stamps = np.r_[self.t[0] - around, between, self.t[-1] + around]
+            integral = np.cumsum(side[np.append(0, first)] * np.diff(stamps))
+            found.append((stamps, np.append(0.0, integral)))
+        return tuple(found)
+
+    def sides(self, t: Floats) -> Floats:
+        """(M, J), -1 to 1, the mean side around instants (M,), s, over the span of the rates."""
+        span = self.rate_seconds
+        later, earlier = (
+            np.stack([np.interp(at, *each) for each in self._sides], axis=1)
+            for at in (t + span, t - span)
+        )
+        return np.asarray((later - earlier) / (2.0 * span))
 
     def on_ticks(self) -> CleanTrack:
         """The track on its constant-rate clock, if it has one."""
@@ -237,7 +257,7 @@ class TrackMotion(NamedTuple):
     changes: tuple[Floats, ...]
     """Of the rates."""
     sides: tuple[Floats, ...]
-    """-1 to 1, as :attr:`CleanTrack.sides`."""
+    """-1 to 1, as :meth:`CleanTrack.sides`."""
 
 
 class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
@@ -354,8 +374,8 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
 
     def change_gain(self, index: int, frequency: Floats) -> Floats:
         """(F,), 1/s²: changes of a track's rates over its values, at frequencies (F,), Hz."""
-        reach = self.tracks[index].reach * self.tracks[index].interval
-        return np.asarray(-((np.sin(2.0 * np.pi * frequency * reach) / reach) ** 2))
+        span = self.tracks[index].rate_seconds
+        return np.asarray(-((np.sin(2.0 * np.pi * frequency * span) / span) ** 2))
 
     def poses(self, t: Floats) -> tuple[Floats, Floats]:
         """R_world_parent (M, 3, 3) and p_world_parent (M, 3), m, at instants (M,), s."""
@@ -386,9 +406,6 @@ def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, ...]:
     stamps, values = track.t[part], track.values[part]
     rates = _rates(stamps, values, track.reach)
     changes = _rates(stamps, rates, track.reach)
-    # Smoothed too, by the rate of their sum: columns are computed at nodes far apart.
-    so_far = np.cumsum(track.sides[part], axis=0, dtype=np.float64)
-    sides = _rates(np.arange(len(stamps), dtype=np.float64), so_far, track.reach)
     breaks = track.breaks[(track.breaks > part.start) & (track.breaks < part.stop)] - part.start
-    found = lagrange(stamps, np.hstack([values, rates, changes, sides]), t, breaks=breaks)
-    return tuple(np.split(found, 4, axis=1))
+    found = lagrange(stamps, np.hstack([values, rates, changes]), t, breaks=breaks)
+    return *np.split(found, 3, axis=1), track.sides(t)
