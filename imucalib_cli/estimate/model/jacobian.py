@@ -278,7 +278,7 @@ class _Nodes(Struct, frozen=True, eq=False, dict=True):
 def _block_columns(
     model: Model, plan: NodePlan, chain: Chain, state: State, centres: Indices
 ) -> Floats:
-    """Columns (W, 6, n) of a few hundred windows.
+    """Columns (W, 6, n) of some hundred windows.
 
     accelerometer  R_c' (D2 shift - K2*force - gravity)
     gyroscope      R_c' (D1 turn - K1*rate)

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout
     from imucalib_cli.estimate.model.windows import Windowing, WindowPlan
     from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.solution.reading_noise import NoiseSpectrum
     from imucalib_cli.estimate.solution.scales import Problem
 
 
@@ -371,19 +372,19 @@ class _HeldColumns(Struct):
     """Columns of the windows, held from step to step while steps hardly change them."""
 
     blocks: Blocks | None = None
-    """None if there are too many to hold."""
+    """None if they are not held."""
     centres: Indices = np.zeros(0, np.intp)
     """Of their windows."""
     bent: float = 0.0
     """Share by which they differ from those about the present state."""
 
-    def of(self, at: Linearised) -> Blocks | None:
-        """Those of some windows, new if they differ too much."""
+    def of(self, at: Linearised, *, last: bool) -> Blocks | None:
+        """Those of some windows, new if they differ too much; held if these are the last ones."""
         differ = self.bent > _MAX_BENT or not np.array_equal(at.centres, self.centres)
         if self.blocks is None or differ:
             self.centres, self.bent = at.centres, 0.0
-            fits = len(at.centres) <= _HELD
-            self.blocks = [*columns(at.model, at.at, at.centres)] if fits else None
+            held = last and len(at.centres) <= _HELD
+            self.blocks = [*columns(at.model, at.at, at.centres)] if held else None
         return self.blocks
 
 
@@ -408,13 +409,15 @@ def _fitted(
     seconds, clock = windowing.seconds, layout.part("time_offset")
     curvature = _curvature(layout, seconds)
     scales, last_step = np.full(2, np.inf), np.zeros(layout.size)
-    noise, u = None, None
+    noise: NoiseSpectrum | None = None
+    u: Floats | None = None
     held = _HeldColumns()
     for turn in range(_PASSES):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, few * more**turn)
         all_used = len(centres) == len(every)
+        last = more == 1 or all_used  # steps to come have the same windows
         first = [start] if start and not turn else None
         plans = (windowing.plan, *others) if all_used else (windowing.plan,)
         residuals, *by_others = first or model.residuals(state, centres, plans)
@@ -422,11 +425,11 @@ def _fitted(
         sure = more > 1 or turn >= 2
         at = linearised(model, state, centres, residuals, noise, redescend=sure)
         falls, scales = (at.scales / scales).min() < 0.9, at.scales  # a right model far less
-        last_u: Floats | None = u if turn >= _ANEW else None
-        solved = solved_step(at, options, last_u, rounds=2 if turn else 1, blocks=held.of(at))
+        blocks, last_u = held.of(at, last=last), u if turn >= _ANEW else None
+        solved = solved_step(at, options, last_u, rounds=2 if turn else 1, blocks=blocks)
         step, std = solved.step, np.sqrt(np.diag(solved.inverse))
         settled = _settles(step, std, held.bent, curvature[layout.free])
-        enough = turn and settled and (more == 1 or all_used)
+        enough = turn and settled and last
         if turn == _PASSES - 1 or enough or (rough and sure and not falls):
             break
         noise, u, move = solved.at.noise, solved.u, embedded(step, layout.free)
