@@ -123,8 +123,8 @@ class Outputs:
         return self
 
     def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        is_told = isinstance(error, (ImucalibError, typer.Exit, KeyboardInterrupt))
-        if not is_told or not getattr(error, "exit_code", 1):
+        is_reported = isinstance(error, (ImucalibError, typer.Exit, KeyboardInterrupt))
+        if not is_reported or not getattr(error, "exit_code", 1):
             return
         inputs = {None, *map(_identity, self.read)}
         for path, identity in self._before.items():

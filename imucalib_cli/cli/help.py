@@ -101,9 +101,9 @@ class Command(TyperCommand):
 
         console = Console(highlight=False)
         usage = self.get_usage(ctx).removeprefix("Usage: ").rstrip()
-        told = re.sub(r"(?<!\n)\n(?!\n)", " ", self.help or "")
+        text = re.sub(r"(?<!\n)\n(?!\n)", " ", self.help or "")
         console.print(Padding(Text.assemble(("Usage: ", "yellow"), (usage, "bold")), 1))
-        console.print(Padding(Text(told), (0, 1, 1, 1)))
+        console.print(Padding(Text(text), (0, 1, 1, 1)))
         for title, params in self._panels(ctx).items():
             table = Table.grid(padding=(0, 2, 0, 0))
             table.add_column(style="cyan", width=_LONGEST, overflow="fold")

@@ -339,10 +339,10 @@ class KnownOptions:
     )
     robot: Robot | None = _known(
         None,
-        metavar="nominal|exact|DEG,MM",
+        metavar="nominal|exact|ANGLE,LENGTH",
         parser=parsers.robot,
         help="Errors of the URDF: nominal: their size is learnt from the log; exact: none; "
-        "DEG,MM: 1 sigma of joint zeros and axes, and of lengths.",
+        "ANGLE,LENGTH, such as 0.05deg,0.5mm: 1 sigma of joint zeros and axes, and of lengths.",
         show_default="nominal",
     )
     fix: Components | None = _known(

@@ -10,15 +10,11 @@ from msgspec import Meta, Struct
 from msgspec.structs import replace
 
 from imucalib_cli.arrays import Floats  # noqa: TC001 - files of statistics are read by the types
-from imucalib_cli.signals.samples import STANDARD_GRAVITY
+from imucalib_cli.signals.samples import GRAVITY_STD, STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.unknowns import Unknown
     from imucalib_cli.robot.path import KinematicPath
-
-
-GRAVITY_STD = 0.02
-"""m/s²: on the Earth's surface gravity runs from 9.764 to 9.834."""
 
 
 class WindowChoice(Struct, frozen=True, kw_only=True):

@@ -38,6 +38,7 @@ from imucalib_cli.estimate.effects import (
     Samples,
 )
 from imucalib_cli.robot.rotations import cross, skew
+from imucalib_cli.signals.samples import GRAVITY_STD
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -353,8 +354,8 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
     Unknown(
         name="gravity_norm",
         unit="m/s²",
-        std=0.02,
-        healthy=0.06,
+        std=GRAVITY_STD,
+        healthy=3.0 * GRAVITY_STD,
         effect=Gravity("magnitude"),
         least=0.045,
         of_log=True,

@@ -194,7 +194,9 @@ def _placed(entry: dict[str, Any], origins: Any, turns: Any) -> Placed:
     joint = None
     if isinstance(unknown.effect, JointCurve):
         slides = entry["unit"] != unknown.unit
-        joint = Joint(labels[0].split(" ")[0], -1, -1, (), slides)
+        # The name of a joint may have spaces, too.
+        name = labels[0].removesuffix(unknown.labels[0]).strip()
+        joint = Joint(name, -1, -1, (), slides)
     is_origin = isinstance(unknown.effect, Origin)
     if isinstance(unknown.effect, Mount) and len(labels) != 3:
         raise ValueError("a mount of other than three components")

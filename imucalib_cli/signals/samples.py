@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 STANDARD_GRAVITY = 9.80665
 """m/s², CGPM 1901."""
+GRAVITY_STD = 0.02
+"""m/s²: on the Earth's surface gravity runs from 9.764 to 9.834."""
 AXES = "xyz"
 Sensor = Literal["gyro", "accel"]
 SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")

@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 import imucalib_cli as ic
 from benchmarks import robots
 from benchmarks.robots import ROBOTS, ROWS, Case, Row, make_case
-from imucalib_cli.estimate.options import GRAVITY_STD, MatchedOptions, WindowChoice
+from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.robot.path import PoseStep, Track
+from imucalib_cli.signals.samples import GRAVITY_STD
 from tests.estimate.estimate_arm import (
     GRAVITY,
     Flaws,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.segments import parts_of_log
@@ -71,6 +71,28 @@ def test_statistics_read_back_equal(file: Path, content: bytes, calibrated: Cali
     joined = before.parts.reshape(len(few), -1, *few.shape[1:]).sum(axis=1)
     assert np.array_equal(np.triu(few), np.triu(joined))
     assert statistics_bytes(read.result, read.statistics) == content
+
+
+def test_names_of_joints_may_have_spaces(file: Path, calibrated: Calibrated) -> None:
+    statistics = calibrated.estimate.statistics
+    assert statistics is not None
+    equations = statistics.equations
+    placed = tuple(
+        replace(
+            each,
+            labels=tuple("arm " + label for label in each.labels),
+            joint=replace(each.joint, name="arm " + each.joint.name),
+        )
+        if each.joint is not None
+        else each
+        for each in equations.layout.placed
+    )
+    renamed = replace(equations, layout=replace(equations.layout, placed=placed))
+    renamed_log = replace(statistics, equations=renamed)
+    file.write_bytes(statistics_bytes(calibrated.result, renamed_log))
+    read = read_statistics(file)
+    joints = [each.joint and each.joint.name for each in read.statistics.equations.layout.placed]
+    assert joints == [each.joint and each.joint.name for each in placed]
 
 
 def test_documentation_has_every_array_and_the_schema(content: bytes) -> None:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from imucalib_cli.robot.path import Track
 from imucalib_cli.signals.imu.checks import refuse_impossible
 from imucalib_cli.signals.imu.faults import sensor_faults
-from imucalib_cli.signals.imu.repair import mended_imu, rows_at_fault
+from imucalib_cli.signals.imu.repair import repaired_imu, rows_at_fault
 from imucalib_cli.signals.imu.units import KNOWN_RATIOS, accel_factor, guess_units
 from imucalib_cli.signals.turning import TURNING
 
@@ -34,7 +34,7 @@ def base_track(imu: ImuSamples, units: Units, gravity: float) -> tuple[Track, tu
         InputError: Values are beyond any IMU, or without gravity.
     """
     refuse_impossible(imu, "accel")
-    imu, findings = mended_imu(imu)
+    imu, findings = repaired_imu(imu)
     accel = accel_factor(imu, units.accel, gravity=gravity)
     findings += [] if accel.finding is None else [accel.finding]
     guess = guess_units(imu)

@@ -194,7 +194,7 @@ def check_alone(imu: ImuSamples) -> tuple[Finding, ...]:
         if error.finding is None:
             raise
         return (error.finding,)
-    tidy, findings = mended_imu(imu)
+    tidy, findings = repaired_imu(imu)
     faults = (fault.finding(tidy) for fault in sensor_faults(tidy, None))
     return (*findings, *held_samples(tidy), *faults)
 
@@ -221,10 +221,10 @@ def _evened(
     imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
 ) -> Repaired:
     """Replace bursts by even ticks in all streams except the named ones."""
-    imu, findings = mended_imu(imu, as_recorded)
+    imu, findings = repaired_imu(imu, as_recorded)
     tracks = []
     for raw in path.tracks:
-        track, found = _mended_track(raw, as_recorded)
+        track, found = _repaired_track(raw, as_recorded)
         tracks.append(track)
         findings += found
     path = replace(path, tracks=tuple(tracks))
@@ -270,7 +270,7 @@ def _even(
     return even, 0.0, [warning("stamps.surplus", **facts)]
 
 
-def mended_imu(
+def repaired_imu(
     imu: ImuSamples, as_recorded: tuple[str, ...] = ()
 ) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
@@ -279,7 +279,7 @@ def mended_imu(
     return imu, [*findings, *found]
 
 
-def _mended_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
+def _repaired_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
     """A track on even stamps, without single messages that jump away and back."""
     t, delay_std, findings = _even(track.name, track.t, track.values, as_recorded=as_recorded)
     tidy = tidy_rows(t, track.values)
