@@ -95,10 +95,8 @@ def build(kind: type[T], raw: object, where: str) -> T:
         if name not in raw and field.default is MISSING and field.default_factory is MISSING
     ]
     if missing:
-        keys = "keys are" if len(missing) > 1 else "key is"
-        raise InputError(
-            f"{where}: {keys} missing: {', '.join(missing)}; see configs/ for examples"
-        )
+        keys = f"key {missing[0]} is" if len(missing) == 1 else f"keys {', '.join(missing)} are"
+        raise InputError(f"{where}: {keys} missing; see configs/ for examples")
     values = {n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()}
     try:
         return kind(**values)

@@ -88,7 +88,7 @@ def test_user_system_file_is_accepted(tmp_path: Path) -> None:
         ({"duration": float("inf")}, "duration: inf does not fit"),
         ({"duration": -1}, "must be positive"),
         ({"imu": [1, 2]}, "imu: expected keys and values"),
-        ({"frames": [{"link": "a"}]}, "frames: key parent is missing"),
+        ({"frames": [{"link": "a"}]}, "frames: keys parent, xyz, rpy are missing"),
         ({"free_body": GONE}, "state one of arm, free_body and legged"),
     ],
 )
