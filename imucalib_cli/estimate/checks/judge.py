@@ -181,8 +181,8 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     """Every finding of a fit, the grave ones first; ``log`` are its statistics."""
     wrong = contradicted_by_log(evidence.fit)
     found = [] if wrong is None else [wrong]
-    if wrong is None:  # else the wrong value is the cause, of all that looks like another
-        found += [*_changed(evidence), *_residuals(evidence)]
+    if wrong is None:  # else something that looks like the wrong value has taken it up
+        found += _changed(evidence)
     unexplained = [*_unexplained(evidence)]
     misled = bool(wrong) or evidence.mount_moved or evidence.too_noisy
     of_fit = answer_findings(evidence.fit, log, misled=misled)
@@ -192,6 +192,8 @@ def findings(evidence: Evidence, log: LogStatistics) -> tuple[Finding, ...]:
     found += [*_window(evidence), *_parts(evidence)]
     if not unobservable(evidence.fit):  # directions without motion leave these undecided too
         found += _undecided(evidence)
+    if wrong is None:  # else it is the cause
+        found += _residuals(evidence)
     for check in (_left_out, _strikes, _sampled, _gaps, _stamps):
         found += check(evidence)
     return gravest_first(found)
