@@ -457,7 +457,7 @@ MESSAGES: Messages = {
     "else in the log stands still: {names:list} moves, [joints?the mount swings, or a joint in "
     "between moves that is not in the log; clamp it||or the poses are held; fix that], or record "
     "its pose and name it with --pose-topic",
-    "cause.base_link": "the base IMU {topic} moves like {names:list}, not like {stated}: correct "
+    "cause.base_link": "the base IMU {topic} moves like {names:list}, not like {told}: correct "
     "its frame_id, or the URDF's joint that holds that frame",
     "cause.imu_still": "the IMU stands still while {names:list} turns at {turning:deg.2g}/s (rms): "
     "it is not on {names:list}; name what carries it with --parent, or choose another --imu-topic",

@@ -134,7 +134,7 @@ def _base_elsewhere(
         links = {link for each in found for link in (each.frame, *each.joined, *each.resting)}
         if links and base.link not in links:
             names = [str(each) for each in found]
-            return (untrusted("cause.base_link", topic=track.name, stated=base.link, names=names),)
+            return (untrusted("cause.base_link", topic=track.name, told=base.link, names=names),)
     return ()
 
 
