@@ -96,7 +96,7 @@ def build(kind: type[T], raw: object, where: str) -> T:
     ]
     if missing:
         keys = f"key {missing[0]} is" if len(missing) == 1 else f"keys {', '.join(missing)} are"
-        raise InputError(f"{where}: {keys} missing; see configs/ for examples")
+        raise InputError(f"{where}: {keys} missing; see configs/ for an example")
     values = {n: _convert(hints[n], v, f"{where}: {n}") for n, v in raw.items()}
     try:
         return kind(**values)

@@ -257,7 +257,7 @@ class TrackMotion(NamedTuple):
     changes: tuple[Floats, ...]
     """Of the rates."""
     sides: tuple[Floats, ...]
-    """-1 to 1, as :meth:`CleanTrack.sides`."""
+    """-1 to 1, as :meth:`CleanTrack.sides`; (M, 0) of poses, which have no play."""
 
 
 class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
@@ -370,7 +370,9 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
 
     def motion(self, t: Floats) -> TrackMotion:
         """How each track moves at instants (M,), s."""
-        return TrackMotion(*zip(*(_motion(track, t) for track in self._used), strict=True))
+        described = zip(self._used, self.path.tracks, strict=True)
+        found = [_motion(track, each.kind, t) for track, each in described]
+        return TrackMotion(*zip(*found, strict=True))
 
     def change_gain(self, index: int, frequency: Floats) -> Floats:
         """(F,), 1/s²: changes of a track's rates over its values, at frequencies (F,), Hz."""
@@ -398,7 +400,7 @@ def _rates(t: Floats, values: Floats, reach: int) -> Floats:
     return np.asarray(((values[later] - values[earlier]).T / (t[later] - t[earlier])).T)
 
 
-def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, ...]:
+def _motion(track: CleanTrack, kind: TrackKind, t: Floats) -> tuple[Floats, ...]:
     """What a :class:`TrackMotion` has of a track."""
     first, last = (int(row) for row in np.searchsorted(track.t, [t.min(), t.max()]))
     around = 2 * track.reach + MIN_TRACK_SAMPLES
@@ -408,4 +410,6 @@ def _motion(track: CleanTrack, t: Floats) -> tuple[Floats, ...]:
     changes = _rates(stamps, rates, track.reach)
     breaks = track.breaks[(track.breaks > part.start) & (track.breaks < part.stop)] - part.start
     found = lagrange(stamps, np.hstack([values, rates, changes]), t, breaks=breaks)
-    return *np.split(found, 3, axis=1), track.sides(t)
+    has_play = kind in ("joints", "still")
+    sides = track.sides(t) if has_play else np.zeros((len(t), 0))
+    return *np.split(found, 3, axis=1), sides
