@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from imucalib_cli.estimate.options import MatchedOptions
     from imucalib_cli.estimate.solution.fit import Fit
     from imucalib_cli.robot.path import KinematicPath
+    from imucalib_cli.signals.prepare import CleanImu
     from imucalib_cli.signals.samples import ImuSamples
 
 
@@ -243,7 +244,7 @@ def given_trial(
     """
     # A pose known in one link says nothing in another, and holding it would shift the blame.
     options = replace(options, pose=None, robot="nominal", either_sign=False)
-    clean = clean_imu(_liveliest(samples))
+    clean = _liveliest(clean_imu(samples))
     if reversed_accel:
         clean = clean.reversed()
     attempt = best_attempt(clean, Trajectory.of(path), options)
@@ -252,15 +253,14 @@ def given_trial(
     return Fitter(replace(options, time_offset=None), attempt.lean.model.windowing), given
 
 
-def _liveliest(samples: ImuSamples) -> ImuSamples:
+def _liveliest(clean: CleanImu) -> CleanImu:
     """The stretch with the most motion."""
-    clean = clean_imu(samples).samples
-    t = clean.t
+    imu = clean.samples
+    t = imu.t
     if t[-1] - t[0] <= _SECONDS:
-        return samples
+        return clean
     turning, pushing = (
-        ((values - np.median(values, axis=0)) ** 2).sum(axis=1)
-        for values in (clean.gyro, clean.accel)
+        ((values - np.median(values, axis=0)) ** 2).sum(axis=1) for values in (imu.gyro, imu.accel)
     )
     # Rotation says more: half of the acceleration is gravity that turns.
     life = turning / max(turning.mean(), 1e-12) + 0.2 * pushing / max(pushing.mean(), 1e-12)
@@ -269,8 +269,7 @@ def _liveliest(samples: ImuSamples) -> ImuSamples:
     ends = np.searchsorted(t, t[starts] + _SECONDS)
     best = int(np.argmax(so_far[ends] - so_far[starts]))
     begin = t[starts[best]]
-    kept = (samples.t >= begin) & (samples.t <= begin + _SECONDS)
-    return samples.at(kept)
+    return clean.at((t >= begin) & (t <= begin + _SECONDS))
 
 
 def explaining(fitter: Fitter, poor: PoorFit, given: Trial) -> tuple[list[Trial], Trial]:

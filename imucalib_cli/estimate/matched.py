@@ -44,7 +44,8 @@ def calibrate_matched(
 ) -> Estimate:
     """Find the IMU's pose in the path's parent link by matched Savitzky-Golay filters.
 
-    Stamps of both are as they were recorded; ``details`` keeps what a report draws.
+    Stamps may jitter, and are in order, as :func:`imucalib_cli.signals.imu.repair.repair` gives
+    them; ``details`` keeps what a report draws.
 
     Raises:
         InputError: Streams too short, without overlap or without usable samples.

@@ -19,7 +19,7 @@ from imucalib_cli.estimate.model.windows import shortest_length
 from imucalib_cli.estimate.options import PaperOptions
 from imucalib_cli.robot.rotations import matrix_from_rotvec, quaternion_from_matrix
 from imucalib_cli.signals.stretches import Stretches
-from imucalib_cli.signals.timing.stamps import gap_breaks, tidy_rows
+from imucalib_cli.signals.timing.stamps import gap_breaks
 from imucalib_cli.signals.trajectory import Trajectory, continuous
 
 if TYPE_CHECKING:
@@ -109,13 +109,7 @@ def filtered_instants(
     """
     from scipy.signal import savgol_filter  # slow to import, and only this method needs it
 
-    trajectory = Trajectory.of(path)
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    if len(rows) < 2:
-        raise InputError(
-            "the IMU has no usable samples: look at its stamps with 'imucalib inspect'"
-        )
-    t_imu, gyro, accel = imu.t[rows], imu.gyro[rows], imu.accel[rows]
+    t_imu, trajectory = imu.t, Trajectory.of(path)
     fastest = min(trajectory.tracks, key=lambda track: track.interval)
     t = fastest.t[trajectory.covered(fastest.t)]
     if len(t) < 2:
@@ -157,8 +151,8 @@ def filtered_instants(
         R_rate=smooth(flat, 1, dt, whole).reshape(-1, 3, 3),
         R_acceleration=smooth(flat, 2, dt, whole).reshape(-1, 3, 3),
         p_acceleration=smooth(p, 2, dt, whole),
-        accel=smooth(accel, 0, dt_imu, whole_imu)[nearest],
-        gyro=smooth(gyro, 0, dt_imu, whole_imu)[nearest],
+        accel=smooth(imu.accel, 0, dt_imu, whole_imu)[nearest],
+        gyro=smooth(imu.gyro, 0, dt_imu, whole_imu)[nearest],
     )
     window = WindowEntry(samples=length, seconds=(length - 1) * dt, reason="as asked")
     return instants, window, trajectory.gaps + len(gap_breaks(t_imu))

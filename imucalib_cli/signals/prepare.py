@@ -1,4 +1,4 @@
-"""Prepare an IMU for the fit: in order, without spikes, on an even grid."""
+"""Prepare an IMU for the fit: without spikes, on an even grid."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from imucalib_cli.errors import InputError
-from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.grid import ImuGrid, imu_grid
 from imucalib_cli.signals.interpolate import lagrange
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.spikes import find_spikes
 from imucalib_cli.signals.timing.bursts import one_rate_ticks
-from imucalib_cli.signals.timing.stamps import Ticks, TidyRows, tidy_rows
 
 if TYPE_CHECKING:
-    from imucalib_cli.arrays import Bools, Floats
+    from imucalib_cli.arrays import Bools, Floats, Indices
     from imucalib_cli.signals.samples import ImuSamples
-
+    from imucalib_cli.signals.timing.stamps import Ticks
 
 MIN_IMU_SAMPLES = 50
 _SPIKE_FLOOR_ACCEL = 0.2
@@ -34,12 +32,10 @@ class CleanImu(Struct, frozen=True, eq=False, dict=True):
     """An IMU ready for the fit."""
 
     samples: ImuSamples
-    """In order, spikes bridged."""
+    """With spikes bridged."""
     ticks: Ticks | None
     """The constant-rate clock behind jittered stamps, if there is one."""
     spikes: int
-    disorder: tuple[Finding, ...] = ()
-    """As of :func:`in_order`."""
 
     def grid(self, robot_interval: float, *, use_ticks: bool) -> ImuGrid:
         """Even grid with the shorter interval of the IMU and the robot, s.
@@ -55,6 +51,11 @@ class CleanImu(Struct, frozen=True, eq=False, dict=True):
         grid = imu_grid(imu, min(max(refine, 1), _MOST_REFINE))
         return replace(grid, noise=self.noise)
 
+    def at(self, rows: Bools | Indices) -> CleanImu:
+        """Some of the samples."""
+        ticks = self.ticks and replace(self.ticks, t=self.ticks.t[rows])
+        return replace(self, samples=self.samples.at(rows), ticks=ticks)
+
     def reversed(self) -> CleanImu:
         """The same samples with the accelerometer's sign reversed."""
         return replace(self, samples=replace(self.samples, accel=-self.samples.accel))
@@ -66,39 +67,30 @@ class CleanImu(Struct, frozen=True, eq=False, dict=True):
 
 
 def clean_imu(imu: ImuSamples) -> CleanImu:
-    """Order the samples, drop what is not a number, bridge spikes.
+    """Bridge the spikes of samples that are in order, as repaired samples are.
 
     Raises:
-        InputError: Too few usable samples.
+        InputError: Too few samples.
     """
-    tidy, disorder = in_order(imu)
-    if len(tidy) < MIN_IMU_SAMPLES:
+    refuse_short(len(imu), len(imu))
+    gyro, gyro_spikes = _bridged(imu.t, imu.gyro, _SPIKE_FLOOR_GYRO)
+    accel, accel_spikes = _bridged(imu.t, imu.accel, _SPIKE_FLOOR_ACCEL)
+    spikes = int((gyro_spikes | accel_spikes).sum())
+    samples = replace(imu, gyro=gyro, accel=accel)
+    return CleanImu(samples, one_rate_ticks(imu.t), spikes)
+
+
+def refuse_short(usable: int, recorded: int) -> None:
+    """Refuse an IMU with too few usable samples.
+
+    Raises:
+        InputError: It has fewer than any window needs.
+    """
+    if usable < MIN_IMU_SAMPLES:
         raise InputError(
-            f"the IMU has {len(tidy)} usable samples of {len(imu)}, need at least "
+            f"the IMU has {usable} usable samples of {recorded}, need at least "
             f"{MIN_IMU_SAMPLES}: record a longer log, or try --clock log if its stamps repeat"
         )
-    gyro, gyro_spikes = _bridged(tidy.t, tidy.gyro, _SPIKE_FLOOR_GYRO)
-    accel, accel_spikes = _bridged(tidy.t, tidy.accel, _SPIKE_FLOOR_ACCEL)
-    spikes = int((gyro_spikes | accel_spikes).sum())
-    samples = replace(tidy, gyro=gyro, accel=accel)
-    return CleanImu(samples, one_rate_ticks(tidy.t), spikes, disorder)
-
-
-def in_order(imu: ImuSamples) -> tuple[ImuSamples, tuple[Finding, ...]]:
-    """The usable samples in order, and what is said of the others."""
-    tidy = tidy_rows(imu.t, imu.gyro, imu.accel)
-    if not any(tidy.left_out.values()):
-        return imu, ()
-    found = reordered(imu.topic, tidy)
-    if sum(tidy.left_out.values()) > tidy.left_out["backward"]:
-        found = (warning("imu.samples_left_out", **tidy.left_out), *found)
-    return imu.at(tidy.rows), found
-
-
-def reordered(stream: str, tidy: TidyRows) -> tuple[Finding, ...]:
-    """A finding if rows of a stream were put in order, which loses none of them."""
-    count = tidy.left_out["backward"]
-    return (warning("stamps.reordered", stream=stream, count=count),) if count else ()
 
 
 def _bridged(t: Floats, values: Floats, floor: float) -> tuple[Floats, Bools]:

@@ -22,7 +22,10 @@ SENSORS: tuple[Sensor, Sensor] = ("accel", "gyro")
 
 
 class ImuSamples(Struct, frozen=True, kw_only=True, eq=False):
-    """One IMU on the clock of the log; stamps may jitter, repeat or have gaps."""
+    """One IMU on the clock of the log; stamps may jitter or have gaps.
+
+    As recorded, they may repeat too and go back, and values may be missing; repaired ones do not.
+    """
 
     t: Floats
     """(N,), s since the log's start."""

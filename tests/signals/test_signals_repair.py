@@ -148,6 +148,23 @@ def test_a_stream_whose_rate_changes_has_no_constant_rate(stream: str) -> None:
     assert clean.ticks is None
 
 
+def test_samples_in_disorder_are_put_in_order_and_the_useless_ones_left_out() -> None:
+    """Two samples exchanged, one repeated and one not a number."""
+    log = _log()
+    order = np.arange(len(log.imu.t))
+    order[[1000, 1001]] = order[[1001, 1000]]
+    order[2000] = 1999
+    imu = log.imu.at(order)
+    imu.accel[3000] = np.nan
+    mended = _repaired(replace(log, imu=imu))
+    left_out, reordered = mended.findings
+    assert (left_out.code, reordered.code) == ("imu.samples_left_out", "stamps.reordered")
+    expected = {"repeated": 1, "backward": 1, "not_finite": 1, "astray": 0}
+    assert left_out.values == expected
+    assert len(mended.samples) == len(order) - 2
+    _assert_close_to_truth(_estimate(mended), log)
+
+
 @pytest.mark.parametrize("stream", ["imu", "robot"])
 def test_reordered_messages_are_not_said_to_be_left_out(stream: str) -> None:
     log = _log()

@@ -410,7 +410,6 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
     attempt, clean = evidence.attempt, evidence.attempt.clean
     if evidence.sign == "reversed":
         yield warning("imu.accel_reversed")
-    yield from clean.disorder
     if attempt.imu_ticks and clean.ticks is not None:
         yield warning("stamps.imu_ticks", jitter=clean.ticks.jitter)
     if attempt.robot_ticks:

@@ -14,7 +14,6 @@ from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.noise import noise_level
 from imucalib_cli.signals.samples import SENSORS
-from imucalib_cli.signals.timing.stamps import tidy_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -100,14 +99,13 @@ def _check(
     half the sampling rate, and the residuals of the windows, which are noise of a few hertz.
     Vibration raises the first; a filter in the driver lowers the first and not the second.
     """
-    rows = tidy_rows(imu.t, imu.gyro, imu.accel).rows
-    rate = 1.0 / float(np.median(np.diff(imu.t[rows])))
+    rate = 1.0 / float(np.median(np.diff(imu.t)))
     priors = expected.bias_priors if estimate.method == "matched" else {}
     in_windows = estimate.residuals.white_equivalent or (None, None)
     accel, gyro = (
         SensorCheckEntry(
             expected=expected.model.noise(sensor) * float(np.sqrt(rate / 2.0)),
-            measured=noise_level(imu.of(sensor)[rows]),
+            measured=noise_level(imu.of(sensor)),
             in_windows=level,
             bias_prior=None if sensor in dropped else priors.get(sensor),
         )

@@ -19,7 +19,7 @@ from imucalib_cli.signals.imu.checks import dead_in_motion, refuse_dead, refuse_
 from imucalib_cli.signals.imu.faults import held_samples, sensor_faults
 from imucalib_cli.signals.imu.units import Units, accel_factor, gyro_factor
 from imucalib_cli.signals.moves import REPEATED
-from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES, in_order, reordered
+from imucalib_cli.signals.prepare import MIN_IMU_SAMPLES, refuse_short
 from imucalib_cli.signals.spikes import find_glitches
 from imucalib_cli.signals.stretches import stretches_of
 from imucalib_cli.signals.timing.bursts import (
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from imucalib_cli.robot.path import KinematicPath, Track
     from imucalib_cli.signals.imu.faults import Fault
     from imucalib_cli.signals.samples import ImuSamples
+    from imucalib_cli.signals.timing.stamps import TidyRows
     from imucalib_cli.signals.turning import Turning
 
 _MOST_LOST = 0.5
@@ -58,8 +59,7 @@ class Repaired(Struct, frozen=True, kw_only=True, eq=False):
     path: KinematicPath
     trajectory: Trajectory
     """Trajectory of the path, including stretches in which the robot's stream is held."""
-    turning: Turning | None
-    """None if the IMU has too few samples, which the estimator reports."""
+    turning: Turning
     findings: tuple[Finding, ...]
     """Repairs, and reasons why the remaining data are too few."""
     gyro_unit: str = "rad/s"
@@ -88,15 +88,13 @@ def repair(
     time offset between the two, s; ``accel_ranges`` as of :func:`sensor_faults`.
 
     Raises:
-        InputError: Values are beyond any IMU, in no known unit, or all the same.
+        InputError: Values are beyond any IMU, in no known unit, or all the same, or too few
+            samples are usable.
     """
     refuse_impossible(imu, "accel")
     refuse_dead(imu)
     repaired = _on_even_stamps(imu, path, max_offset)
-    if repaired.turning is None:
-        refuse_impossible(imu, "gyro")
-        return replace(repaired, samples=imu)
-    repaired = _in_si_units(repaired, repaired.turning, units, gravity)
+    repaired = _in_si_units(repaired, units, gravity)
     repaired = _without_faults(repaired, accel_ranges, max_offset)
     repaired = _without_held_robot(repaired)
     return replace(repaired, findings=gravest_first(repaired.findings))
@@ -106,8 +104,8 @@ def _scaled(values: Floats, factor: float) -> Floats:
     return values if factor == 1.0 else values * factor  # a long log is not copied
 
 
-def _in_si_units(repaired: Repaired, turning: Turning, units: Units, gravity: float) -> Repaired:
-    imu, findings = repaired.samples, list(repaired.findings)
+def _in_si_units(repaired: Repaired, units: Units, gravity: float) -> Repaired:
+    imu, turning, findings = repaired.samples, repaired.turning, list(repaired.findings)
     suspects = list(dead_in_motion(imu, turning))
     gyro = gyro_factor(imu, turning, units.gyro, most_angle=_most_angle(repaired.path))
     if not gyro.is_converted:  # with a conversion the factor is known from the motion
@@ -169,8 +167,6 @@ def _without_held_robot(repaired: Repaired) -> Repaired:
     The joints of one track may be still while others move.
     """
     tracks, turning = repaired.path.tracks, repaired.turning
-    if turning is None:
-        return repaired
     stretches = turning.held_robot()
     held = [each for each in stretches if all(_repeats(track, *each) for track in tracks)]
     if not held:
@@ -221,7 +217,9 @@ def _evened(
     imu: ImuSamples, path: KinematicPath, max_offset: float, as_recorded: tuple[str, ...]
 ) -> Repaired:
     """Replace bursts by even ticks in all streams except the named ones."""
+    recorded = len(imu)
     imu, findings = repaired_imu(imu, as_recorded)
+    refuse_short(len(imu), recorded)
     tracks = []
     for raw in path.tracks:
         track, found = _repaired_track(raw, as_recorded)
@@ -229,9 +227,7 @@ def _evened(
         findings += found
     path = replace(path, tracks=tuple(tracks))
     trajectory = Trajectory.of(path)
-    turning = None
-    if len(imu) >= MIN_IMU_SAMPLES:
-        turning = compare_turning(imu.t, imu.gyro, trajectory, max_offset)
+    turning = compare_turning(imu.t, imu.gyro, trajectory, max_offset)
     return Repaired(
         samples=imu, path=path, trajectory=trajectory, turning=turning, findings=tuple(findings)
     )
@@ -239,7 +235,7 @@ def _evened(
 
 def _unexplained(streams: Repaired) -> float:
     """Share of the IMU's rotation that the robot's does not explain."""
-    return 1.0 if streams.turning is None else 1.0 - streams.turning.correlation
+    return 1.0 - streams.turning.correlation
 
 
 def _even(
@@ -275,8 +271,13 @@ def repaired_imu(
 ) -> tuple[ImuSamples, list[Finding]]:
     """An IMU on even stamps, in order."""
     t, delay_std, findings = _even(imu.topic, imu.t, imu.gyro, imu.accel, as_recorded=as_recorded)
-    imu, found = in_order(replace(imu, t=t, delay_std=delay_std))
-    return imu, [*findings, *found]
+    imu = replace(imu, t=t, delay_std=delay_std)
+    tidy = tidy_rows(t, imu.gyro, imu.accel)
+    if not any(tidy.left_out.values()):
+        return imu, findings
+    if sum(tidy.left_out.values()) > tidy.left_out["backward"]:
+        findings.append(warning("imu.samples_left_out", **tidy.left_out))
+    return imu.at(tidy.rows), [*findings, *_reordered(imu.topic, tidy)]
 
 
 def _repaired_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, list[Finding]]:
@@ -285,7 +286,7 @@ def _repaired_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, 
     tidy = tidy_rows(t, track.values)
     if tidy.left_out["not_finite"] or tidy.left_out["astray"]:
         findings.append(warning("stream.rows_left_out", stream=track.name, **tidy.left_out))
-    findings += reordered(track.name, tidy)
+    findings += _reordered(track.name, tidy)
     read = tidy.of(track.values)
     values = continuous(track.kind, read)
     if values is not read:
@@ -310,6 +311,12 @@ def _repaired_track(track: Track, as_recorded: tuple[str, ...]) -> tuple[Track, 
         return track, findings
     t, values = (np.delete(each, tidy.rows[out], axis=0) for each in (t, track.values))
     return replace(track, t=t, values=values), findings
+
+
+def _reordered(stream: str, tidy: TidyRows) -> tuple[Finding, ...]:
+    """A finding if rows of a stream were put in order, which loses none of them."""
+    count = tidy.left_out["backward"]
+    return (warning("stamps.reordered", stream=stream, count=count),) if count else ()
 
 
 def _flipped(stream: str, t: Floats, values: Floats) -> tuple[Bools, list[Finding]]:

@@ -25,7 +25,6 @@ from imucalib_cli.robot.rotations import (
     skew,
 )
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
-from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.method_runs import Answer, Pose
 from imucalib_cli.study.methods.bordered import BorderedNormal, Rows
@@ -363,7 +362,6 @@ def prepare(
         stds = [max(residual_std(knots, t, values), _STD_FLOOR) for values in (p, phi)]
         whiten = 1.0 / np.repeat(stds, 3)
     offset = first.time_offset or 0.0
-    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     # The offset may still change by a millisecond; samples must stay on the spline then.
     margin = 0.01
     imu = imu.at((imu.t - offset > t[0] + margin) & (imu.t - offset < t[-1] - margin))

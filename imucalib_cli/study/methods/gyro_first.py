@@ -19,7 +19,6 @@ from imucalib_cli.signals.kernels import convolve_at, savitzky_golay
 from imucalib_cli.signals.offset import coarse_time_offset
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import all_hold
-from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.study.method_runs import Answer, Pose
 from imucalib_cli.study.methods.spline import level_axes
@@ -105,7 +104,6 @@ class _Smoothed:
 
 
 def _smoothed(imu: ImuSamples, seconds: float, degree: int) -> _Smoothed:
-    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     if len(imu.t) < 10:
         raise InputError(f"{len(imu.t)} usable IMU samples: record a longer log")
     grid = imu_grid(imu)

@@ -31,7 +31,6 @@ from imucalib_cli.robot.rotations import (
 )
 from imucalib_cli.signals.samples import STANDARD_GRAVITY
 from imucalib_cli.signals.stretches import stretches_of
-from imucalib_cli.signals.timing.stamps import tidy_rows
 from imucalib_cli.study.method_runs import Answer, Pose
 from imucalib_cli.study.methods.camera import target_pose
 
@@ -67,7 +66,6 @@ def calibrate_liang(imu: ImuSamples, camera: CameraRecord, options: LiangOptions
         InputError: OpenCV is missing; too few moves between standstills at which the target is
             seen; or turns about one axis only.
     """
-    imu = imu.at(tidy_rows(imu.t, imu.gyro, imu.accel).rows)
     stills = standstills(imu.t, imu.gyro, imu.accel, options.still)
     if not stills:
         raise InputError("the IMU never stands still: this method needs start-stop motion")
