@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.solution.fit import Fit, lean_fit
-from imucalib_cli.estimate.solution.robust import residual_scales
+from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.estimate.window_choice import SeenNoise, choose_window, is_drowned
 from imucalib_cli.signals.offset import coarse_time_offset
 
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.timing.lag import Lag
     from imucalib_cli.signals.trajectory import Trajectory
 
-_CLEARLY_BETTER: Final = 0.3
-"""Least fall of the logarithm of both residual scales from which jittered stamps are believed: in
-noise, wrong stamps seem to fit better by up to 0.2, and ticks time the log better. Tuned."""
 _ENOUGH_WINDOWS: Final = 50
 """Windows, three to a length, that make about sixteen independent ones."""
 _ENOUGH_IF_NOISY: Final = 20
@@ -51,11 +48,6 @@ class Attempt(Struct, frozen=True, eq=False):
         return self.lean.model.windowing.trajectory.use_ticks
 
     @property
-    def misfit(self) -> float:
-        """Residual scale of both sensors: lower where stamps are taken better."""
-        return float(np.log(residual_scales(self.lean.windows.residuals.values)).sum())
-
-    @property
     def upside_down(self) -> bool:
         """Whether gravity is more than 60 degrees from down."""
         gravity = self.lean.state.gravity
@@ -63,7 +55,7 @@ class Attempt(Struct, frozen=True, eq=False):
 
 
 def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOptions) -> Attempt:
-    """Take stamps that jitter as ticks of a constant rate, or as they are: whichever fits.
+    """Take stamps that jitter as ticks of a constant rate, unless the residuals show otherwise.
 
     Arrival jitter on a device that keeps its rate is an error of the stamps; a sample taken late
     is not. The stamps alone do not show which, the residuals do.
@@ -71,11 +63,11 @@ def best_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOption
     best = _first_attempt(clean, trajectory.with_ticks(trajectory.has_jitter), options)
     if best.robot_ticks:
         other = _next_attempt(best, options, imu_ticks=best.imu_ticks, robot_ticks=False)
-        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
+        best = other if other.lean.evidence_over(best.lean) > DECISIVE else best
     # With the better stamps of the robot: both streams may be sampled late.
     if best.imu_ticks:
         other = _next_attempt(best, options, imu_ticks=False, robot_ticks=best.robot_ticks)
-        best = other if other.misfit < best.misfit - _CLEARLY_BETTER else best
+        best = other if other.lean.evidence_over(best.lean) > DECISIVE else best
     return best
 
 
@@ -89,8 +81,8 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
         offsets, lag = coarse_time_offset(grid, trajectory, options.max_offset)
     windowing, window = _windowing(grid, trajectory, options, offsets[0])
     fits = (lean_fit(windowing, options, offset) for offset in offsets)
-    attempts = (Attempt(clean, lean, window, lag, imu_ticks) for lean in fits)
-    return min(attempts, key=lambda each: each.misfit)
+    best = min(fits, key=lambda fit: fit.window_deviance)
+    return Attempt(clean, best, window, lag, imu_ticks)
 
 
 def _windowing(

@@ -148,6 +148,18 @@ def test_unevenly_sampled_streams_use_their_stamps() -> None:
     assert {found.notes["imu_stamps"], found.notes["robot_stamps"]} == {"as stamped"}
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_late_samples_of_the_robot_are_told_from_jitter_in_noise(seed: int) -> None:
+    """The size of the residuals hardly differs there; their spectrum does."""
+    log, rng = make_log(), np.random.default_rng(seed)
+    (track,) = log.path.tracks
+    t = np.sort(track.t + rng.normal(size=len(track.t)) * 3e-4)
+    late, jittered = arm_path(t, Moves().joints(t)[0]), log.with_joints(t=t).path
+    for path, expected in ((late, "as stamped"), (jittered, "ticks")):
+        noisy = replace(log, path=path).noisy(seed)
+        assert solve_exact(noisy).notes["robot_stamps"] == expected
+
+
 @pytest.mark.parametrize(
     ("stream", "seed", "metres", "angle"),
     [("imu", 1, 2.0, 2 * ANGLE), ("robot", 3, 5.0, 3 * ANGLE)],

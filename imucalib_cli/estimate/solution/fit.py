@@ -225,10 +225,10 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
     def evidence_over(self, other: Fit) -> float:
         """Fall of the information criterion against another model; one more unknown is free."""
         count = min(len(self.windows.centres), len(other.windows.centres))
-        return count * (other._deviance - self._deviance)
+        return count * (other.window_deviance - self.window_deviance)
 
     @cached_property
-    def _deviance(self) -> float:
+    def window_deviance(self) -> float:
         """Twice the negative Whittle log-likelihood of a window."""
         windows = self.windows
         return deviance(self.model.windowing.plan, windows.centres, windows.residuals.values)
