@@ -27,7 +27,7 @@ from imucalib_cli.results.from_estimate import result_of, scalars
 from imucalib_cli.results.requirement import require
 from imucalib_cli.results.result import Provenance, RecordingEntry, SourceFile, Topics
 from imucalib_cli.shown import path_text
-from imucalib_cli.signals.imu.checks import refuse_dead
+from imucalib_cli.signals.imu.checks import refuse_apart, refuse_dead
 from imucalib_cli.signals.imu.stream_health import missing_parts
 from imucalib_cli.signals.samples import samples_of
 from imucalib_cli.signals.timing.stamps import usual_interval
@@ -147,7 +147,7 @@ def _estimate_one(
     motion = _motion_of(imu, samples, sources, request)
     path = motion.path
     check_joint_topics(recording.joints, set(map(path.reported, path.joint_steps.values())))
-    check_overlap(samples, motion)
+    refuse_apart(samples, path.tracks, sources.clock)
     repaired = request.repaired(samples, path)
     estimate, options = _estimated(repaired, motion, request)
     if isinstance(options, MatchedOptions):
@@ -309,34 +309,6 @@ def about_nominal(
     """Options with a prior of the pose that is about the nominal one."""
     known = replace(prior, R_parent_imu=nominal.R_parent_imu, t_parent_imu=nominal.t_parent_imu)
     return replace(options, pose=known)
-
-
-_OTHER_CLOCK = {
-    "log": "if one clock is wrong, rerun with --clock log to use the times of receipt",
-    "header": "rerun with --clock header to use the stamps of the headers",
-    None: "the log has no other sound stamps, so record again",
-}
-"""What to do about the clock, by its alternative."""
-
-
-def check_overlap(samples: ImuSamples, motion: Motion) -> None:
-    """Check that the stamps of an IMU and of its motion overlap.
-
-    Raises:
-        InputError: They do not; stamps of another epoch are the most common reason.
-    """
-    start, end = float(np.min(samples.t)), float(np.max(samples.t))
-    for track in motion.path.tracks:
-        if not len(track.t):
-            raise InputError(f"{track.name}: no messages")
-        first, last = float(np.min(track.t)), float(np.max(track.t))
-        if first > end or last < start:
-            raise InputError(
-                f"{samples.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
-                f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; "
-                f"{_OTHER_CLOCK[motion.sources.clock.alternative]}",
-                topic=samples.topic,
-            )
 
 
 def _provenance(recording: Recording, alone: _Alone) -> Provenance:

@@ -10,7 +10,6 @@ from msgspec.structs import replace
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
 from imucalib_cli.estimate.options import MatchedOptions
-from imucalib_cli.jobs.calibrate import check_overlap
 from imucalib_cli.jobs.input.log_robot.mounts import with_base_imu, with_carriers
 from imucalib_cli.jobs.input.log_robot.robot import Named, named_log
 from imucalib_cli.jobs.input.motion import find_motion
@@ -20,6 +19,7 @@ from imucalib_cli.jobs.inspection import Health, ImuFinding, Inspection, JointFi
 from imucalib_cli.logs.part import part_of
 from imucalib_cli.logs.select import candidates, descriptions, is_tf, select_topics
 from imucalib_cli.shown import as_word
+from imucalib_cli.signals.imu.checks import refuse_apart
 from imucalib_cli.signals.imu.repair import check_alone
 from imucalib_cli.signals.imu.stream_health import stamp_health
 from imucalib_cli.signals.imu.units import guess_units
@@ -182,7 +182,7 @@ def _imu(
         if problem is not None:
             raise problem
         motion = find_motion(sources, imu.frame_id, request, samples)
-        check_overlap(samples, motion)
+        refuse_apart(samples, motion.path.tracks, motion.sources.clock)
     except ImucalibError as error:
         solution = error.option
         if solution == "--parent":

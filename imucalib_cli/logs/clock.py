@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from imucalib_cli.findings import Finding, note, warning
+from imucalib_cli.logs.streams import NS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +38,6 @@ _STEP_SCATTERS = 12.0
 during the recording. Clocks of different rates reach 4 times the scatter. Tuned."""
 _STEP_CHUNKS = 40
 _STEP_ROWS = 10
-_NS = 1_000_000_000
 
 
 class Clock(Struct, frozen=True, kw_only=True):
@@ -57,7 +57,7 @@ class Clock(Struct, frozen=True, kw_only=True):
 
     def seconds(self, stream: Stream) -> Floats:
         """Seconds since the origin, (N,); may repeat, jitter or run backwards as stamped."""
-        seconds: Floats = (stream.stamps_ns(self.kind) - self.origin_ns) / _NS
+        seconds: Floats = (stream.stamps_ns(self.kind) - self.origin_ns) / NS_PER_SECOND
         return seconds
 
 
@@ -140,7 +140,7 @@ def _fault(stamps: Nanoseconds) -> Finding | None:
 
 def _set_back(stamps: Nanoseconds) -> Finding | None:
     """Whether a clock was set back and went on from there; a single wrong stamp does not count."""
-    far = -int(_FAR_BACK_S * _NS)
+    far = -int(_FAR_BACK_S * NS_PER_SECOND)
     if len(stamps) < 5 or not (np.diff(stamps) < far).any():
         return None
     middle = np.median(np.lib.stride_tricks.sliding_window_view(stamps, 5), axis=1)
@@ -150,7 +150,7 @@ def _set_back(stamps: Nanoseconds) -> Finding | None:
         return None
     first = int(back[0])
     raw = np.diff(stamps)[first : first + 5]
-    size = -float(raw.min()) / _NS
+    size = -float(raw.min()) / NS_PER_SECOND
     number = first + int(np.argmin(raw)) + 2
     return warning("stamps.set_back", seconds=size, number=number)
 
@@ -161,7 +161,9 @@ def _step(stream: Stream) -> Finding | None:
     chunks = len(stream) // size
     if chunks < 4 or (stream.log_ns == 0).any():
         return None
-    apart = (stream.header_ns - stream.log_ns)[: chunks * size].reshape(chunks, size) / _NS
+    apart = (stream.header_ns - stream.log_ns)[: chunks * size].reshape(
+        chunks, size
+    ) / NS_PER_SECOND
     level = np.median(apart, axis=1)
     splits = np.arange(2, chunks - 1)
     sizes = np.array([level[k:].mean() - level[:k].mean() for k in splits])
@@ -171,7 +173,7 @@ def _step(stream: Stream) -> Finding | None:
     scatter = max(float(np.mean(np.abs(side))) for side in sides)
     if abs(by) < _STEP_S + _STEP_SCATTERS * scatter:
         return None
-    when = float(stream.log_ns[k * size] - stream.log_ns[0]) / _NS
+    when = float(stream.log_ns[k * size] - stream.log_ns[0]) / NS_PER_SECOND
     return warning("stamps.step", milliseconds=by * 1e3, when=when)
 
 
@@ -182,7 +184,9 @@ def _different_clocks(streams: Sequence[Stream]) -> list[Finding]:
     receive time is a small delay for every stream, and both advance at the same rate (or, with
     simulated time, at one common factor).
     """
-    offsets = np.array([float(np.median(each.header_ns - each.log_ns)) / _NS for each in streams])
+    offsets = np.array(
+        [float(np.median(each.header_ns - each.log_ns)) / NS_PER_SECOND for each in streams]
+    )
     rates = np.array([_rate(each) for each in streams])
     offset_range = float(offsets.max() - offsets.min())
     known = rates[np.isfinite(rates)]
@@ -208,7 +212,7 @@ def _rate(stream: Stream) -> float:
     few = max(1, len(stream) // 10)
     log = np.median(stream.log_ns[-few:]) - np.median(stream.log_ns[:few])
     header = np.median(stream.header_ns[-few:]) - np.median(stream.header_ns[:few])
-    if log < _MIN_SPAN_S * _NS or header <= 0:
+    if log < _MIN_SPAN_S * NS_PER_SECOND or header <= 0:
         return float("nan")
     return float(header / log)
 
@@ -216,5 +220,5 @@ def _rate(stream: Stream) -> float:
 def first_plausible(stamps: Nanoseconds) -> int:
     """The first stamp, ignoring single glitches such as zeros, which would cost float64 digits."""
     low, middle, high = (int(x) for x in np.percentile(stamps, (5, 50, 95)))
-    reach = 2 * (high - low) + _NS
+    reach = 2 * (high - low) + NS_PER_SECOND
     return int(stamps[np.abs(stamps - middle) <= reach].min())

@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import ChoiceError
-from imucalib_cli.logs.streams import Stream
+from imucalib_cli.logs.streams import NS_PER_SECOND, Stream
 
 if TYPE_CHECKING:
     from imucalib_cli.logs.clock import Clock
@@ -20,7 +20,6 @@ OneStream = TypeVar("OneStream", bound=Stream)
 
 _STAMP = 1e8
 """s: less is time since the log's start, for no log lasts three years; more is since 1970."""
-_NS = 1e9
 
 
 class Part(Struct, frozen=True, kw_only=True):
@@ -92,4 +91,4 @@ def _robot(data: LogData) -> list[Stream]:
 
 
 def _seconds(value: float, clock: Clock) -> float:
-    return value if value < _STAMP else value - clock.origin_ns / _NS
+    return value if value < _STAMP else value - clock.origin_ns / NS_PER_SECOND

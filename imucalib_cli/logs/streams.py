@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Progress = Callable[[float], None]
 """Told the share that is done, 0 to 1."""
 Nanoseconds = Integers
+NS_PER_SECOND = 1_000_000_000
 StampKind = Literal["header", "log"]
 
 

@@ -14,7 +14,8 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.logs.mcap.write import McapWriter
-from imucalib_cli.logs.messages.make import NS, Maker
+from imucalib_cli.logs.messages.make import Maker
+from imucalib_cli.logs.streams import NS_PER_SECOND
 from imucalib_cli.report.table import stamps_ns
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.names import TOPIC, names_of
@@ -40,7 +41,7 @@ DESCRIPTION = "/robot_description"
 RESULT = "result.yaml"
 """Name of the attachment."""
 _LIBRARY = "imucalib run --debug-mcap"
-_LATEST_NS = 2**31 * NS
+_LATEST_NS = 2**31 * NS_PER_SECOND
 """Seconds of a ROS 2 message are an int32."""
 _IMU, _TF = "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
 _NUMBERS = "std_msgs/msg/Float64MultiArray"
@@ -77,7 +78,7 @@ def debug_mcap(
     results = [result for result, _ in seen]
     ends = np.concatenate([stamps_ns(windows.t[[0, -1]], origin_ns) for _, windows in seen])
     start_ns = max(int(ends.min()), 0)
-    if int(ends.max()) + NS > _LATEST_NS:
+    if int(ends.max()) + NS_PER_SECOND > _LATEST_NS:
         raise InputError("the log's stamps are after 2038, which no message of ROS 2 can hold")
     content = io.BytesIO()
     log = McapWriter(content, library=_LIBRARY)

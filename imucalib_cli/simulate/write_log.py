@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
-from imucalib_cli.logs.messages.make import NS, Maker
+from imucalib_cli.logs.messages.make import Maker
+from imucalib_cli.logs.streams import NS_PER_SECOND
 from imucalib_cli.results.atomic import check_writable
 from imucalib_cli.robot.rotations import matrix_from_rpy, quaternion_from_matrix
 from imucalib_cli.simulate.options import LogOptions
@@ -292,9 +293,9 @@ def _images(record: CameraRecord, recording: Recording, header: Make, message: A
 
 def _ns(seconds: Floats, options: LogOptions) -> Integers:
     """Seconds since the first instant to Unix time, int64 ns."""
-    ns = np.round(seconds * 1e9).astype(np.int64) + options.start * NS
+    ns = np.round(seconds * 1e9).astype(np.int64) + options.start * NS_PER_SECOND
     if len(ns) and ns.min() < 0:
         raise InputError("stamps before 1970: choose a later start or a smaller time offset")
-    if len(ns) and ns.max() >= NS << 31:  # seconds are int32
+    if len(ns) and ns.max() >= NS_PER_SECOND << 31:  # seconds are int32
         raise InputError("stamps after January 2038: choose an earlier start")
     return ns

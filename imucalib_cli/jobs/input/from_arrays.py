@@ -8,7 +8,7 @@ import numpy as np
 
 from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.logs.log import LogData
-from imucalib_cli.logs.streams import ImuStream, JointStream, PoseStream
+from imucalib_cli.logs.streams import NS_PER_SECOND, ImuStream, JointStream, PoseStream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from imucalib_cli.arrays import Floats
 
-_NS = 1_000_000_000
 _LONGEST = 1e9
 """s between the first stamp and the last: more cannot be seconds."""
 
@@ -63,7 +62,8 @@ def streams_of(
     # start at exactly 1 s: a stamp of zero counts as a broken clock
     start = np.floor(first) - 1.0
     stamps = {
-        name: np.round((seconds - start) * _NS).astype(np.int64) for name, seconds in times.items()
+        name: np.round((seconds - start) * NS_PER_SECOND).astype(np.int64)
+        for name, seconds in times.items()
     }
 
     def stamped(topic: str, name: str) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def streams_of(
             **stamped("poses", "pose_t"),
         )
         data.poses["poses"] = (pose,)
-    return data, int(start) * _NS
+    return data, int(start) * NS_PER_SECOND
 
 
 def _given(**arguments: object) -> bool:

@@ -16,6 +16,7 @@ from imucalib_cli.errors import ChoiceError
 from imucalib_cli.findings import note
 from imucalib_cli.jobs.input.log_robot.robot import no_such_imu
 from imucalib_cli.logs.select import without_sensor
+from imucalib_cli.signals.imu.checks import missing_sensors
 from imucalib_cli.signals.interpolate import lagrange
 
 if TYPE_CHECKING:
@@ -85,8 +86,8 @@ def _asked(
 
 def _found(imus: dict[str, ImuStream]) -> list[tuple[ImuStream, ImuStream]]:
     filled = [imu for imu in imus.values() if len(imu)]
-    gyros = [imu for imu in filled if imu.gyro.any() and not imu.accel.any()]
-    accels = [imu for imu in filled if imu.accel.any() and not imu.gyro.any()]
+    gyros = [imu for imu in filled if missing_sensors(imu) == ["accel"]]
+    accels = [imu for imu in filled if missing_sensors(imu) == ["gyro"]]
     pairs = [
         (gyro, accel)
         for gyro, accel in product(gyros, accels)

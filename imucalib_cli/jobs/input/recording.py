@@ -29,6 +29,7 @@ from imucalib_cli.results.result import RemoteEntry, SourceFile
 from imucalib_cli.robot.frames import Edge
 from imucalib_cli.robot.path import Track
 from imucalib_cli.shown import listed, path_text
+from imucalib_cli.signals.imu.checks import refuse_still_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -153,7 +154,8 @@ def recording_of(
     filled = [imu for imu in timed.imus if len(imu)]
     imus = tuple(imu for imu in filled if imu.name in asked)
     others = tuple(imu for imu in filled if imu.name not in asked)
-    _require_advancing_stamps(imus, timed.clock)
+    for imu in imus:
+        refuse_still_stamps(imu, timed.clock)
     unusable = (each for each in named.findings if each.code == "robot.description_unusable")
     sources = replace(timed.sources, undescribed=warnings(unusable))
     check_parents((*imus, *others), request)
@@ -218,17 +220,6 @@ def recorded_at(recording: Recording, imu: ImuStream, seconds: float) -> datetim
         if ns >= _FIRST_DATE_NS:
             return _UNIX_EPOCH + timedelta(microseconds=ns // 1000)
     return None
-
-
-def _require_advancing_stamps(imus: tuple[ImuStream, ...], clock: Clock) -> None:
-    for imu in imus:
-        stamps = imu.stamps_ns(clock.kind)
-        if len(stamps) > 1 and not np.diff(stamps).any():
-            name = "header stamps" if clock.kind == "header" else "receive times"
-            remedy = "the log has no other sound stamps, so record again"
-            if clock.alternative is not None:
-                remedy = f"rerun with --clock {clock.alternative}"
-            raise InputError(f"{imu.topic}: {name} are all the same: {remedy}", topic=imu.topic)
 
 
 def _why_unused(topic: str, data: LogData) -> str:

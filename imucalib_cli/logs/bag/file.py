@@ -13,6 +13,7 @@ from imucalib_cli.logs.chunked.model import Chunk, ChunkHead, Contents, Index, R
 from imucalib_cli.logs.damage import Cursor, DamageError, Tally, seek
 from imucalib_cli.logs.reader import Located, cut, cut_values
 from imucalib_cli.logs.remote.file import announce
+from imucalib_cli.logs.streams import NS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -102,7 +103,7 @@ class BagFile(ChunkedFile):
                 if fields.get("ver") != b"\1\0\0\0" or size % _ENTRY.itemsize:
                     raise DamageError("its index is of another version")
                 entries = np.frombuffer(data, dtype=_ENTRY)
-                times = entries["sec"] * np.int64(10**9) + entries["nsec"]
+                times = entries["sec"] * np.int64(NS_PER_SECOND) + entries["nsec"]
                 found[number] = np.column_stack((times, entries["offset"].astype(np.int64)))
             at = start + size
         return found
@@ -234,7 +235,7 @@ def number_of(head: Fields, name: str) -> int:
 def time_of(head: Fields, name: str = "time") -> int:
     """A time field (4 bytes of seconds, 4 of nanoseconds), in ns; 0 if it is missing."""
     raw = head.get(name, b"")
-    return int.from_bytes(raw[:4], "little") * 10**9 + int.from_bytes(raw[4:8], "little")
+    return int.from_bytes(raw[:4], "little") * NS_PER_SECOND + int.from_bytes(raw[4:8], "little")
 
 
 def size_of(raw: bytes | memoryview) -> int:

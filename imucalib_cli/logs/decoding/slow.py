@@ -15,6 +15,7 @@ from imucalib_cli.logs.decoding.wire import Element, WireError, sound
 from imucalib_cli.logs.messages import table as messages
 from imucalib_cli.logs.messages.definitions import TIME_PARTS
 from imucalib_cli.logs.messages.protobuf import message_class
+from imucalib_cli.logs.streams import NS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.messages.table import Labels
     from imucalib_cli.logs.reader import Channel
 
-_NS_PER_S = 1_000_000_000
 _TF_MESSAGE = "geometry_msgs/TransformStamped[] transforms"
 
 
@@ -138,7 +138,7 @@ def _add_structs(
 def _stamp(value: Any) -> int:
     """Nanoseconds of a time: of ROS, of JSON, of protobuf."""
     if isinstance(value, (int, float)):
-        return round(value * _NS_PER_S)
+        return round(value * NS_PER_SECOND)
     return sum(
         next((int(_get(value, name)) * unit for name in names if _has(value, name)), 0)
         for unit, names in TIME_PARTS.items()

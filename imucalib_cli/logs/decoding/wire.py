@@ -20,6 +20,7 @@ from msgspec import Struct, field
 from imucalib_cli.arrays import Bools, Bytes, Floats, Indices
 from imucalib_cli.logs.messages import table as messages
 from imucalib_cli.logs.messages.shapes import BINARY
+from imucalib_cli.logs.streams import NS_PER_SECOND
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -33,7 +34,6 @@ Rows = Bytes
 
 MAX_SHAPES = 64
 """After this many structures in one block the remaining messages are decoded one by one."""
-_NS_PER_S = 1_000_000_000
 _NS_PER_TICK = 1_000_000
 _MAX_STEPS = 100_000
 """Fields walked in one payload; hostile definitions nest arrays of nothing."""
@@ -304,7 +304,9 @@ def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
         if place.stamp >= 0:
             seconds_type = "u4" if shape.ros1 else "i4"
             stamp = np.ascontiguousarray(rows[:, place.stamp : place.stamp + 8])
-            stamp_ns += stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64) * _NS_PER_S
+            stamp_ns += (
+                stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64) * NS_PER_SECOND
+            )
             stamp_ns += stamp[:, 4:].view(mark + "u4")[:, 0]
         elif place.tick >= 0:
             ticks = np.ascontiguousarray(rows[:, place.tick : place.tick + 4])

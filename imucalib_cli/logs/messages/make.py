@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from imucalib_cli.logs.streams import NS_PER_SECOND
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-NS = 1_000_000_000
 """In a second."""
 _UNKNOWN, _NO_ORIENTATION = np.zeros(9), np.array([-1.0, *np.zeros(8)])
 """Covariances; REP 145: a first element of -1 means that there is no orientation."""
@@ -32,7 +33,9 @@ class Maker:
     def header(self, ns: int, frame: str, number: int = 0) -> Any:
         """A header; ROS 1 alone has the number of the message."""
         numbered = {"seq": number} if self._is_numbered else {}
-        return self._header(stamp=self._time(*divmod(ns, NS)), frame_id=frame, **numbered)
+        return self._header(
+            stamp=self._time(*divmod(ns, NS_PER_SECOND)), frame_id=frame, **numbered
+        )
 
     def imu(self, header: Any, gyro: Sequence[float], accel: Sequence[float]) -> Any:
         """Readings, rad/s and m/s², without an orientation."""

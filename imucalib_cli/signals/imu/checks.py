@@ -1,4 +1,4 @@
-"""Refuse an IMU with impossible values or dead axes, and find values beyond the IMU's range.
+"""Refuse an IMU with impossible values, dead axes or useless stamps; find values beyond its range.
 
 Frozen and saturated stretches are found in faults.py, units in units.py, stamps in
 signals/timing/stamps.py.
@@ -16,8 +16,11 @@ from imucalib_cli.signals.imu.faults import axis_letters, constant_axes, dead_ax
 from imucalib_cli.signals.samples import AXES, SENSORS, Sensor
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from imucalib_cli.logs.clock import Clock
+    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.robot.path import Track
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import ImuSamples
     from imucalib_cli.signals.turning import Turning
@@ -59,7 +62,7 @@ def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
     Raises:
         InputError: One is missing.
     """
-    zero = [sensor for sensor in SENSORS if not imu.of(sensor).any()]
+    zero = missing_sensors(imu)
     for sensor in SENSORS if len(imu) else ():
         if sensor in zero:
             reads = dict.fromkeys("NaN" if each in imu.absent else "zero" for each in zero)
@@ -67,6 +70,52 @@ def refuse_dead(imu: ImuSamples, option: str = "--imu-topic") -> None:
             values = {"topic": imu.topic, "sensor": which, "count": len(imu), "option": option}
             raise InputError(untrusted("imu.zero", reads=" or ".join(reads), **values))
         _refuse_axes(imu, sensor, dead_axes(imu.of(sensor)))
+
+
+def missing_sensors(imu: ImuSamples | ImuStream) -> list[Sensor]:
+    """The sensors of which all values are zero, or NaN, which is read as zero."""
+    return [sensor for sensor in SENSORS if not getattr(imu, sensor).any()]
+
+
+_REMEDY = {
+    "log": "rerun with --clock log to use the times of receipt",
+    "header": "rerun with --clock header to use the stamps of the headers",
+    None: "the log has no other sound stamps, so record again",
+}
+"""What to do about the clock, by its alternative."""
+
+
+def refuse_still_stamps(imu: ImuStream, clock: Clock) -> None:
+    """Refuse an IMU whose stamps on a clock are all the same.
+
+    Raises:
+        InputError: They are.
+    """
+    stamps = imu.stamps_ns(clock.kind)
+    if len(stamps) > 1 and not np.diff(stamps).any():
+        name = "header stamps" if clock.kind == "header" else "receive times"
+        remedy = _REMEDY[clock.alternative]
+        raise InputError(f"{imu.topic}: {name} are all the same: {remedy}", topic=imu.topic)
+
+
+def refuse_apart(imu: ImuSamples, tracks: Sequence[Track], clock: Clock) -> None:
+    """Refuse an IMU whose stamps do not overlap with those of its motion.
+
+    Raises:
+        InputError: They do not; stamps of another epoch are the most common reason.
+    """
+    start, end = float(np.min(imu.t)), float(np.max(imu.t))
+    for track in tracks:
+        if not len(track.t):
+            raise InputError(f"{track.name}: no messages")
+        first, last = float(np.min(track.t)), float(np.max(track.t))
+        if first > end or last < start:
+            raise InputError(
+                f"{imu.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
+                f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; "
+                f"{_REMEDY[clock.alternative]}",
+                topic=imu.topic,
+            )
 
 
 def dead_in_motion(imu: ImuSamples, turning: Turning) -> tuple[Finding, ...]:

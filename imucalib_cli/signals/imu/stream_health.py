@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from imucalib_cli.findings import Finding, untrusted, warning
+from imucalib_cli.logs.streams import NS_PER_SECOND
 from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
 from imucalib_cli.signals.timing.stamps import BUNCHED, SHORT, longest_step, usual_interval
 
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from imucalib_cli.arrays import Bools, Floats
     from imucalib_cli.logs.streams import Nanoseconds
 
-_NS = 1_000_000_000
-_NEAR_NS = _NS
+_NEAR_NS = NS_PER_SECOND
 """Streams of sensors have 1 Hz or more."""
 _QUARTILES_TO_STD = 1.349
 """Interquartile range of a normal distribution, in standard deviations."""
@@ -61,15 +61,15 @@ class StampHealth(Struct, frozen=True, kw_only=True):
 def stamp_health(stamp_ns: Nanoseconds) -> StampHealth:
     """Describe stamps (N,), ns, in the order of the log."""
     stamps = stamp_ns[_is_set(stamp_ns)]
-    steps: Floats = np.diff(stamps) / _NS
+    steps: Floats = np.diff(stamps) / NS_PER_SECOND
     forward = steps[steps > 0]
     duration = rate = median = jitter = longest = 0.0
     gaps = bursts = 0
     if len(forward):
-        duration, longest = float(stamps.max() - stamps.min()) / _NS, float(forward.max())
+        duration, longest = float(stamps.max() - stamps.min()) / NS_PER_SECOND, float(forward.max())
         low, median, high = (float(x) for x in np.percentile(forward, (25, 50, 75)))
         jitter = (high - low) / _QUARTILES_TO_STD
-        usual = usual_interval((stamps - stamps[0]) / _NS)
+        usual = usual_interval((stamps - stamps[0]) / NS_PER_SECOND)
         if np.mean(steps < SHORT * usual) < BUNCHED:
             usual = median
         rate = 1 / usual
