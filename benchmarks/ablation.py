@@ -20,7 +20,7 @@ from benchmarks.robots import ROBOTS, ROWS
 from imucalib_cli.estimate.effects import OfBase
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.solution import fit
-from imucalib_cli.estimate.unknowns import TABLE, Unknown
+from imucalib_cli.estimate.unknowns import LEAN, TABLE, Unknown
 
 if TYPE_CHECKING:
     from imucalib_cli.estimate.model.layout import Layout
@@ -52,13 +52,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
     ),
 }
 GROUPS["all of these"] = tuple(name for names in GROUPS.values() for name in names)
-NEEDED = frozenset(
-    {"translation", "rotation", "accel_bias", "gyro_bias", "gravity_direction", "time_offset"}
-)
-"""Nothing works without these."""
 MISSING = (
     {each.name for each in TABLE if not isinstance(each.effect, OfBase)}
-    - NEEDED
+    - {each.name for each in LEAN}
     - {*GROUPS["all of these"]}
 )
 """No log here has a base IMU: its entries are left out."""
