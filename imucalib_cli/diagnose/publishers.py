@@ -74,7 +74,7 @@ def _jump(values: Floats) -> float | None:
     signs = np.sign(steps[large])
     back = float(np.mean(signs[1:] != signs[:-1]))
     typical = float(np.median(size[large]))
-    spread = float(np.median(np.abs(size[large] - typical))) * MAD_TO_STD
+    scatter = float(np.median(np.abs(size[large] - typical))) * MAD_TO_STD
     rest = float(np.median(size[~large])) if (~large).any() else 0.0
     # An encoder at rest that is undecided between two counts jumps by one.
     apart = np.abs(values[2:] - values[:-2])
@@ -84,7 +84,7 @@ def _jump(values: Floats) -> float | None:
     if (
         back > _BACK
         and typical > _HARMLESS
-        and spread < _ALIKE * typical
+        and scatter < _ALIKE * typical
         and typical > _OVER_STEPS * max(along, count)
     ):
         return typical

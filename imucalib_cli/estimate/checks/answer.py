@@ -168,7 +168,7 @@ def is_below(answer: Answer, each: Placed) -> bool:
 
 
 def is_clear(answer: Answer, each: Placed) -> bool:
-    """Whether an error is clear, and large enough to be told."""
+    """Whether an error is clear, and large enough to be stated."""
     size, std = np.abs(answer.value(each)), answer.std[each.part]
     return bool(((size > DISTRUST_SIGMAS * std) & (size >= each.unknown.least)).any())
 

@@ -366,9 +366,9 @@ def _changed(evidence: Evidence) -> Iterator[Finding]:
         return
     lengths, size, values = lengths_of(change.moves_pose), change.size, dict[str, Any]()
     if change.kind in {"mount", "drift"}:
-        spread = lengths_of(size * change.std)
+        stds = lengths_of(size * change.std)
         for name, length in lengths.items():
-            values |= {name: length, f"{name}_std": spread[name] / max(length, 1e-300)}
+            values |= {name: length, f"{name}_std": stds[name] / max(length, 1e-300)}
     else:
         values["size"] = float(size[0] if len(size) == 1 else np.linalg.norm(size))
         values["std"] = float(np.linalg.norm(size * change.std)) / max(abs(values["size"]), 1e-300)

@@ -49,7 +49,7 @@ _KINDS: Final[dict[Kind, tuple[str, ...]]] = {
     "accel_bias": ("accel_bias",),
 }
 """What may change at an instant, by entries of the table, the gravest first. Clocks and biases
-that drift have entries of their own; a mount that does so is told as a drift."""
+that drift have entries of their own; a mount that does so is reported as a drift."""
 
 _WALK: Final = frozenset[Kind]({"gyro_bias", "accel_bias"})
 """Kinds that usually walk, so that a step must stand clear of the walk."""
@@ -236,8 +236,8 @@ class Segments:
         # Satterthwaite's degrees of freedom, less the pose that all folds share.
         freedom = max(total**2 / squares - len(pose), 1.0)
         ratio = float(np.einsum("ki,kij,kj->", changes, weight, changes)) / max(total, 1e-300)
-        spread = 2.0 / (9.0 * freedom)
-        return ratio, float((ratio ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread))
+        variance = 2.0 / (9.0 * freedom)
+        return ratio, float((ratio ** (1.0 / 3.0) - 1.0 + variance) / math.sqrt(variance))
 
     def change(self) -> Change | None:
         """The most decisive change of mount, clock or bias; None if there is none.

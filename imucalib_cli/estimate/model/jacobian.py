@@ -108,9 +108,9 @@ class NodePlan(Struct, frozen=True, eq=False):
         taps = np.arange(responses.shape[2])
         size = (len(pair.average) + taps[-1] - 1) * self.every + len(self.box)
         frequency = np.arange(size + 1) / (2 * size)
-        spread = np.zeros((len(pair.average) - 1) * self.every + 1)
-        spread[:: self.every] = pair.average
-        alone = np.fft.rfft(spread, 2 * size) * np.fft.rfft(self.box, 2 * size)
+        spaced = np.zeros((len(pair.average) - 1) * self.every + 1)
+        spaced[:: self.every] = pair.average
+        alone = np.fft.rfft(spaced, 2 * size) * np.fft.rfft(self.box, 2 * size)
         turns = np.exp(-2j * np.pi * self.every * np.outer(taps, frequency))
         # A kernel is its response to a pulse, reversed: that of a derivative is odd.
         return responses[:, :, ::-1] @ turns * alone, size
