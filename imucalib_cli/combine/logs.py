@@ -21,7 +21,7 @@ from imucalib_cli.estimate.model.state import turned_about
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.normal_equations import Answer, prior_offset
 from imucalib_cli.estimate.solution.scales import integrate
-from imucalib_cli.estimate.unknowns import LEAN, TABLE
+from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.robot.rotations import rotation_angle, rotvec_from_matrix
 
 if TYPE_CHECKING:
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
 
 _ORDER: Final = [each.name for each in TABLE]
-_LEAN: Final = frozenset(each.name for each in LEAN)
 
 
 def solve_again(log: LogStatistics, options: MatchedOptions) -> tuple[Answer, list[Finding]]:
@@ -218,7 +217,7 @@ def _motion(equations: NormalEquations, layout: Layout, shared: Layout) -> Float
     own = places_of(
         each.part
         for each in layout.placed
-        if each.unknown.of_log and each.unknown.name in _LEAN and layout.free[each.part].all()
+        if each.unknown.of_log and each.unknown.lean and layout.free[each.part].all()
     )
     M, pose = equations.motion, layout.pose
     across = M[np.ix_(pose, own)]

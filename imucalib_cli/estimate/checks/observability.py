@@ -11,7 +11,6 @@ from imucalib_cli.estimate.entries import Unobservable
 from imucalib_cli.estimate.solution.algebra import embedded, inverse_of, inverse_with_priors
 from imucalib_cli.estimate.solution.fit import DETERMINED
 from imucalib_cli.estimate.solution.solve import WEAKEST_STD
-from imucalib_cli.estimate.unknowns import LEAN
 from imucalib_cli.tree import plain
 
 if TYPE_CHECKING:
@@ -32,11 +31,10 @@ def excitation(answer: Answer, *, everything: bool = False) -> Floats:
     With ``everything`` held and known components of the mount count as free too.
     """
     layout = answer.layout
-    lean = {each.name for each in LEAN}
     free = layout.free.copy()
     for each in layout.placed:
         # All other unknowns have priors.
-        free[each.part] &= each.unknown.name in lean
+        free[each.part] &= each.unknown.lean
     std = layout.std_at(answer.u)
     if everything:
         for name in _PARTS:

@@ -223,9 +223,11 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
         )
 
     def evidence_over(self, other: Fit) -> float:
-        """Fall of the information criterion against another model; one more unknown is free."""
+        """Fall of the Bayesian information criterion against another model."""
         count = min(len(self.windows.centres), len(other.windows.centres))
-        return count * (other.window_deviance - self.window_deviance)
+        more = np.count_nonzero(self.model.layout.free) - np.count_nonzero(other.model.layout.free)
+        fall = count * (other.window_deviance - self.window_deviance)
+        return float(fall - more * np.log(count))
 
     @cached_property
     def window_deviance(self) -> float:
