@@ -294,10 +294,10 @@ MESSAGES: Messages = {
     "rate at which the robot turns, a constant factor that belongs to no known unit "
     "({known:list}): raw counts or a wrong scale of the gyroscope, or of the joint positions or "
     "odometry[link?, or the IMU is on another link]; correct it and record again",
-    "imu.gyro_too_fast": "{topic}: gyro reaches {largest:.3g}, more than any gyroscope measures "
+    "imu.gyro_too_fast": "{topic}: gyro reaches {largest:.3g}, more than most gyroscopes measure "
     "in rad/s, and [it is {ratio:.3g} times the robot's rate, where deg/s would be 57.3 "
-    "times||the robot's own motion does not show its unit]: if it is in deg/s rerun with "
-    "--gyro-unit deg/s, else fix the driver and record again",
+    "times||the robot's own motion does not show its unit]: name its unit by --gyro-unit deg/s or "
+    "--gyro-unit rad/s, or fix the driver and record again",
     "imu.accel_unit_converted": "{topic}: accel at rest is {norm:.4g}: taken as {unit} and "
     "multiplied by {factor:.6g} (--accel-unit m/s2 keeps it)",
     "imu.accel_unit_contradicted": "{topic}: accel at rest is {norm:.4g}, which is gravity in "
@@ -316,7 +316,9 @@ MESSAGES: Messages = {
     "all {count} messages: the driver does not fill [sensor=both?them in, and nothing can be "
     "calibrated from it; turn it on in the driver, or choose another {option}||it in, and "
     "{sensor:other} alone is not enough to find the pose; turn it on in the driver, choose "
-    "another {option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]",
+    "another {option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]"
+    "[reads=NaN?; the header of a table names columns of the gyroscope gx gy gz, of the "
+    "accelerometer ax ay az||]",
     "imu.impossible": "{topic}: {sensor} is beyond {limit:g} {unit} in {count} of {total} "
     "messages, which no IMU measures: fix the driver or the log's layout and record again",
     "imu.axes_dead": "{topic}: {sensor} {axes:spaced} reads {held:list.4g} from first message to "

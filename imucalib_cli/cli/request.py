@@ -85,21 +85,24 @@ def options_given(ctx: typer.Context) -> dict[str, str]:
 
 
 _MATCHED_ONLY = {
-    *("--time-offset", "--max-offset", "--accel-bias", "--gyro-bias", "--tilt-std", "--robot"),
-    *("--fix", "--planar", "--prior-std", "--base-imu", "--base-std", "--sensor-model"),
-    *("--statistics", "--residuals", "--debug-mcap", "--plot", "--kinematics-report"),
+    *("fix", "planar", "prior_std", "base_imu"),
+    *("statistics", "residuals", "debug_mcap", "plot", "kinematics_report"),
 }
-_PAPER_ONLY = {"--exclude", "--residual"}
+"""Parameters of the matched method beside the fields of its options."""
+_OF_BOTH = {"gravity"}
+"""Fields of one method's options whose parameter the other has too."""
 
 
 def _estimator_options(
     ctx: typer.Context, estimator: EstimatorOptions
 ) -> MatchedOptions | PaperOptions:
-    from imucalib_cli.estimate.options import MatchedOptions
+    from imucalib_cli.estimate.options import MatchedOptions, PaperOptions
 
     is_matched = estimator.method == "matched"
-    for option in options_given(ctx):
-        if option in (_PAPER_ONLY if is_matched else _MATCHED_ONLY):
+    matched, paper = (set(signature(kind).parameters) for kind in (MatchedOptions, PaperOptions))
+    others = paper - matched if is_matched else (matched - paper | _MATCHED_ONLY) - _OF_BOTH
+    for option, name in options_given(ctx).items():
+        if name in others:
             raise ChoiceError(
                 f"{option} belongs to --method {'paper' if is_matched else 'matched'}: add that, "
                 f"or leave {option} out"

@@ -184,13 +184,15 @@ class Part(Struct, frozen=True, eq=False):
         equations, options = self.log.equations, self.log.options
         layout = equations.layout
         state = equations.at.moved(layout, self.to_own @ posterior.step + self.held)
+        own_scales = [scales.index(each) for each in _limits(layout)]
         own, added = (self.to_own @ C @ self.to_own.T for C in (posterior.covariance, common))
         return Answer(
             layout=layout,
             options=options,
             state=admitted(state, layout, options),
             covariance=_widened(own, added, layout),
-            u=posterior.u[[scales.index(each) for each in _limits(layout)]],
+            u=posterior.u[own_scales],
+            log_rms=posterior.log_rms[own_scales],
             motion=equations.motion,
         )
 

@@ -114,6 +114,7 @@ def combine_logs(logs: Sequence[LogStatistics], options: Sequence[MatchedOptions
         state=at.moved(shared, embedded(posterior.step, shared.free)),
         covariance=embedded(posterior.covariance, shared.free),
         u=posterior.u[:-2],
+        log_rms=posterior.log_rms[:-2],
         motion=np.sum([one.motion for one in each], axis=0),
     )
     differences = equations.differences(posterior.u, posterior.step)

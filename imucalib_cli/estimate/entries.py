@@ -46,8 +46,8 @@ class ParameterEntry(Tree, frozen=True):
     """1 sigma."""
     prior_std: float | None
     """1 sigma beforehand, about zero or the nominal value. Where prior_learnt is true it comes from
-    no data sheet: it is the mean of the standard deviation that this log showed, of all components
-    that share it."""
+    no data sheet: it is the root mean square of the standard deviation that this log showed, of all
+    components that share it."""
     prior_learnt: bool
     """Whether the size of the prior is learnt from the log."""
     axis: Vector3 | UnsetType = UNSET

@@ -191,7 +191,7 @@ def estimate_of(answer: Answer, log: LogStatistics | None = None, **evidence: An
 
 def _parameters(answer: Answer) -> tuple[ParameterEntry, ...]:
     """Every component beside the mount, with its prior."""
-    std, prior = answer.std, answer.layout.std_at(answer.u)
+    std, prior = answer.std, answer.layout.std_at(answer.log_rms)
     found = []
     for each in answer.layout.placed:
         if isinstance(each.unknown.effect, Mount) or each.unknown.name == "gravity_direction":

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from imucalib_cli.logs.reader import Topic
     from imucalib_cli.signals.imu.stream_health import StampHealth
     from imucalib_cli.signals.imu.units import UnitGuess
+    from imucalib_cli.signals.samples import Sensor
 
 _READ_AS: dict[Kind, str] = {"imu": "IMU", "joints": "joints", "pose": "poses", "text": "text"}
 _TOPIC = ("topic", "type", "read as", "messages", "seconds", "Hz")
@@ -45,6 +46,8 @@ class ImuFinding(Struct, frozen=True, kw_only=True):
     topic: str
     frame_id: str
     units: UnitGuess
+    absent: tuple[Sensor, ...] = ()
+    """Sensors that the log has only as NaN."""
     parent: str | None = None
     """Frame that a run would take as its parent."""
     world: str | None = None
@@ -167,11 +170,11 @@ class Inspection(Struct, frozen=True, kw_only=True):
             yield "imu       none: no sensor_msgs/Imu with messages"
         for imu in self.imus:
             units = imu.units
-            yield (
-                f"imu       {imu.topic}, frame '{imu.frame_id}': accel at rest "
-                f"{units.accel_at_rest:.4g} ({units.accel_unit}), gyro up to "
-                f"{units.gyro_largest:.3g} ({units.gyro_unit})"
-            )
+            accel = f"accel at rest {units.accel_at_rest:.4g} ({units.accel_unit})"
+            gyro = f"gyro up to {units.gyro_largest:.3g} ({units.gyro_unit})"
+            both = {"accel": accel, "gyro": gyro}
+            both |= {sensor: f"{sensor} all NaN" for sensor in imu.absent}
+            yield f"imu       {imu.topic}, frame '{imu.frame_id}': {', '.join(both.values())}"
             moved = f"moved in {imu.world} by {', '.join(imu.motion)}"
             if imu.base_imu == imu.topic:
                 moved = "measures how it moves"

@@ -273,9 +273,8 @@ def _check_one_recording(files: Sequence[LogFile], wanted: set[str]) -> None:
             if other is not file and overlap > max(_MAX_OVERLAP_S, _MAX_OVERLAP_SHARE * shorter):
                 raise ChoiceError(
                     f"{other.path} and {file.path} both hold {channel.name} over the same "
-                    f"{overlap:.3g} s: they are two recordings, although their names or their "
-                    "folder say that they are parts of one: name each alone (imucalib batch takes "
-                    "many)"
+                    f"{overlap:.3g} s, so they are not parts of one recording: name each alone "
+                    "(imucalib batch takes many), or solve them together with --together"
                 )
 
 

@@ -129,8 +129,7 @@ def fixed_transform(robot: Robot, a: str, b: str) -> tuple[Floats, Floats]:
         ChoiceError: A link is not there, or a joint between them moves.
     """
     for link in (a, b):
-        if link not in robot.links:
-            raise ChoiceError(f"'{link}' is not in {robot.source}{near_matches(link, robot.links)}")
+        robot.require_link(link)
     between = rigid_transform(robot, a, b)
     if between is None:
         moving = next(joint for joint, _ in robot.route(a, b) if joint.kind != "fixed")

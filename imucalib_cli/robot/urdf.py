@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 from msgspec import Struct
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.robot.expansion import expanded
 from imucalib_cli.robot.names import frame_name
 from imucalib_cli.robot.urdf_check import check_urdf
@@ -120,7 +120,7 @@ class Robot(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         """Joints of any kind between two links, each with whether the path goes up through it.
 
         Raises:
-            InputError: A link is not in the URDF.
+            ChoiceError: A link is not in the URDF.
         """
         way = way_between(self._ancestors(start), self._ancestors(end))
         return tuple((self.joint_above[link], upwards) for link, upwards in way)
@@ -133,9 +133,9 @@ class Robot(Struct, frozen=True, kw_only=True, eq=False, dict=True):
         return path
 
     def require_link(self, link: str) -> None:
-        """Raise InputError with similar names if the URDF has no such link."""
+        """Raise ChoiceError with similar names if the URDF has no such link."""
         if link not in self.links:
-            raise InputError(
+            raise ChoiceError(
                 f"{self.source}: no link '{link}' in the URDF{near_matches(link, self.links)}"
             )
 

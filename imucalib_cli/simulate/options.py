@@ -23,7 +23,7 @@ PANELS = MOTION, SENSORS, STAMPS, LOG, CAMERA = (
 """Of the help of ``imucalib simulate``."""
 
 
-def _told(default: Any, help: str, *, panel: str, **more: Any) -> Any:  # noqa: A002 - typer's name
+def _option(default: Any, help: str, *, panel: str, **more: Any) -> Any:  # noqa: A002 - typer's name
     """A field that the command line has too, and typer's settings of it.
 
     ``flag`` is its name there if it is another; ``text`` reads a text instead of the field's type.
@@ -31,12 +31,12 @@ def _told(default: Any, help: str, *, panel: str, **more: Any) -> Any:  # noqa: 
     return field(default=default, metadata={"help": help, "rich_help_panel": panel, **more})
 
 
-_motion = partial(_told, panel=MOTION)
-_sensors = partial(_told, panel=SENSORS)
-_stamps = partial(_told, panel=STAMPS)
+_motion = partial(_option, panel=MOTION)
+_sensors = partial(_option, panel=SENSORS)
+_stamps = partial(_option, panel=STAMPS)
 _time = partial(_stamps, metavar="SECONDS")
-_log = partial(_told, panel=LOG)
-_camera = partial(_told, panel=CAMERA)
+_log = partial(_option, panel=LOG)
+_camera = partial(_option, panel=CAMERA)
 _xyz = {"metavar": '"X Y Z"'}
 
 

@@ -64,6 +64,7 @@ class NormalEquations(Struct, frozen=True, eq=False):
             state=admitted(self.at.moved(layout, step), layout, options),
             covariance=embedded(posterior.covariance, layout.free),
             u=posterior.u,
+            log_rms=posterior.log_rms,
             motion=self.motion,
         )
 
@@ -78,7 +79,9 @@ class Answer(Struct, frozen=True, eq=False):
     covariance: Floats
     """(n, n), of the layout's components: of mount and gravity about ``state``."""
     u: Floats
-    """(k,), logarithms of the learnt standard deviations."""
+    """(k,), mean logarithms of the learnt standard deviations."""
+    log_rms: Floats
+    """(k,), logarithms of their root mean squares."""
     motion: Floats
     """(n, n), as in :class:`NormalEquations`."""
 

@@ -322,6 +322,11 @@ class Posterior(Struct, frozen=True, eq=False):
     gross: int | None = None
     """The free component that is gross in the most likely system, if one is."""
 
+    @property
+    def log_rms(self) -> Floats:
+        """(k,), logarithm of the root mean square of each scale."""
+        return np.asarray(0.5 * np.log(self.weights @ np.exp(2.0 * self.points)))
+
     def of_system(self, prior: P) -> P:
         """The prior of the most likely system, of free components or of all."""
         if self.gross is None:

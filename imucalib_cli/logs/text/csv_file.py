@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from msgspec import Struct, field
 
-from imucalib_cli.errors import InputError
+from imucalib_cli.errors import ChoiceError, InputError
 from imucalib_cli.findings import warning
 from imucalib_cli.logs.damage import Tally
 from imucalib_cli.logs.reader import HEAD, Catalogue, LogFile, Piece
@@ -207,12 +207,12 @@ class CsvFile(LogFile):
         """Return a reader of tables without a header; further columns may be ``...`` at the end.
 
         Raises:
-            InputError: The names do not make up any stream.
+            ChoiceError: The names do not make up any stream.
         """
         more = tuple(names[-1:]) == (_MORE,)
         named = tuple(names[:-1] if more else names)
         if _layout(named) is None:
-            raise InputError(f"--csv-columns {','.join(names)}: {NAMES}")
+            raise ChoiceError(f"--csv-columns {','.join(names)}: {NAMES}")
         known = {"COLUMNS": named, "HAS_MORE": more, "IS_NAMED_BY_USER": True}
         return type("HeadlessCsvFile", (cls,), known)
 
@@ -226,7 +226,8 @@ class CsvFile(LogFile):
                 return _NO_TIME
             has_numbers = b"\0" not in head and len(names) > 2 and all(map(_is_number, names))
             is_table = name.lower().endswith(".csv") or has_numbers
-            known = f"has no header with known columns: {NAMES}, or use --csv-columns"
+            headless = ", or use --csv-columns" if has_numbers else ""
+            known = f"has no header with known columns: {NAMES}{headless}"
             return known if is_table else ""
         if names and _is_number(names[0]):
             count = len(cls.COLUMNS)

@@ -80,7 +80,6 @@ def missing_sensors(imu: ImuSamples | ImuStream) -> list[Sensor]:
 _REMEDY = {
     "log": "rerun with --clock log to use the times of receipt",
     "header": "rerun with --clock header to use the stamps of the headers",
-    None: "the log has no other sound stamps, so record again",
 }
 """What to do about the clock, by its alternative."""
 
@@ -94,7 +93,9 @@ def refuse_still_stamps(imu: ImuStream, clock: Clock) -> None:
     stamps = imu.stamps_ns(clock.kind)
     if len(stamps) > 1 and not np.diff(stamps).any():
         name = "header stamps" if clock.kind == "header" else "receive times"
-        remedy = _REMEDY[clock.alternative]
+        remedy = _REMEDY.get(
+            clock.alternative or "", "the log has no other sound stamps, so record again"
+        )
         raise InputError(f"{imu.topic}: {name} are all the same: {remedy}", topic=imu.topic)
 
 
@@ -110,10 +111,15 @@ def refuse_apart(imu: ImuSamples, tracks: Sequence[Track], clock: Clock) -> None
             raise InputError(f"{track.name}: no messages")
         first, last = float(np.min(track.t)), float(np.max(track.t))
         if first > end or last < start:
+            remedy = _REMEDY.get(
+                clock.alternative or "",
+                "let both count from one instant (of tables, check the unit of the time), or "
+                "record again",
+            )
             raise InputError(
                 f"{imu.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
                 f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; "
-                f"{_REMEDY[clock.alternative]}",
+                f"{remedy}",
                 topic=imu.topic,
             )
 

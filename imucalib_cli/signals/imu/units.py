@@ -43,7 +43,7 @@ _STEADY = 0.25
 ratios below which it is too: rates that hardly vary, as in a hovering flight, correlate little.
 Ratios of two motions that have nothing in common scatter by 0.4 or more. Tuned."""
 _MOST_RATE = 40.0
-"""rad/s; the range of industrial and MEMS gyroscopes is up to 2000 °/s, 34.9 rad/s."""
+"""rad/s; the range of nearly all gyroscopes is up to 2000 °/s, 34.9 rad/s."""
 _FLOATING = 0.05
 """Share of gravity at rest below which the accelerometer does not contain it."""
 _USUAL_RATE = 100.0
@@ -157,7 +157,7 @@ def gyro_factor(
         values["link"] = _off(ratio) < _OF_LINKS or None
         raise InputError(untrusted("imu.gyro_factor_unknown", topic=imu.topic, **values))
     largest = largest_rate(imu)
-    if largest > _MOST_RATE:
+    if unit is None and largest > _MOST_RATE:
         values = {"topic": imu.topic, "largest": largest, "ratio": reads}
         raise InputError(untrusted("imu.gyro_too_fast", **values))
     return Factor(unit="rad/s", value=1.0)
@@ -223,7 +223,7 @@ class UnitGuess(Struct, frozen=True, kw_only=True):
     """Units suggested by the calmest part of a recording."""
 
     accel_at_rest: float = 0.0
-    """Median norm over the calmest stretches, in the unit of the log."""
+    """Median norm over the calmest stretches, in the unit of the log; 0 without accelerometer."""
     accel_unit: AccelGuess = "unknown"
     gyro_at_rest: float = 0.0
     """Median norm over the calmest stretches, in the unit of the log; it is bias and noise."""
@@ -266,13 +266,15 @@ def guess_units(imu: ImuSamples, gravity: float = STANDARD_GRAVITY) -> UnitGuess
         for values in (accel, gyro)
     )
     largest = largest_rate(imu)
-    unit = _accel_unit(at_rest, gravity, float(shaken) / max(at_rest, 1e-300))
+    unit: AccelGuess = "unknown"
+    if "accel" not in imu.absent:
+        unit = _accel_unit(at_rest, gravity, float(shaken) / max(at_rest, 1e-300))
     findings, values = [], {"topic": imu.topic, "norm": at_rest}
     if unit in {"g", "mg"}:
         findings.append(warning("imu.accel_looks_like", **values, unit=unit))
     elif unit == "m/s², no gravity":
         findings.append(warning("imu.accel_without_gravity", **values))
-    elif unit == "unknown":
+    elif unit == "unknown" and "accel" not in imu.absent:
         findings.append(warning("imu.accel_of_no_unit", **values))
     in_degrees = largest > _MOST_RATE
     if in_degrees:
