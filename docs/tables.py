@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ast
 import inspect
-import itertools
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args, get_origin
@@ -221,15 +220,25 @@ def tuned() -> str:
     rows = []
     for path in sorted(PACKAGE.rglob("*.py")):
         body, place = ast.parse(path.read_text("utf-8")).body, path.relative_to(PACKAGE)
-        for constant, reason in itertools.pairwise(body):
-            match constant, reason:
-                case (
-                    ast.Assign(targets=[name], value=value) | ast.AnnAssign(name, _, value),
-                    ast.Expr(ast.Constant(str(text))),
-                ) if value is not None and " ".join(text.split()).endswith(_TUNED):
-                    shown = f"`{ast.unparse(name)}` in [{place}](../imucalib_cli/{place})"
-                    why = " ".join(text.split()).removesuffix(_TUNED)
-                    rows.append((shown, f"`{ast.unparse(value)}`", why))
+        group: list[
+            tuple[str, str]
+        ] = []  # constants on neighbouring lines, which one text explains
+        last = 0
+        for statement in body:
+            if statement.lineno > last + 1:
+                group = []
+            last = statement.end_lineno or 0
+            match statement:
+                case ast.Assign([name], value) | ast.AnnAssign(name, _, ast.expr() as value):
+                    group.append((f"`{ast.unparse(name)}`", f"`{ast.unparse(value)}`"))
+                    continue
+                case ast.Expr(ast.Constant(str(text))) if group:
+                    why = " ".join(text.split())
+                    if why.endswith(_TUNED):
+                        names, values = (", ".join(each) for each in zip(*group, strict=True))
+                        shown = f"{names} in [{place}](../imucalib_cli/{place})"
+                        rows.append((shown, values, why.removesuffix(_TUNED)))
+            group = []
     return _table(("number", "value", "what it is"), rows)
 
 

@@ -151,18 +151,16 @@ OutputFile = Annotated[
         show_default="stdout",
     ),
 ]
-Within = Annotated[
-    Tolerance | None,
-    output_option(
-        "--within",
-        metavar="LENGTH,ANGLE",
-        parser=parsers.within,
-        help="Largest difference to accept, such as 2mm,0.2deg; a part that is not given is 5mm "
-        "or 0.5deg.",
-        show_default="verify: 5mm,0.5deg; diff: differences that are not significant; trend: "
-        "moves that are not decisive",
-    ),
-]
+Within = Tolerance | None
+within_option = partial(
+    output_option,
+    None,
+    "--within",
+    metavar="LENGTH,ANGLE",
+    parser=parsers.within,
+    help="Largest difference to accept, such as 2mm,0.2deg; a part that is not given is 5mm or "
+    "0.5deg.",
+)
 Logs = Annotated[
     list[LogPath],
     typer.Argument(

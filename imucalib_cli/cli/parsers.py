@@ -37,6 +37,9 @@ _LAST_START = 2_145_916_800
 """s since 1970, the beginning of 2038: in its January the stamps of messages end."""
 _LONGEST_OFFSET = 600.0
 """s: clocks further apart share no log; the search needs memory in proportion."""
+_LONGEST_WINDOW = 600.0
+_MOST_SAMPLES = 1_000_001
+"""s, and number: no motion is smooth for so long; longer windows would fill the memory."""
 
 
 class WrongValue(typer.BadParameter):
@@ -123,12 +126,14 @@ def window(text: str) -> WindowChoice:
         return WindowChoice()
     if re.fullmatch(r"\d+", text):
         samples = int(text)
-        is_fit = samples >= 3 and samples % 2 == 1
-        _expect(is_fit, text, expected, "samples must be odd and at least 3")
+        is_fit = 3 <= samples <= _MOST_SAMPLES and samples % 2 == 1
+        _expect(is_fit, text, expected, f"samples must be odd, 3 to {_MOST_SAMPLES}")
         return WindowChoice(samples=samples)
     value, unit = _split(text, expected)
     _expect(unit in _SECONDS and value > 0.0, text, expected)
-    return WindowChoice(seconds=value * _SECONDS[unit])
+    duration = value * _SECONDS[unit]
+    _expect(duration <= _LONGEST_WINDOW, text, f"at most {_LONGEST_WINDOW:g} s")
+    return WindowChoice(seconds=duration)
 
 
 def bias_std(text: str) -> float:

@@ -26,11 +26,11 @@ from imucalib_cli.diagnose.sensor_axes import reoriented
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.attempts import best_attempt
 from imucalib_cli.estimate.effects import JointCurve
+from imucalib_cli.estimate.model.kinematic_noise import own_noise
 from imucalib_cli.estimate.model.windows import Windowing
 from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, lean_fit, whole_fit
 from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.estimate.unknowns import LEAN, TABLE, Unknown
-from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.offset import coarse_time_offset
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.timing.lag import LEAST_OVERLAP
@@ -70,7 +70,8 @@ _FAR_FALL: Final = 5.0
 leaves more than a right model does: a further error, as of slow motion, does not excuse so much.
 Tuned."""
 _WHOLE: Final = 4
-"""How many hypotheses are fitted with every unknown, where none is good without."""
+"""How many hypotheses are fitted with every unknown, where none is good without: each costs as much
+as the log's own fit."""
 _KEPT: Final[dict[Kind | None, int]] = {
     "zero": 4,
     "offset": 5,
@@ -78,7 +79,8 @@ _KEPT: Final[dict[Kind | None, int]] = {
     "base_clock": 3,
     None: 8,
 }
-"""How many hypotheses are fitted, of those whose rates correlate most with the IMU's."""
+"""How many hypotheses are fitted, of those whose rates correlate most with the IMU's: each costs a
+lean fit."""
 _SAME_RATES: Final = frozenset({"offset", "inverse", "conjugate", "unit", "base_sign"})
 """Kinds that may leave the rates as given, so that their correlation says nothing."""
 

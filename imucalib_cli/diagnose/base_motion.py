@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from imucalib_cli.diagnose.alternatives import trimmed_rms
 from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_GYRO
+from imucalib_cli.estimate.model.kinematic_noise import own_noise
 from imucalib_cli.estimate.model.windows import odd_length, plan_windows, shortest_length
-from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.findings import Finding, untrusted
 
 if TYPE_CHECKING:

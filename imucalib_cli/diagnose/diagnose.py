@@ -32,7 +32,8 @@ def needs_diagnosis(estimate: Estimate) -> bool:
 def diagnose(poor: PoorFit) -> tuple[Finding, ...]:
     """Name what explains a poor fit decisively, the most likely first.
 
-    Empty where nothing tried explains, and where the fit is good.
+    Empty where nothing tried explains, and where the fit is good; rival publishers are named even
+    then.
     """
     # Their jumps look like a noisy encoder to the fit, which may be content with it.
     rivals = find_rival_publishers(poor.path)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from imucalib_cli.errors import ImucalibError
 from imucalib_cli.robot.path import FixedStep, JointStep, PoseStep
 from imucalib_cli.shown import listed
-from imucalib_cli.signals.moves import STILL, travel
+from imucalib_cli.signals.moves import joint_travels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -58,14 +58,9 @@ def driven_key(path: KinematicPath, *, in_log: bool = False) -> tuple[object, ..
     for step in path.steps:
         if isinstance(step, PoseStep):
             keys.append((path.tracks[step.track].name, step.inverse))
-        elif isinstance(step, JointStep) and (not in_log or travels(path, step)):
+        elif isinstance(step, JointStep) and (not in_log or joint_travels(path, step)):
             keys.append((step.name, step.kind, path.tracks[step.track].name, step.column))
     return tuple(keys)
-
-
-def travels(path: KinematicPath, step: JointStep) -> bool:
-    """Whether a joint moves farther than noise and sag do; single glitches do not count."""
-    return travel(path.tracks[step.track].values[:, step.column]) > STILL
 
 
 def topic_of(name: str) -> str:

@@ -8,11 +8,12 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from imucalib_cli.estimate.model.kinematic_noise import SeenNoise, is_drowned
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.solution.fit import Fit, lean_fit
 from imucalib_cli.estimate.solution.scales import DECISIVE
-from imucalib_cli.estimate.window_choice import SeenNoise, choose_window, is_drowned
+from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.signals.offset import coarse_time_offset
 
 if TYPE_CHECKING:

@@ -20,6 +20,9 @@ POSE_NAMES = ("tx", "ty", "tz", "rx", "ry", "rz")
 """Components of a pose."""
 UpTo3 = Annotated[list[float], Meta(min_length=1, max_length=3)]
 
+CLEAR_SIGMAS = 5.0
+"""An error of so many stands clear of its own sigma: noise alone gives one in two million."""
+
 
 class Unobservable(Tree, frozen=True):
     """A direction of the pose that the motion did not determine."""

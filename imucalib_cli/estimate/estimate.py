@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.findings import Finding
 
 
-class Residuals(Struct, frozen=True, kw_only=True, eq=False):
+class ResidualSummary(Struct, frozen=True, kw_only=True, eq=False):
     """Root mean square per axis of the window residuals."""
 
     accel_rms: Floats
@@ -75,7 +75,7 @@ class Estimate(Struct, frozen=True, kw_only=True, eq=False):
     gravity_world: Floats
     """(3,), m/s²; zero where there is none."""
     window: WindowEntry
-    residuals: Residuals
+    residuals: ResidualSummary
     corrections: dict[CorrectionName, CorrectionEntry] = field(default_factory=dict)
     """Errors that were corrected."""
     parameters: tuple[ParameterEntry, ...] = ()

@@ -16,13 +16,18 @@ from imucalib_cli.estimate.checks.segments import Segments
 from imucalib_cli.estimate.checks.specification import window_dependence
 from imucalib_cli.estimate.details import Details, spectra_of
 from imucalib_cli.estimate.effects import Gravity, Mount, Origin
-from imucalib_cli.estimate.entries import CorrectionEntry, CorrectionName, ParameterEntry
-from imucalib_cli.estimate.estimate import Estimate, Residuals
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, whole_fit
+from imucalib_cli.estimate.entries import (
+    CLEAR_SIGMAS,
+    CorrectionEntry,
+    CorrectionName,
+    ParameterEntry,
+)
+from imucalib_cli.estimate.estimate import Estimate, ResidualSummary
+from imucalib_cli.estimate.model.kinematic_noise import own_noise
+from imucalib_cli.estimate.solution.fit import whole_fit
 from imucalib_cli.estimate.solution.normal_equations import LogStatistics
 from imucalib_cli.estimate.solution.scales import DECISIVE
 from imucalib_cli.estimate.unknowns import measured_over_true
-from imucalib_cli.estimate.window_choice import own_noise
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
 from imucalib_cli.tree import plain
@@ -111,13 +116,13 @@ def calibrate_matched(
     return replace(found, details=made)
 
 
-def _residuals(fit: Fit, spikes: int) -> Residuals:
+def _residuals(fit: Fit, spikes: int) -> ResidualSummary:
     windows, windowing = fit.windows, fit.model.windowing
     used = windows.weights > 0.0
     accel, gyro = rms = np.sqrt(np.mean(windows.residuals.values[used] ** 2, axis=0)).reshape(2, 3)
     own = own_noise(windowing)
     equivalent = np.sqrt(np.mean(rms**2, axis=1)) / windowing.white_gains
-    return Residuals(
+    return ResidualSummary(
         accel_rms=accel,
         gyro_rms=gyro,
         accel_normalised=accel / own[0],
@@ -224,7 +229,7 @@ def _corrections(answer: Answer, *, clock_stepped: bool) -> dict[CorrectionName,
         if name not in _RECORDED or (clock_stepped and name == "clock_drift"):
             continue
         value, std = answer.value(each), answer.of(name)[1]
-        if not (np.abs(value) > DISTRUST_SIGMAS * std).any():
+        if not (np.abs(value) > CLEAR_SIGMAS * std).any():
             continue
         if each.unknown.is_sensor_scale:
             value, std = measured_over_true(value, std)

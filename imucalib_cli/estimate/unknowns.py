@@ -38,6 +38,7 @@ from imucalib_cli.estimate.effects import (
     Samples,
 )
 from imucalib_cli.robot.rotations import cross, skew
+from imucalib_cli.signals.kernels import with_ends
 from imucalib_cli.signals.samples import GRAVITY_STD
 
 if TYPE_CHECKING:
@@ -162,11 +163,6 @@ _XYZ: Final = ("x", "y", "z")
 _PLANES: Final = ("yz", "xz", "xy")
 
 
-def with_ends(inner: Floats) -> Floats:
-    """Differences with the first and the last repeated; no window uses these."""
-    return np.concatenate([inner[:1], inner, inner[-1:]])
-
-
 def _second_derivative(values: Floats, dt: float) -> Floats:
     return with_ends((values[2:] - 2.0 * values[1:-1] + values[:-2]) / dt**2)
 
@@ -234,8 +230,8 @@ zeroed by turning them to a stop by hand, encoders behind a worn gear, a field b
 20 kg on a joint of 1e4 Nm/rad. The IMU on a moving base and the markers on one are placed by
 measured holes or by eye. A compass is off by some degrees, and positions by satellites are up to a
 tenth of a second old; a tracker gives both at once. Zeros are never assumed better than one arc
-minute, as on calibrated arms: zeros of joints that stand still in a log are known only from those
-of the others.
+minute, as on calibrated arms, but in a system of one quality: zeros of joints that stand still in a
+log are known only from those of the others.
 
 Axes have a usual size, since a log of one or two joints shows few of their components: if these
 are small by chance, the others would be taken to be small too. Data sheets of consumer sensors

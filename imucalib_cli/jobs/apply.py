@@ -9,10 +9,11 @@ import numpy as np
 from msgspec import Struct
 
 from imucalib_cli.errors import ChoiceError, ImucalibError
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS
 from imucalib_cli.jobs.result_files import read_result_files, results_of
 from imucalib_cli.results.fields import mm_and_deg
 from imucalib_cli.results.formats import refuse_untrusted
-from imucalib_cli.results.kinematics import SIGNIFICANT_SIGMAS, corrected_origins
+from imucalib_cli.results.kinematics import corrected_origins
 from imucalib_cli.results.pose import pose_error
 from imucalib_cli.results.urdf_edit import (
     JointOrigin,
@@ -112,8 +113,8 @@ def apply(
         changes += [_change(robot, each) for each in corrected]
         if not corrected:
             changes.append(
-                "no correction of the robot: no joint zero or origin is "
-                f"{SIGNIFICANT_SIGMAS:g} sigma off"
+                "no correction of the robot: no joint zero, origin or axis is "
+                f"{CLEAR_SIGMAS:g} sigma off"
             )
     content = _with_origins(written, origins.values())
     if snippets:

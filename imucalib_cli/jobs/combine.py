@@ -13,9 +13,9 @@ from imucalib_cli.combine.logs import combine_logs, solve_again
 from imucalib_cli.errors import ChoiceError, ImucalibError, UntrustedError, collected
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.answer import answer_findings
-from imucalib_cli.estimate.estimate import Residuals
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS
+from imucalib_cli.estimate.estimate import ResidualSummary
 from imucalib_cli.estimate.matched import estimate_of
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.findings import gravest_first, untrusted, warning
 from imucalib_cli.jobs.calibrate import about_nominal, calibrate
@@ -370,14 +370,14 @@ def _apart(logs: Sequence[StoredLog], found: Combined) -> Iterable[Finding]:
     poses, variances = np.array(known).reshape(count, 2, 2, 3).swapaxes(0, 1)
     sizes = np.linalg.norm(poses[:, None] - poses, axis=3)
     sigmas = np.sqrt((variances[:, None] + variances).sum(axis=3))
-    clear = (sizes > judge.SLIP) & (sizes > DISTRUST_SIGMAS * sigmas)
+    clear = (sizes > judge.SLIP) & (sizes > CLEAR_SIGMAS * sigmas)
     if clear.any():
         slips = np.where(clear.any(axis=2), (sizes / judge.SLIP).max(axis=2), 0.0)
         translation, rotation = sizes.reshape(-1, 2)[np.argmax(slips)]
         yield untrusted("logs.apart", translation=translation, rotation=rotation)
 
 
-def _residuals(logs: Sequence[tree.Diagnostics]) -> Residuals:
+def _residuals(logs: Sequence[tree.Diagnostics]) -> ResidualSummary:
     """Residuals of all logs: root mean squares over their windows, and sums."""
     used = np.array([each.windows_used for each in logs], dtype=np.float64)
 
@@ -388,7 +388,7 @@ def _residuals(logs: Sequence[tree.Diagnostics]) -> Residuals:
         return np.sqrt(used @ squares / max(used.sum(), 1.0))
 
     normalised = [each.residual_normalised for each in logs]
-    return Residuals(
+    return ResidualSummary(
         accel_rms=pooled([each.residual_rms.accel for each in logs]),
         gyro_rms=pooled([each.residual_rms.gyro for each in logs]),
         accel_normalised=pooled([n and n.accel for n in normalised]),

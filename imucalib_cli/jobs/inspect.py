@@ -175,9 +175,7 @@ def _imu(
     """An IMU: its values, the link that carries it, and what a run would repair or refuse."""
     samples = samples_of(imu, sources.clock)
     units = guess_units(samples)
-    found = ImuFinding(
-        topic=imu.name, frame_id=imu.frame_id, units=units, absent=imu.absent
-    )
+    found = ImuFinding(topic=imu.name, frame_id=imu.frame_id, units=units, absent=imu.absent)
     if sources.base is not None and sources.base.track.name == imu.name:
         return replace(found, parent=sources.base.link), units.findings
     try:

@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Final
 
-from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.digits import figures, sigma, with_std
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS
 from imucalib_cli.layout import Table
 from imucalib_cli.results.kinematics import (
     AXIS,
     KINDS,
     ORIGIN,
-    SIGNIFICANT_SIGMAS,
     ZERO,
     joint_of,
     sigmas,
 )
 from imucalib_cli.robot.path import parallel_joints
+from imucalib_cli.signals.moves import joint_travels
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,7 +52,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         return
     yield (
         f"the robot's joints between {path.world} and {path.parent}, by the motion of "
-        f"{result.child} (apply --kinematics writes what is {SIGNIFICANT_SIGMAS:g} sigma off in "
+        f"{result.child} (apply --kinematics writes what is {CLEAR_SIGMAS:g} sigma off in "
         "the joints):"
     )
     parameters = result.diagnostics.parameters
@@ -65,7 +65,7 @@ def kinematics_report(each: Calibrated) -> Iterator[Block]:
         for entry in parameters
         if entry.name in _OF_BASE
     ]
-    travelling = (place for place, step in path.joint_steps.items() if travels(path, step))
+    travelling = (place for place, step in path.joint_steps.items() if joint_travels(path, step))
     moving = {*path.pose_steps, *travelling}
     for name, kind, why in _places(path, min(moving, default=0)):
         entries = found.get((name, kind), [])
@@ -105,7 +105,7 @@ def _row(entry: ParameterEntry, joint: str, what: str) -> tuple[str, ...]:
     )
     off, learnt = sigmas(entry), " learnt" if entry.prior_learnt else ""
     remark = f"{figures(off, 2)} sigma" if off >= 1.0 else ""
-    if off >= SIGNIFICANT_SIGMAS:
+    if off >= CLEAR_SIGMAS:
         remark = f"{figures(off, 3)} sigma: clear"
     elif std > _TAUGHT * before > 0.0:
         remark = "not determined by this log"

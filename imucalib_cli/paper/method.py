@@ -14,7 +14,7 @@ import numpy as np
 
 from imucalib_cli.errors import InputError
 from imucalib_cli.estimate.checks.judge import STANDSTILL_GYRO, UNEXPLAINED_ACCEL, UNEXPLAINED_GYRO
-from imucalib_cli.estimate.estimate import Estimate, Residuals
+from imucalib_cli.estimate.estimate import Estimate, ResidualSummary
 from imucalib_cli.findings import untrusted, warning
 from imucalib_cli.paper.filters import filtered_instants
 from imucalib_cli.robot.rotations import matrix_from_rotvec, rotvec_from_matrix
@@ -97,7 +97,7 @@ def calibrate_paper(imu: ImuSamples, path: KinematicPath, options: PaperOptions)
         gyro_bias_std=None,
         gravity_world=np.array([0.0, 0.0, -options.gravity_norm]),
         window=window,
-        residuals=Residuals(
+        residuals=ResidualSummary(
             accel_rms=np.sqrt(np.mean(left[:, :3] ** 2, axis=0)),
             gyro_rms=np.sqrt(np.mean(left[:, 3:] ** 2, axis=0)),
             windows_used=len(left),

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import UNSET
 
 from imucalib_cli.errors import ChoiceError, InputError
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS
 from imucalib_cli.results.urdf_edit import joint_origin
 from imucalib_cli.robot.rotations import matrix_from_rotvec
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from imucalib_cli.results.urdf_edit import JointOrigin
     from imucalib_cli.robot.urdf import Joint, Robot
 
-SIGNIFICANT_SIGMAS: Final = 5.0
-"""Sigmas from which an error counts as real: noise alone gives one in a million."""
 _ROUNDING: Final = 1e-9
 """m and rad: rounding between the values of one solution for several IMUs."""
 ZERO: Final = "joint_zero"
@@ -81,7 +80,7 @@ def _chain(robot: Robot, result: Result) -> dict[str, Joint]:
 def _corrections(robot: Robot, result: Result) -> dict[str, JointOrigin]:
     by_joint: dict[str, list[ParameterEntry]] = {}
     for entry in result.diagnostics.parameters:
-        if entry.name in KINDS and sigmas(entry) >= SIGNIFICANT_SIGMAS:
+        if entry.name in KINDS and sigmas(entry) >= CLEAR_SIGMAS:
             by_joint.setdefault(joint_of(entry), []).append(entry)
     if not by_joint:
         return {}

@@ -138,3 +138,8 @@ def first_derivative_gain(seconds: float) -> float:
 def second_derivative_gain(seconds: float) -> float:
     """Variance of a second derivative over a window, per variance times sample interval, 1/s⁵."""
     return 720.0 / seconds**5
+
+
+def with_ends(inner: Floats) -> Floats:
+    """Central differences with the first and the last repeated; no window uses these."""
+    return np.concatenate([inner[:1], inner, inner[-1:]])

@@ -12,7 +12,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from imucalib_cli.arrays import Floats
-    from imucalib_cli.robot.path import Track
+    from imucalib_cli.robot.path import JointStep, KinematicPath, Track
 
 STILL_TURN = math.radians(0.5)
 """rad, of a pose."""
@@ -31,12 +31,23 @@ _SMOOTH = 0.5
 _TAILS = (1.0, 99.0)
 """Percentiles that bound the values used: single glitches are not motion."""
 _LEAST_ROWS = 8
+"""Fewer rows show no correlation of neighbours beyond chance, 0.35 at 1 sigma."""
 
 
 def travel(values: Floats) -> float:
     """How far a value goes, (n,); 0 if it has none."""
     finite = values[np.isfinite(values)]
     return float(np.ptp(np.percentile(finite, _TAILS))) if len(finite) else 0.0
+
+
+def travels(values: Floats) -> bool:
+    """Whether a value, (n,), goes farther than noise and sag; single glitches do not count."""
+    return travel(values) > STILL
+
+
+def joint_travels(path: KinematicPath, step: JointStep) -> bool:
+    """Whether a joint does, by what is reported of it."""
+    return travels(path.tracks[step.track].values[:, step.column])
 
 
 def track_moves(track: Track, *, large: bool = False) -> bool:

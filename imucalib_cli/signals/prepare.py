@@ -22,10 +22,12 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.timing.stamps import Ticks
 
 MIN_IMU_SAMPLES = 50
+"""Fewer than one window of any usual rate."""
 _SPIKE_FLOOR_ACCEL = 0.2
 _SPIKE_FLOOR_GYRO = 0.02
 """m/s² and rad/s: a single sample off by less does not change a result."""
 _MOST_REFINE = 10
+"""Grid points for each sample: joints at 1 kHz beside an IMU at 100 Hz, as the slowest have."""
 
 
 class CleanImu(Struct, frozen=True, eq=False, dict=True):

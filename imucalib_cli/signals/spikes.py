@@ -32,6 +32,7 @@ _EVEN = 0.25
 """Least distance of a leap from its neighbours in the order of recording, relative to that in time:
 stamps may be right, and samples uneven. Tuned."""
 _SIDES = (-2, -1, 1, 2)
+"""Neighbours that a cubic across a sample passes through."""
 _MOST_SPREAD = 2.5
 """Longest span of a sample's neighbours, relative to the median span. Tuned."""
 _CLOSE = 0.6

@@ -36,7 +36,9 @@ than this rate, rad/s. Tuned."""
 AGREE = 0.9
 """Correlation of the two rates elsewhere from which the kinematics show faults. Tuned."""
 _LEAST_BINS = 20
+"""A second: fewer bins correlate by chance."""
 _LEAST_STILL = 5
+"""Bins whose median is a bias, though one or two of them hold the start of a motion."""
 _MEDIAN_OVER_MEAN = float(np.sqrt(np.pi / 2.0))
 """Standard deviation of a median over that of a mean, for many normal values."""
 _HOLES = 3.0

@@ -16,7 +16,6 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from imucalib_cli.arrays import Floats
-from imucalib_cli.diagnose.edits import travels
 from imucalib_cli.estimate.effects import JointCurve, Origin, Reading
 from imucalib_cli.estimate.model.design import Model
 from imucalib_cli.estimate.model.jacobian import columns
@@ -32,6 +31,7 @@ from imucalib_cli.robot.path import (
     PoseStep,
     Track,
 )
+from imucalib_cli.signals.moves import joint_travels
 from imucalib_cli.signals.samples import ImuSamples
 from imucalib_cli.signals.trajectory import Trajectory
 from tests.estimate.estimate_arm import GRAVITY, MOUNT, Log, Moves, make_log, solve, windowing_of
@@ -398,7 +398,7 @@ def test_a_joint_that_only_glitches_is_still_to_fit_and_diagnosis_alike() -> Non
     values[(track.t > 5.0) & (track.t < 5.1), 5] += 0.02
     path = replace(path, tracks=(replace(track, values=values),))
     assert lay_out(Trajectory.of(path), MatchedOptions()).still == ("j2", "j5")
-    travelling = [step.name for step in path.joint_steps.values() if travels(path, step)]
+    travelling = [step.name for step in path.joint_steps.values() if joint_travels(path, step)]
     assert travelling == ["j0", "j1", "j3", "j4"]
 
 

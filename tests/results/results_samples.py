@@ -20,7 +20,7 @@ from imucalib_cli.estimate.entries import (
     Unobservable,
     WindowEntry,
 )
-from imucalib_cli.estimate.estimate import Estimate, Residuals
+from imucalib_cli.estimate.estimate import Estimate, ResidualSummary
 from imucalib_cli.findings import TEXT, untrusted
 from imucalib_cli.results.codec import to_yaml
 from imucalib_cli.results.from_estimate import result_of, scalars
@@ -51,7 +51,7 @@ def make_estimate(**changes: Any) -> Estimate:
         gyro_bias_std=None,
         gravity_world=np.array([0.0, 0.0, -9.80665]),
         window=WindowEntry(samples=51, seconds=0.1, reason="encoder noise 2e-5 rad"),
-        residuals=Residuals(
+        residuals=ResidualSummary(
             accel_rms=np.full(3, 0.02),
             gyro_rms=np.full(3, 1e-3),
             windows_used=1000,

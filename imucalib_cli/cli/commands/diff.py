@@ -5,7 +5,14 @@ from pathlib import Path
 import typer
 
 from imucalib_cli.cli.files import Outputs, files_of
-from imucalib_cli.cli.options import AnswersFormat, OutputFile, Quiet, Within, local_file_option
+from imucalib_cli.cli.options import (
+    AnswersFormat,
+    OutputFile,
+    Quiet,
+    Within,
+    local_file_option,
+    within_option,
+)
 from imucalib_cli.cli.parsers import named
 
 
@@ -22,7 +29,7 @@ def diff_command(
     urdf: Path | None = local_file_option(
         None, help="URDF whose fixed joints relate the frames of the results."
     ),
-    within: Within = None,
+    within: Within = within_option(show_default="differences that are not significant"),
     fmt: AnswersFormat = None,
     output: OutputFile = None,
     _quiet: Quiet = False,

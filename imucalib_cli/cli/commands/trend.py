@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def trend_command(
     results: options.ResultFiles,
     *,
-    within: options.Within = None,
+    within: options.Within = options.within_option(show_default="moves that are not decisive"),
     since: datetime | None = typer.Option(
         None,
         metavar="TIME",

@@ -30,7 +30,7 @@ def verify_command(
     *,
     recording: options.RecordingOptions,
     estimator: options.EstimatorOptions,
-    within: options.Within = None,
+    within: options.Within = options.within_option(show_default="5mm,0.5deg"),
     ignore: Components | None = options.output_option(
         None,
         metavar="tx,ty,tz,rx,ry,rz",

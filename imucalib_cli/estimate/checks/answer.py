@@ -8,11 +8,10 @@ import numpy as np
 
 from imucalib_cli.estimate.checks.observability import excitation, undetermined, unobservable
 from imucalib_cli.estimate.effects import Clock, JointCurve, Mount, Origin, PoseStream, Reading
-from imucalib_cli.estimate.entries import POSE_NAMES
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS, POSE_NAMES
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.model.state import tilt_from_down
 from imucalib_cli.estimate.solution.algebra import correlation, inverse_of
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
 from imucalib_cli.estimate.unknowns import SCALES, measured_over_true
 from imucalib_cli.findings import Finding, note, untrusted, warning
 
@@ -135,7 +134,7 @@ def _errors(  # noqa: C901 one case for each kind of error
                 negative=below,
                 other=None if other is None else other.seconds,
             )
-        elif (np.abs(value) > DISTRUST_SIGMAS * std).any() and not below:
+        elif (np.abs(value) > CLEAR_SIGMAS * std).any() and not below:
             yield from _found(answer, each, C, 0.0 if log is None else log.seconds)
 
 
@@ -170,7 +169,7 @@ def is_below(answer: Answer, each: Placed) -> bool:
 def is_clear(answer: Answer, each: Placed) -> bool:
     """Whether an error is clear, and large enough to be stated."""
     size, std = np.abs(answer.value(each)), answer.std[each.part]
-    return bool(((size > DISTRUST_SIGMAS * std) & (size >= each.unknown.least)).any())
+    return bool(((size > CLEAR_SIGMAS * std) & (size >= each.unknown.least)).any())
 
 
 def turns_too_far(answer: Answer, each: Placed) -> bool:

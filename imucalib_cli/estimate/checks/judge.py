@@ -22,8 +22,9 @@ from imucalib_cli.estimate.checks.answer import (
 from imucalib_cli.estimate.checks.observability import undetermined, unobservable
 from imucalib_cli.estimate.checks.stated import contradicted_by_log
 from imucalib_cli.estimate.effects import JointCurve, Reading
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS
 from imucalib_cli.estimate.model.layout import places_of
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS, MIN_WINDOWS, WRONG
+from imucalib_cli.estimate.solution.fit import MIN_WINDOWS, WRONG
 from imucalib_cli.estimate.unknowns import TABLE
 from imucalib_cli.estimate.window_choice import is_longest
 from imucalib_cli.findings import Finding, gravest_first, note, untrusted, warning
@@ -103,7 +104,7 @@ class Evidence(Struct, frozen=True, eq=False):
     @property
     def too_noisy(self) -> bool:
         """Whether the window is far too short for the noise of the kinematics."""
-        return self.fit.noise_error > DISTRUST_SIGMAS * self.fit.seen_noise.std
+        return self.fit.noise_error > CLEAR_SIGMAS * self.fit.seen_noise.std
 
     @property
     def scatter(self) -> float:
@@ -172,7 +173,7 @@ def _off_square(answer: Answer) -> float:
     value, C = answer.state.x[skew], answer.covariance[np.ix_(skew, skew)]
     variances, axes = np.linalg.eigh(C)
     seen = variances > 0.0
-    if not (np.abs(value @ axes)[seen] > DISTRUST_SIGMAS * np.sqrt(variances[seen])).any():
+    if not (np.abs(value @ axes)[seen] > CLEAR_SIGMAS * np.sqrt(variances[seen])).any():
         return 0.0
     return float(np.max(value**2 + np.diag(C)))
 
@@ -225,7 +226,7 @@ def _undecided(evidence: Evidence) -> Iterator[Finding]:
     lag = evidence.attempt.lag
     if lag is not None and lag.at_edge:
         yield untrusted("offset.at_edge", max_offset=evidence.fit.options.max_offset)
-    if evidence.fit.runner_up_rise < DISTRUST_SIGMAS**2:
+    if evidence.fit.runner_up_rise < CLEAR_SIGMAS**2:
         yield untrusted("rotation.ambiguous")
     if evidence.sign == "in doubt":
         yield untrusted("imu.accel_sign_in_doubt")
@@ -340,7 +341,7 @@ def _window(evidence: Evidence) -> Iterator[Finding]:
     worst = evidence.largest_dependence
     if worst is not None:
         matters = bool(beyond_sigma(evidence.fit, worst.difference).any())
-        make = untrusted if matters and worst.sigmas > DISTRUST_SIGMAS else warning
+        make = untrusted if matters and worst.sigmas > CLEAR_SIGMAS else warning
         yield make(
             "window.dependent",
             sigmas=worst.sigmas,

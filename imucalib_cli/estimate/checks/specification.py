@@ -18,10 +18,11 @@ import numpy as np
 from msgspec.structs import replace
 
 from imucalib_cli.estimate.checks.segments import NEGLIGIBLE
+from imucalib_cli.estimate.model.kinematic_noise import attenuation
 from imucalib_cli.estimate.solution.algebra import embedded, squared_distance
 from imucalib_cli.estimate.solution.normal_equations import WindowAnswer
 from imucalib_cli.estimate.solution.spectrum import PARTS
-from imucalib_cli.estimate.window_choice import MAX_ATTENUATION, attenuation
+from imucalib_cli.estimate.window_choice import MAX_ATTENUATION
 from imucalib_cli.signals.stretches import thinned
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from imucalib_cli.estimate.model.prior import Prior
 from imucalib_cli.estimate.unknowns import SCALES, TABLE, Unknown
 from imucalib_cli.robot.path import FixedStep, JointStep
 from imucalib_cli.robot.rotations import cross
-from imucalib_cli.signals.moves import STILL, STILL_TURN, travel
+from imucalib_cli.signals.moves import STILL_TURN, travel, travels
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -255,7 +255,7 @@ class _Chain:
         moving = [*self._streams]
         self._moving = set()
         for joint in self._joints:
-            if travel(values[joint.track][:, joint.column]) > STILL:
+            if travels(values[joint.track][:, joint.column]):
                 self._moving.add(joint.name)
                 moving += joint.steps
         self._first, self._last = (min(moving), max(moving)) if moving else (0, 0)
@@ -268,8 +268,8 @@ class _Chain:
 
     def _goes(self, track: int) -> bool:
         """Whether a pose stream moves or turns: that of a base which stands is a constant step."""
-        moved = max(map(travel, self._values[track].T[:3]))
-        return track == self._path.base_imu or moved > STILL or self._turns(track)
+        moved = any(map(travels, self._values[track].T[:3]))
+        return track == self._path.base_imu or moved or self._turns(track)
 
     def _turns(self, track: int) -> bool:
         """Whether a pose stream turns: a quaternion changes by half of the angle."""

@@ -9,10 +9,10 @@ import numpy as np
 from msgspec import Struct
 
 from imucalib_cli.estimate.effects import Clock, Reading, Samples, less_errors
-from imucalib_cli.estimate.unknowns import with_ends
 from imucalib_cli.robot.rotations import cross, matrix_from_quaternion
 from imucalib_cli.signals.dead_reckoning import dead_reckon
 from imucalib_cli.signals.interpolate import lagrange
+from imucalib_cli.signals.kernels import with_ends
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

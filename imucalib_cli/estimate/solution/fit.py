@@ -11,9 +11,16 @@ from msgspec import Struct
 from msgspec.structs import asdict, replace
 
 from imucalib_cli.errors import InputError
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS
 from imucalib_cli.estimate.model import lean_columns
 from imucalib_cli.estimate.model.design import Model, Residuals
 from imucalib_cli.estimate.model.jacobian import columns
+from imucalib_cli.estimate.model.kinematic_noise import (
+    SeenNoise,
+    kinematic_variance,
+    lever_noise,
+    rotation_noise,
+)
 from imucalib_cli.estimate.model.layout import lay_out
 from imucalib_cli.estimate.model.state import State
 from imucalib_cli.estimate.model.windows import COMMON_IMU, WINDOWS_PER_LENGTH
@@ -42,12 +49,6 @@ from imucalib_cli.estimate.solution.step import (
     solved_step,
 )
 from imucalib_cli.estimate.unknowns import LEAN, SCALES, Unknown
-from imucalib_cli.estimate.window_choice import (
-    SeenNoise,
-    kinematic_variance,
-    lever_noise,
-    rotation_noise,
-)
 from imucalib_cli.robot.rotations import rotation_angle
 from imucalib_cli.signals.stretches import thinned
 
@@ -78,8 +79,6 @@ _ANEW: Final = 4
 """First passes, in which scales are learnt anew; later they might alternate between two splits."""
 _SETTLED: Final = 0.1
 """Sigmas: largest error after the last step."""
-DISTRUST_SIGMAS: Final = 5.0
-"""One sound log in two million: such an error stands clear of its own sigma."""
 WRONG: Final = 50.0
 """Ratio of residuals to the known noise from which the equations, not their parameters, are wrong.
 Tuned."""
@@ -126,7 +125,7 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
     def bends(self) -> bool:
         """Whether a joint bends, clear of its sigma."""
         sags = self.layout.sags
-        return bool((self.state.x[sags] > DISTRUST_SIGMAS * self.std[sags]).any())
+        return bool((self.state.x[sags] > CLEAR_SIGMAS * self.std[sags]).any())
 
     @cached_property
     def seen_noise(self) -> SeenNoise:

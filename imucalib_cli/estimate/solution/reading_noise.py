@@ -13,10 +13,10 @@ from msgspec import Struct
 
 from imucalib_cli.estimate.effects import PoseStream, Reading
 from imucalib_cli.estimate.model.jacobian import plan_nodes
+from imucalib_cli.estimate.model.kinematic_noise import kinematic_noise
 from imucalib_cli.estimate.model.layout import places_of
 from imucalib_cli.estimate.solution.algebra import inverse_of
 from imucalib_cli.estimate.solution.spectrum import one_sided
-from imucalib_cli.estimate.window_choice import kinematic_noise
 from imucalib_cli.signals.samples import SENSORS, STANDARD_GRAVITY
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ the logarithms u of the learnt scales, the marginal likelihood of u is
     log p(data | u) = b' H^-1 b / 2 - log|H| / 2 + log|P| / 2,    H = A + P(u).
 
 The answer at its mode would be too sure of itself where few components inform a scale. So the
-answer is the mean over u, by importance points around the mode: many, whose likelihood is computed,
-and of these as many as are likely, at which the answer is.
+answer is the mean over u, by importance points over the whole range: many, whose likelihood is
+computed, and of these as many as are likely, at which the answer is.
 
 Source: variance components, Searle, Casella and McCulloch 1992; integration after the idea of
 INLA, Rue, Martino and Chopin, J. R. Stat. Soc. B 71(2), 2009; the choice of few points from many,
@@ -394,7 +394,7 @@ class Marginal(Protocol):
 
 
 def integrate(problem: Marginal, mode: Floats) -> Posterior:
-    """Importance points around the mode, weighted by their marginal likelihood.
+    """Importance points over the range of the scales, weighted by their marginal likelihood.
 
     The scales have a flat prior in their logarithms between their bounds, but for usual sizes and
     ratios: their logarithms are Cauchy's about the usual. Or, rarely, they are of one quality, or

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from imucalib_cli.estimate.effects import Reading
 from imucalib_cli.estimate.model.jacobian import columns
+from imucalib_cli.estimate.model.kinematic_noise import kinematic_noise, lever_noise
 from imucalib_cli.estimate.model.reckoned_base import mean_force_of_base, reckoned_base
 from imucalib_cli.estimate.model.windows import COMMON_IMU
 from imucalib_cli.estimate.solution.algebra import embedded, symmetric
@@ -24,7 +25,6 @@ from imucalib_cli.estimate.solution.spectrum import (
     part_matrices,
     statistics,
 )
-from imucalib_cli.estimate.window_choice import kinematic_noise, lever_noise
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.entries import ImuModelEntry, SensorCheckEntry
-from imucalib_cli.estimate.solution.fit import DISTRUST_SIGMAS
+from imucalib_cli.estimate.entries import CLEAR_SIGMAS, ImuModelEntry, SensorCheckEntry
 from imucalib_cli.findings import Finding, warning
 from imucalib_cli.signals.imu.checks import beyond_ranges
 from imucalib_cli.signals.noise import noise_level
@@ -49,7 +48,7 @@ def contradicted(estimate: Estimate, expected: ExpectedImu | None) -> tuple[Sens
     return tuple(
         sensor
         for sensor, prior in expected.bias_priors.items()
-        if float(np.linalg.norm(found[sensor])) > DISTRUST_SIGMAS * prior
+        if float(np.linalg.norm(found[sensor])) > CLEAR_SIGMAS * prior
     )
 
 

@@ -35,9 +35,11 @@ _JUMP_FLOOR = {"gyro": 0.02, "accel": 0.2}
 _LIVE_REPEATS = 0.2
 """If the other axes repeat this often, a repeated value proves nothing. Tuned."""
 DEAD = 0.995
+"""Share of the samples with one value from which an axis is dead: a few bits may be wrong."""
 ALIVE_NOISE = 1e-5
 """rad/s and m/s²: with less noise the log is a simulation, whose axes may be exactly zero."""
 _LEAST_OUTSIDE = 200
+"""Rows that show a share of a tenth to 0.02, 1 sigma."""
 _MOST_HELD = 0.1
 """Share of the rows in motion that repeat the row before above which samples are held. Loggers that
 now and then write one twice stay below 0.01; a sensor of half the log's rate has 0.5. Tuned."""
@@ -65,12 +67,14 @@ _TOP_STAY = 0.5
 """Least share of samples at the limit whose successor is at the limit too. Tuned."""
 _TOP_BENDS = 3.0
 _TOP_BEND_SHARE = 98.0
-"""Least slope before a flat top, relative to the curvature of the other samples. Tuned."""
+"""Least slope before a flat top, relative to the curvature of the other samples, and the percentile
+of these that is taken. Tuned."""
 _TOP_STEPS = 3.0
 """That slope, per sample, relative to noise and quantum. Tuned."""
 _FULL_SCALE = 0.02
 """Converters saturate a little below or above their nominal range."""
 _ELSEWHERE = 20
+"""Bins that show the ratio of two rates to some per cent."""
 _CUT = 0.985
 """If the ratio of measured to derived rate, relative to the ratio elsewhere, is lower than this, a
 flat top is from the sensor and not from the motion. Tuned."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.turning import RateRatio, Turning
 
 _DEG = 180.0 / math.pi
+"""deg/s in 1 rad/s."""
 _NEAR = 0.15
 """Relative error of |accel| at rest, or of the ratio of two rates, up to which a unit fits: bias,
 scale errors and motion cause it. Tuned."""

@@ -32,6 +32,7 @@ _SAME_STEP = 0.35
 """Mean square step of the values over short intervals, divided by that over all intervals: 1 for a
 constant rate, near 0 if samples were taken when they were stamped. Tuned."""
 _LEAST_BATCH = 3
+"""Messages; two at once are also a message that was late."""
 _BATCHED = 0.5
 """If this share of the bursts has the same size, the device sends batches. Tuned."""
 _LOW = 0.1
@@ -51,6 +52,7 @@ _NEGLIGIBLE = 2e-4
 _WITHIN = 0.25
 """Scatter in periods below which no message was miscounted for long. Tuned."""
 _CLEARLY = 0.5
+"""Least fall of the scatter from which another count of the lost messages is believed. Tuned."""
 _AVERAGED = 32
 _LEAST_AVERAGED = 16
 _MOST_AVERAGED = 256

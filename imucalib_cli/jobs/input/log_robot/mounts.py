@@ -148,8 +148,8 @@ def with_base_imu(
     left = tuple(each for each in wanted if each is not base)
     if not left:
         raise ChoiceError(
-            f"--base-imu {base.name} is the only IMU that is asked for: it measures motion for "
-            "other IMUs"
+            f"--base-imu {base.name} is the only IMU that is asked for: leave --base-imu out to "
+            "calibrate it, or choose another --imu-topic"
         )
     for other in left:
         if is_same_sensor(samples_of(other, sources.clock), samples):
