@@ -176,6 +176,8 @@ def _imu(
     samples = samples_of(imu, sources.clock)
     units = guess_units(samples)
     found = ImuFinding(topic=imu.name, frame_id=imu.frame_id, units=units, absent=imu.absent)
+    if not len(imu):
+        return replace(found, problem=f"{imu.name}: no message could be used"), ()
     if sources.base is not None and sources.base.track.name == imu.name:
         return replace(found, parent=sources.base.link), units.findings
     try:

@@ -328,8 +328,10 @@ def test_error_curves_of_still_joints_are_in_sigma(seed: int) -> None:
     assert found.covered
 
 
-def test_hidden_errors_keep_their_prior_sigma() -> None:
-    found = solve(make_log(STILL_WRIST), robot=(1e-3, 5e-4))
+@pytest.mark.parametrize("robot", [(1e-3, 5e-4), "nominal"])
+def test_hidden_errors_keep_their_prior_sigma(robot: Any) -> None:
+    """One that is learnt, too: both are root mean squares over the scales."""
+    found = solve(make_log(STILL_WRIST), robot=robot)
     hidden = {"joint_zero": ("j2", "j3", "j4", "j5"), "origin": ("j4", "j5")}
     stds = [
         (each.std, each.prior_std)

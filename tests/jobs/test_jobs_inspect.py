@@ -1,5 +1,6 @@
 """The faults that inspect reports, and the commands it proposes."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,27 @@ def test_unusable_imu_gets_no_command(
     out = imucalib("inspect", log, "--urdf", arm_urdf).out
     assert "gyro is zero in all 400 messages" in out
     assert "There is nothing to run on this log" in out
+
+
+def test_a_sensor_without_a_number_is_not_said_to_be_without_gravity(
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    log_writer.imu().joints()
+    for each in log_writer.messages:
+        if each.topic == "/imu/data":
+            force = each.message.linear_acceleration
+            force.x = force.y = force.z = math.nan
+    out = imucalib("inspect", log_writer.write(), "--urdf", arm_urdf).out
+    assert "accel all NaN, gyro up to" in out
+    assert "gravity" not in out.partition("imu       ")[2].partition("\n")[0]
+
+
+def test_an_imu_without_a_usable_message_is_explained(
+    log_writer: LogWriter, arm_urdf: Path, imucalib: Imucalib
+) -> None:
+    log = log_writer.imu(accel=math.nan).joints().write()  # along z alone
+    out = imucalib("inspect", log, "--urdf", arm_urdf).out
+    assert "/imu/data: no message could be used" in out
 
 
 def test_inspect_reports_the_units_a_run_uses(log_writer: LogWriter, arm_urdf: Path) -> None:

@@ -48,6 +48,15 @@ def test_known_ratios_give_their_unit(ratio: float, differs: dict[str, float], u
     assert (found.finding is None) == (unit == "rad/s")
 
 
+def test_a_gyroscope_faster_than_most_is_taken_where_the_motion_shows_its_unit() -> None:
+    fast = replace(resting(G), gyro=np.full_like(resting(G).gyro, 30.0))
+    assert gyro_factor(fast, turning(1.0), "auto").unit == "rad/s"
+    apart = turning(1.0, scatter=0.5, correlation=0.1)
+    with pytest.raises(InputError, match="--gyro-unit rad/s"):
+        gyro_factor(fast, apart, "auto")
+    assert gyro_factor(fast, apart, "rad/s").value == 1.0
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("ratio", [1.0, DEG])
 def test_gyro_unit_is_found_beside_noise_of_poses(ratio: float, seed: int) -> None:
