@@ -81,8 +81,9 @@ def _first_attempt(clean: CleanImu, trajectory: Trajectory, options: MatchedOpti
     if options.time_offset is None:
         offsets, lag = coarse_time_offset(grid, trajectory, options.max_offset)
     windowing, window = _windowing(grid, trajectory, options, offsets[0])
-    fits = (lean_fit(windowing, options, offset) for offset in offsets)
-    best = min(fits, key=lambda fit: fit.window_deviance)
+    best, *others = (lean_fit(windowing, options, offset) for offset in offsets)
+    if others:
+        best = min((best, *others), key=lambda fit: fit.window_deviance)
     return Attempt(clean, best, window, lag, imu_ticks)
 
 
