@@ -374,6 +374,9 @@ def _describe(part: Document, kind: type[Tree]) -> None:
     (declared,) = ast.parse(inspect.getsource(kind)).body
     assert isinstance(declared, ast.ClassDef)  # noqa: S101 - a tree is a class
     part["description"] = " ".join((ast.get_docstring(declared) or "").split())
+    for entry in part["properties"].values():
+        # msgspec 0.23 adds the names that a map knows, but a later version of ours may know more
+        entry.pop("propertyNames", None)
     keys = dict(zip(kind.__struct_fields__, kind.__struct_encode_fields__, strict=True))
     for field, text in pairwise(declared.body):
         match field, text:
