@@ -125,9 +125,7 @@ class Unknown(Struct, frozen=True, kw_only=True, eq=False):
     @property
     def needs_gravity(self) -> bool:
         """Whether it has no effect where there is no gravity."""
-        effect = self.effect
-        loaded = isinstance(effect, JointCurve) and effect.loaded
-        return loaded or isinstance(effect, (Gravity, PayloadMass))
+        return isinstance(self.effect, Gravity)
 
     @property
     def is_sensor_scale(self) -> bool:
