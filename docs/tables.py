@@ -220,9 +220,8 @@ def tuned() -> str:
     rows = []
     for path in sorted(PACKAGE.rglob("*.py")):
         body, place = ast.parse(path.read_text("utf-8")).body, path.relative_to(PACKAGE)
-        group: list[
-            tuple[str, str]
-        ] = []  # constants on neighbouring lines, which one text explains
+        # Constants on neighbouring lines, which one text explains.
+        group: list[tuple[str, str]] = []
         last = 0
         for statement in body:
             if statement.lineno > last + 1:

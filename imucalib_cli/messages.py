@@ -318,7 +318,7 @@ MESSAGES: Messages = {
     "{sensor:other} alone is not enough to find the pose; turn it on in the driver, choose "
     "another {option}, or, if another topic has it, name both by --gyro-topic and --accel-topic]"
     "[reads=NaN?; the header of a table names columns of the gyroscope gx gy gz, of the "
-    "accelerometer ax ay az||]",
+    "accelerometer ax ay az]",
     "imu.impossible": "{topic}: {sensor} is beyond {limit:g} {unit} in {count} of {total} "
     "messages, which no IMU measures: fix the driver or the log's layout and record again",
     "imu.axes_dead": "{topic}: {sensor} {axes:spaced} reads {held:list.4g} from first message to "

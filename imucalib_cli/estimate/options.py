@@ -101,8 +101,9 @@ class MatchedOptions(Struct, frozen=True, kw_only=True, eq=False):
         held = {
             "sensor": self.sensor_model == "ideal",
             "robot": self.robot == "exact",
+            "gravity": not self.has_gravity,
         }
-        if held.get(unknown.group) or (unknown.needs_gravity and not self.has_gravity):
+        if held.get(unknown.group):
             return np.zeros(1)
         stated = self._stated_stds()
         if unknown.name in stated:

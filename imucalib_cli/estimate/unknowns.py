@@ -123,11 +123,6 @@ class Unknown(Struct, frozen=True, kw_only=True, eq=False):
         return isinstance(self.effect, (JointCurve, Origin, PoseStream, OfBase))
 
     @property
-    def needs_gravity(self) -> bool:
-        """Whether it has no effect where there is no gravity."""
-        return isinstance(self.effect, Gravity)
-
-    @property
     def is_sensor_scale(self) -> bool:
         """Whether it is stated as measured over true."""
         return self.scale == "sensor_scale"

@@ -95,16 +95,16 @@ def calibrate_together(
     logs: list[StoredLog] = []
     failures: list[ImucalibError] = []
     for path in request.logs:
+        name = str(path)
         own: list[ImucalibError] = []
         with collected(own):
             outcome = calibrate(replace(request, logs=(path,), require=None), progress)
             own += outcome.failures
             logs += [
-                StoredLog(name=str(path), result=each.result, statistics=each.estimate.statistics)
+                StoredLog(name=name, result=each.result, statistics=each.estimate.statistics)
                 for each in outcome.calibrated
                 if each.estimate.statistics is not None
             ]
-        name = str(path)
         failures += [each if name in str(each) else each.about(name) for each in own]
     results, unsolved = combine(
         logs, lambda options: options, request.require, asked=len(request.logs)

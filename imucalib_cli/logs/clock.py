@@ -161,10 +161,8 @@ def _step(stream: Stream) -> Finding | None:
     chunks = len(stream) // size
     if chunks < 4 or (stream.log_ns == 0).any():
         return None
-    apart = (stream.header_ns - stream.log_ns)[: chunks * size].reshape(
-        chunks, size
-    ) / NS_PER_SECOND
-    level = np.median(apart, axis=1)
+    apart = (stream.header_ns - stream.log_ns)[: chunks * size] / NS_PER_SECOND
+    level = np.median(apart.reshape(chunks, size), axis=1)
     splits = np.arange(2, chunks - 1)
     sizes = np.array([level[k:].mean() - level[:k].mean() for k in splits])
     best = int(np.argmax(np.abs(sizes)))

@@ -304,9 +304,8 @@ def _cut(rows: Rows, shape: _Shape, which: Indices) -> Iterator[Element]:
         if place.stamp >= 0:
             seconds_type = "u4" if shape.ros1 else "i4"
             stamp = np.ascontiguousarray(rows[:, place.stamp : place.stamp + 8])
-            stamp_ns += (
-                stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64) * NS_PER_SECOND
-            )
+            seconds = stamp[:, :4].view(mark + seconds_type)[:, 0].astype(np.int64)
+            stamp_ns += seconds * NS_PER_SECOND
             stamp_ns += stamp[:, 4:].view(mark + "u4")[:, 0]
         elif place.tick >= 0:
             ticks = np.ascontiguousarray(rows[:, place.tick : place.tick + 4])

@@ -11,7 +11,6 @@ from imucalib_cli.logs.streams import NS_PER_SECOND
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-"""In a second."""
 _UNKNOWN, _NO_ORIENTATION = np.zeros(9), np.array([-1.0, *np.zeros(8)])
 """Covariances; REP 145: a first element of -1 means that there is no orientation."""
 

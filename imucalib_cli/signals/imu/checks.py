@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from imucalib_cli.logs.clock import Clock
-    from imucalib_cli.logs.streams import ImuStream
+    from imucalib_cli.logs.streams import ImuStream, StampKind
     from imucalib_cli.robot.path import Track
     from imucalib_cli.signals.imu.data_sheet import ImuModel
     from imucalib_cli.signals.samples import ImuSamples
@@ -77,7 +77,7 @@ def missing_sensors(imu: ImuSamples | ImuStream) -> list[Sensor]:
     return [sensor for sensor in SENSORS if not getattr(imu, sensor).any()]
 
 
-_REMEDY = {
+_OTHER_CLOCK: dict[StampKind | None, str] = {
     "log": "rerun with --clock log to use the times of receipt",
     "header": "rerun with --clock header to use the stamps of the headers",
 }
@@ -93,8 +93,8 @@ def refuse_still_stamps(imu: ImuStream, clock: Clock) -> None:
     stamps = imu.stamps_ns(clock.kind)
     if len(stamps) > 1 and not np.diff(stamps).any():
         name = "header stamps" if clock.kind == "header" else "receive times"
-        remedy = _REMEDY.get(
-            clock.alternative or "", "the log has no other sound stamps, so record again"
+        remedy = _OTHER_CLOCK.get(
+            clock.alternative, "the log has no other sound stamps, so record again"
         )
         raise InputError(f"{imu.topic}: {name} are all the same: {remedy}", topic=imu.topic)
 
@@ -111,15 +111,14 @@ def refuse_apart(imu: ImuSamples, tracks: Sequence[Track], clock: Clock) -> None
             raise InputError(f"{track.name}: no messages")
         first, last = float(np.min(track.t)), float(np.max(track.t))
         if first > end or last < start:
-            remedy = _REMEDY.get(
-                clock.alternative or "",
+            remedy = _OTHER_CLOCK.get(
+                clock.alternative,
                 "let both count from one instant (of tables, check the unit of the time), or "
                 "record again",
             )
             raise InputError(
                 f"{imu.topic} is stamped from {start:.3f} to {end:.3f} s of the log, "
-                f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; "
-                f"{remedy}",
+                f"{track.name} from {first:.3f} to {last:.3f} s: they do not overlap; {remedy}",
                 topic=imu.topic,
             )
 
