@@ -11,9 +11,9 @@ from msgspec.structs import replace
 from imucalib_cli.estimate.model.kinematic_noise import SeenNoise, is_drowned
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
-from imucalib_cli.estimate.solution.fit import Fit, lean_fit
+from imucalib_cli.estimate.solution.fit import Fit, lean_fit, whole_fit
 from imucalib_cli.estimate.solution.scales import DECISIVE
-from imucalib_cli.estimate.window_choice import choose_window
+from imucalib_cli.estimate.window_choice import LENGTHS, choose_window
 from imucalib_cli.signals.offset import coarse_time_offset
 
 if TYPE_CHECKING:
@@ -32,6 +32,8 @@ _SHORTEST: Final = 0.1
 """s: in shorter windows that noise drowns all else."""
 _SHORTER: Final = 0.7
 """Factor of a window where too few fit: two steps are a halving."""
+_SURER: Final = 0.9
+"""Ratio of standard deviations from which on another window is worth its time."""
 
 
 class Attempt(Struct, frozen=True, eq=False):
@@ -119,6 +121,44 @@ def with_longer_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> 
     if window.seconds <= attempt.window.seconds:
         return None
     return replace(attempt, lean=lean_fit(longer, options, attempt.lean), window=window)
+
+
+def with_surest_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> tuple[Attempt, Fit]:
+    """By windows of the length that makes the pose surest, where measured poses tell the motion.
+
+    Samples do not show how loud their noise is in windows: a tracker smooths it, and a body that
+    vibrates hides it.
+    """
+    if options.window != WindowChoice() or not fit.model.windowing.trajectory.has_poses:
+        return attempt, fit
+    given, seconds = attempt, attempt.window.seconds
+    longer = [length for length in LENGTHS if length > 1.1 * seconds]
+    shorter = [length for length in LENGTHS[::-1] if length < seconds / 1.1]
+    for lengths in (longer, shorter):
+        for length in lengths:
+            surer = _surer(attempt, fit, length, options)
+            if surer is None:
+                break
+            attempt, fit = surer
+        if attempt is not given:
+            break
+    return attempt, fit
+
+
+def _surer(
+    attempt: Attempt, fit: Fit, seconds: float, options: MatchedOptions
+) -> tuple[Attempt, Fit] | None:
+    """By windows of another length, if enough fit and the pose is surer by them."""
+    windowing, offset = fit.model.windowing, fit.model.shifts(fit.state)[1][0]
+    grid, trajectory, degree = windowing.grid, windowing.trajectory, options.degree
+    length, window = choose_window(WindowChoice(seconds=seconds), grid, trajectory, degree)
+    other = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
+    if fit.seen_noise.matters(seconds) or len(other.centres(offset)) < _ENOUGH_WINDOWS:
+        return None
+    window = replace(window, reason="automatic: the length that makes the result surest")
+    found = replace(attempt, lean=lean_fit(other, options, attempt.lean), window=window)
+    whole = whole_fit(found.lean, options)
+    return (found, whole) if whole.spread_over(fit) < _SURER else None
 
 
 def _next_attempt(

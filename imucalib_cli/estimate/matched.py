@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.attempts import best_attempt, with_longer_windows
+from imucalib_cli.estimate.attempts import best_attempt, with_longer_windows, with_surest_windows
 from imucalib_cli.estimate.checks import judge
 from imucalib_cli.estimate.checks.answer import offset_known
 from imucalib_cli.estimate.checks.observability import unobservable, widen
@@ -74,6 +74,7 @@ def calibrate_matched(
     fit = whole_fit(attempt.lean, options)
     while (longer := with_longer_windows(attempt, fit, options)) is not None:
         attempt, fit = longer, whole_fit(longer.lean, options)
+    attempt, fit = with_surest_windows(attempt, fit, options)
     directions = unobservable(fit)
     dependence = () if directions else tuple(window_dependence(fit))
     segments = Segments(fit, loud=bool(fit.over_noise.max() > judge.LOUD))

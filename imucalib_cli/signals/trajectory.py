@@ -315,6 +315,11 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
         return max(delays, default=0.0) + (max(jitter, default=0.0) if self.use_ticks else 0.0)
 
     @property
+    def has_poses(self) -> bool:
+        """Whether measured poses tell some of the motion."""
+        return any(track.kind == "pose" for track in self.path.tracks)
+
+    @property
     def base_readings(self) -> ImuGrid | None:
         """Readings of the IMU that gives the motion of the base, if there is one."""
         return next((track.imu for track in self.tracks if track.imu is not None), None)

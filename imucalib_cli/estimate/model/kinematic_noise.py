@@ -52,7 +52,9 @@ def own_noise(windowing: Windowing) -> Floats:
 
 def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
     """Whether noise of the kinematics is louder than the accelerometer's in windows of a length."""
-    accel = max(grid.noise[0], COMMON_IMU[0])
+    # Where poses are measured, the best length is searched from long windows on: shorter ones may
+    # be loud in a way that samples do not show.
+    accel = COMMON_IMU[0] if trajectory.has_poses else max(grid.noise[0], COMMON_IMU[0])
     # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
     own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
     return kinematic_variance(seconds, trajectory)[0] > own

@@ -221,6 +221,12 @@ class Fit(Answer, frozen=True, kw_only=True, eq=False, dict=True):
             self.equations, layout=layout, at=state, information=A, score=b, noise=white, motion=A
         )
 
+    def spread_over(self, other: Fit) -> float:
+        """Ratio of the pose's standard deviations to another fit's, the geometric mean."""
+        own, others = np.diag(self.pose_covariance), np.diag(other.pose_covariance)
+        free = (own > 0.0) & (others > 0.0)
+        return float(np.exp(0.5 * np.mean(np.log(own[free] / others[free])))) if free.any() else 1.0
+
     def evidence_over(self, other: Fit) -> float:
         """Fall of the Bayesian information criterion against another model."""
         count = min(len(self.windows.centres), len(other.windows.centres))

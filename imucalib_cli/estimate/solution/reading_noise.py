@@ -126,7 +126,7 @@ def _of_columns(
     on_score = np.zeros(layout.size)
     own = list(layout.of(Reading))
     of_base = list(layout.of_base(Reading))
-    tracked = any(track.kind == "pose" for track in windowing.trajectory.path.tracks)
+    tracked = windowing.trajectory.has_poses
     base = windowing.trajectory.base_readings or windowing.grid
     for (sensor, name), (errors, white, grid) in itertools.product(
         enumerate(SENSORS),
@@ -154,7 +154,8 @@ def _of_columns(
         least = np.minimum(white[sensor] ** 2 * windowing.grid.refine, seen)
         power = least
         if not tracked:  # twice the expected noise of the joints is subtracted
-            of_joints = _of_joints(windowing, frequency)[sensor]
+            place, tilt, turn = _of_kinematics(windowing, frequency)
+            of_joints = (place + tilt, turn)[sensor]
             power = np.maximum(share**2 * (seen - 2.0 * of_joints), least)
         root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
         root *= plan.noise_gains[sensor]
@@ -178,8 +179,8 @@ def _add_filters_of_streams(
 ) -> None:
     """Add that of the columns of tracked poses' filters, in which is what the tracker is noisy by.
 
-    That is the residuals' noise without the white noise of the IMU. Positions are seen by the
-    accelerometer, quaternions by the gyroscope.
+    Positions are seen by the accelerometer, quaternions by the gyroscope. The noise is what the
+    samples show, or the residuals' noise without the white noise of the IMU, whichever is larger.
     """
     windowing, (on_information, on_score) = model.windowing, to
     plan, grid = windowing.plan, windowing.grid
@@ -188,7 +189,11 @@ def _add_filters_of_streams(
             plain, at = plan.filters[sensor].average, placed.part.start + sensor
             length = 2 * len(plain)
             frequency, seen = noise.at(sensor, length, grid.dt)
-            power = np.maximum(seen - grid.noise[sensor] ** 2 * grid.refine, 0.0)
+            place, tilt, turn = _of_kinematics(windowing, frequency)
+            own = grid.noise[sensor] ** 2 * grid.refine
+            # Samples of a tracker that smooths hide its noise, a body that vibrates hides it too.
+            hidden, shown = ((seen - own - tilt, place), (seen - own, turn))[sensor]
+            power = np.maximum(hidden, shown)
             root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
             in_residual = np.fft.rfft(plain, length) * root * plan.noise_gains[sensor]
             gain = windowing.trajectory.change_gain(placed.index, frequency)
@@ -212,11 +217,16 @@ def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
     return np.asarray(np.maximum((np.abs(left) ** 2).mean(axis=1), _LEAST_LEFT))
 
 
-def _of_joints(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats]:
-    """Noise of the joints in the residuals, as in :class:`NoiseSpectrum`, (F,) each."""
+def _of_kinematics(windowing: Windowing, frequency: Floats) -> tuple[Floats, Floats, Floats]:
+    """Noise of the kinematics in the residuals, as in :class:`NoiseSpectrum`, (F,) each.
+
+    Returns:
+        Of the accelerometer by the place and by gravity, which is seen tilted, (m/s²)²; of the
+        gyroscope by the rotation, (rad/s)².
+    """
     rotation, position = kinematic_noise(windowing.trajectory)
     dt, angular = windowing.grid.dt, (2.0 * np.pi * frequency) ** 2
-    turned = rotation / 6.0  # an angle about an axis fills two of the nine elements' sum
-    # The place is differentiated twice, and gravity is seen tilted.
-    accel = angular**2 * position / 3.0 + STANDARD_GRAVITY**2 * turned
-    return accel / dt, angular * turned / dt
+    turned = np.full(len(frequency), rotation / 6.0)  # an angle fills two of nine elements' sum
+    # The place is differentiated twice, the rotation once.
+    tilt = STANDARD_GRAVITY**2 * turned
+    return angular**2 * position / (3.0 * dt), tilt / dt, angular * turned / dt
