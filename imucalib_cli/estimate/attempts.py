@@ -32,7 +32,7 @@ _SHORTEST: Final = 0.1
 """s: in shorter windows that noise drowns all else."""
 _SHORTER: Final = 0.7
 """Factor of a window where too few fit: two steps are a halving."""
-_SURER: Final = 0.9
+_SURER: Final = 0.95
 """Ratio of standard deviations from which on another window is worth its time."""
 
 
