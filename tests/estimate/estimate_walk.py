@@ -100,13 +100,13 @@ class Walk:
     def trunk(self, t: Floats) -> Place:
         """R_world_trunk and p_world_trunk."""
         turn, sway, _ = self._motion
-        p = _sum(sway, t)
+        p = sum_of(sway, t)
         p[:, 0] += 0.5 * t
-        return Rotation.from_euler("ZYX", _sum(turn, t)).as_matrix(), p
+        return Rotation.from_euler("ZYX", sum_of(turn, t)).as_matrix(), p
 
     def joints(self, t: Floats) -> Floats:
         """(N, J), rad."""
-        return _sum(self._motion[2], t)
+        return sum_of(self._motion[2], t)
 
     def link(self, t: Floats, count: int) -> Place:
         """R_world_link and p_world_link of the link behind so many joints."""
@@ -212,7 +212,8 @@ class Walk:
         return gyro, accel
 
 
-def _sum(tones: Floats, t: Floats) -> Floats:
+def sum_of(tones: Floats, t: Floats) -> Floats:
+    """(N, count) of tones (3, T, count): amplitudes, rates and phases."""
     amplitude, rate, phase = tones
     return np.asarray((amplitude * np.sin(t[:, None, None] * rate + phase)).sum(axis=1))
 
