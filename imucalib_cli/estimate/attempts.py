@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from imucalib_cli.estimate.model.kinematic_noise import SeenNoise, is_drowned
+from imucalib_cli.estimate.model.kinematic_noise import SeenNoise, hides_noise, is_drowned
 from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_windows
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.solution.fit import Fit, lean_fit, whole_fit
@@ -129,7 +129,8 @@ def with_surest_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> 
     Samples do not show how loud their noise is in windows: a tracker smooths it, and a body that
     vibrates hides it.
     """
-    if options.window != WindowChoice() or not fit.model.windowing.trajectory.has_poses:
+    windowing = fit.model.windowing
+    if options.window != WindowChoice() or not hides_noise(windowing.grid, windowing.trajectory):
         return attempt, fit
     given, seconds = attempt, attempt.window.seconds
     longer = [length for length in LENGTHS if length > 1.1 * seconds]

@@ -17,8 +17,8 @@ from tests.estimate.estimate_arm import GRAVITY, Log, Mount
 from tests.estimate.estimate_walk import Place, readings_of, sum_of
 
 DENSITY = (70e-6 * GRAVITY, float(np.radians(0.0028)))
-"""One-sided densities of accelerometer and gyroscope of an ICM-42688, m/s²/sqrt(Hz), rad/s/sqrt(Hz):
-its data sheet."""
+"""One-sided densities of the accelerometer and the gyroscope of an ICM-42688 by its data sheet,
+m/s²/sqrt(Hz) and rad/s/sqrt(Hz)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class Flight:
             return Rotation.from_rotvec(moved[:, 3:]).as_matrix(), moved[:, :3]
         amplitude, rate, phase = self._tones
         thrust = sum_of(np.stack([-amplitude * rate**2, rate, phase])[:, :, :3], t)
-        up = _unit(thrust + [0.0, 0.0, GRAVITY])
+        up = _unit(thrust + np.array([0.0, 0.0, GRAVITY]))
         yaw = moved[:, 5]
         left = _unit(np.cross(up, np.stack([np.cos(yaw), np.sin(yaw), 0 * yaw], axis=1)))
         return np.stack([np.cross(left, up), left, up], axis=2), moved[:, :3]

@@ -12,7 +12,7 @@ from imucalib_cli.estimate.window_choice import choose_window
 from imucalib_cli.signals.kernels import matched_filter
 from imucalib_cli.signals.prepare import clean_imu
 from imucalib_cli.signals.trajectory import Trajectory
-from tests.estimate.estimate_arm import Log, Moves, arm_path, make_log, solve
+from tests.estimate.estimate_arm import Log, Moves, arm_path, make_log, solve, solve_well
 
 MOVES = Moves(seconds=20.0)
 
@@ -55,6 +55,17 @@ def test_gyroscope_shows_noise_that_interpolation_hides() -> None:
     found = solve(interpolated)
     assert found.window.seconds > 0.5
     assert found.covered
+
+
+def test_vibration_does_not_shorten_windows() -> None:
+    """A loud accelerometer does not drown noise of the joints: it is loud at other frequencies."""
+    log = log_of(1e-4)
+    rng, t = np.random.default_rng(2), log.imu.t
+    turns = 85.0 * t + np.cumsum(rng.normal(size=len(t))) * 1e-3
+    shakes = 5.0 * np.sin(2 * np.pi * (turns[:, None] + rng.uniform(size=3)))
+    found = solve_well(log.with_imu(t, log.imu.gyro, log.imu.accel + shakes))
+    assert found.window.seconds >= solve(log).window.seconds
+    assert found.distance < 1e-3
 
 
 @pytest.mark.slow

@@ -38,6 +38,8 @@ SHORTEST = 0.2
 _KNOWN = 1.1
 """Variance of residuals over that of the sensor's own noise, up to which they are that noise: both
 are estimates, which differ by up to 4 % on simulated logs of white noise."""
+_LOUDEST_IMU = 1e-3 * STANDARD_GRAVITY
+"""m/s²/√Hz: no accelerometer's own noise is louder (data sheets: 0.02 to 0.6 mg/√Hz)."""
 _NODES, _DEGREE = 9, 3
 """Instants in windows that show how lively a log is, and degree of their polynomials."""
 _ARM = 1.0
@@ -52,12 +54,19 @@ def own_noise(windowing: Windowing) -> Floats:
 
 def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
     """Whether noise of the kinematics is louder than the accelerometer's in windows of a length."""
-    # Where poses are measured, the best length is searched from long windows on: shorter ones may
-    # be loud in a way that samples do not show.
-    accel = COMMON_IMU[0] if trajectory.has_poses else max(grid.noise[0], COMMON_IMU[0])
+    accel = COMMON_IMU[0] if hides_noise(grid, trajectory) else max(grid.noise[0], COMMON_IMU[0])
     # White noise through the second derivative's kernel keeps 10/7 dt/T of its variance.
     own = (10.0 / 7.0) * accel**2 * grid.refine * grid.dt / seconds
     return kinematic_variance(seconds, trajectory)[0] > own
+
+
+def hides_noise(grid: ImuGrid, trajectory: Trajectory) -> bool:
+    """Whether samples may not show how loud windows are.
+
+    A tracker smooths. A body that vibrates is louder between samples than in windows.
+    """
+    density = grid.noise[0] * np.sqrt(2.0 * grid.refine * grid.dt)
+    return trajectory.has_poses or bool(density > _LOUDEST_IMU)
 
 
 def attenuation(seconds: float, power: float, trajectory: Trajectory) -> float:
