@@ -92,7 +92,7 @@ def calibration(
         4.
     """
     added, score = _of_columns(model, x, noise, weights)
-    _add_filters_of_streams(model, x, noise, weights, (added, score))
+    _add_streams(model, x, noise, weights, (added, score))
     T = np.eye(len(total))
     noisy = np.flatnonzero(np.diag(added))
     if len(noisy):
@@ -174,32 +174,44 @@ def _of_columns(
     return on_information, on_score
 
 
-def _add_filters_of_streams(
+def _add_streams(
     model: Model, x: Floats, noise: NoiseSpectrum, weights: Floats, to: tuple[Floats, Floats]
 ) -> None:
-    """Add that of the columns of tracked poses' filters, in which is what the tracker is noisy by.
+    """Add that of the columns of tracked poses, which contain the noise of the tracker.
 
     Positions are seen by the accelerometer, quaternions by the gyroscope. The noise is what the
     samples show, or the residuals' noise without the white noise of the IMU, whichever is larger.
     """
-    windowing, (on_information, on_score) = model.windowing, to
+    windowing, layout, (on_information, on_score) = model.windowing, model.layout, to
     plan, grid = windowing.plan, windowing.grid
-    for placed, stream in model.layout.of(PoseStream):
-        for sensor in range(2) if stream.what == "filter" else ():
-            plain, at = plan.filters[sensor].average, placed.part.start + sensor
-            length = 2 * len(plain)
-            frequency, seen = noise.at(sensor, length, grid.dt)
-            place, tilt, turn = _of_kinematics(windowing, frequency)
-            own = grid.noise[sensor] ** 2 * grid.refine
-            # Samples of a tracker that smooths hide its noise, a body that vibrates hides it too.
-            hidden, shown = ((seen - own - tilt, place), (seen - own, turn))[sensor]
-            power = np.maximum(hidden, shown)
-            root = np.sqrt(power * weights[sensor] * one_sided(length) / length)
-            in_residual = np.fft.rfft(plain, length) * root * plan.noise_gains[sensor]
-            gain = windowing.trajectory.change_gain(placed.index, frequency)
-            squares = 3.0 * np.abs(in_residual) ** 2
-            on_information[at, at] = squares @ gain**2
-            on_score[at] = -(squares * gain) @ (1.0 - x[at] * gain)
+    for sensor in range(2):
+        plain = plan.filters[sensor].average
+        length = 2 * len(plain)
+        frequency, seen = noise.at(sensor, length, grid.dt)
+        found = {}
+        for each, stream in layout.of(PoseStream):
+            if stream.what == "filter":
+                gain = windowing.trajectory.change_gain(each.index, frequency)
+                found[each.part.start + sensor] = -gain
+            elif stream.what == "scale" and sensor == 0:
+                found[each.part.start] = np.ones_like(frequency)
+        if not found:
+            continue
+        places = np.array(list(found))
+        responses = np.stack([*found.values()])
+        in_residual = 1.0 + x[places] @ responses
+        if sensor == 0:  # a residual is part of the column of the unit of length
+            places = np.append(places, layout.accel_scale)
+            responses = np.concatenate([responses, np.tile(in_residual / 3.0, (3, 1))])
+        place, tilt, turn = _of_kinematics(windowing, frequency)
+        own = grid.noise[sensor] ** 2 * grid.refine
+        # Samples of a tracker that smooths hide its noise, a body that vibrates hides it too.
+        hidden, shown = ((seen - own - tilt, place), (seen - own, turn))[sensor]
+        power = np.maximum(hidden, shown) * weights[sensor] * one_sided(length) / length
+        power *= (plan.noise_gains[sensor] * np.abs(np.fft.rfft(plain, length))) ** 2
+        weighted = 3.0 * power * responses  # three axes have the same noise
+        on_information[np.ix_(places, places)] += weighted @ responses.T
+        on_score[places] += weighted @ in_residual
 
 
 def _share_left(model: Model, x: Floats, frequency: Floats) -> Floats:
