@@ -74,8 +74,8 @@ _MAX_BENT: Final = 0.02
 """Share by which columns that are held may differ from new ones: less than the accuracy they
 need."""
 _PASSES: Final = 16
-"""Steps at most: an answer that still moves then is said not to settle. Sound logs take two to four;
-errors of arms that bend may fall by no more than 0.6 a step."""
+"""Steps at most: an answer that still moves then is said not to settle. Sound logs take two to
+four; errors of arms that bend may fall by no more than 0.6 a step."""
 _ANEW: Final = 4
 """First passes, in which scales are learnt anew; later they might alternate between two splits."""
 _SETTLED: Final = 0.1

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 _LEAST_LEFT: Final = 0.1
 """Power of a sensor's noise that its errors leave: more than a filter can take away is rounding."""
+_ALL_NOISE: Final = 0.8
+"""Share of noise in a column from which it is all noise: noise is known to some per cent only."""
 
 
 class NoiseSpectrum(Struct, frozen=True, eq=False):
@@ -105,7 +107,7 @@ def calibration(
         shares, turn = np.linalg.eigh(root.T @ inverse[np.ix_(noisy, noisy)] @ root)
         root = root @ turn
         # J becomes J (I - A^-1 N), with N = root root' the noise in A.
-        no_more_than_all = root / np.maximum(shares, 1.0)
+        no_more_than_all = root / np.where(shares > _ALL_NOISE, shares, 1.0)
         T[1 + noisy, 1:] -= no_more_than_all @ (root.T @ inverse[noisy])
     return T, T[1:, 1:] @ score
 
