@@ -40,6 +40,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "gyroscope's axes": ("gyro_misalignment",),
     "axes off square": ("accel_skew", "gyro_skew"),
     "square of a reading": ("accel_square",),
+    "axes of the accelerometer apart": ("accel_place",),
     "g-sensitivity": ("gyro_g_sensitivity",),
     "driver filters": ("accel_filter", "gyro_filter"),
     "give of the mount": ("mount_give", "mount_turn"),

@@ -187,6 +187,7 @@ _REMEDIES: dict[str, str] = {
     "accel_scale": "calibrate the sensor, or scale its data",
     "gyro_scale": "calibrate the sensor, or scale its data",
     "accel_square": "calibrate the sensor",
+    "accel_place": "the pose is that of their middle",
     "accel_skew": "calibrate the sensor's axes",
     "gyro_skew": "calibrate the sensor's axes",
     "gyro_misalignment": "the pose is the accelerometer's; calibrate the sensor's axes",

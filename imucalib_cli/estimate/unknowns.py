@@ -179,6 +179,18 @@ def _seen_turned(samples: Samples, matrices: Floats) -> Floats:
     return np.asarray(cross(samples.accel, samples.accel @ matrices))
 
 
+def _apart(samples: Samples, places: Floats) -> Floats:
+    """(..., M, 3), acceleration of each axis where it is, rows of (..., 3, 3), m, IMU axes."""
+    w, along = samples.gyro, np.einsum("...aa->...a", places)
+    turning = _derivative(w, samples.dt) @ np.einsum("jai,...ai->...ja", skew(np.eye(3)), places)
+    towards = (w**2).sum(axis=1)[:, None] * along[..., None, :]
+    return np.asarray(turning + w * (w @ np.swapaxes(places, -1, -2)) - towards)
+
+
+_OF_Y_AND_Z: Final = np.einsum("xa,ij->xiaj", [[-1, 1, 0], [-1, 0, 1]], np.eye(3)).reshape(6, 3, 3)
+"""Places of the axes y and z, along x, y and z, from the middle of all three."""
+
+
 def _rate_turned(samples: Samples, matrices: Floats) -> Floats:
     """(..., M, 3), error of the rate, read in axes that turn with the force."""
     turn = samples.accel @ matrices
@@ -192,6 +204,7 @@ SCALES: Final[dict[str, Scale]] = {
     "sensor_scale": Scale(low=5e-7, high=2e-2),
     "sensor_axes": Scale(low=5e-7, high=2e-2, usual=1e-2),
     "sensor_turn": Scale(low=5e-7, high=2e-2, usual=1e-2),
+    "accel_place": Scale(low=1e-6, high=3e-3),
     "accel_square": Scale(low=1e-7, high=3e-4),
     "g_sensitivity": Scale(low=1e-8, high=3e-4),
     "driver_filter": Scale(low=3e-8, high=3e-4),
@@ -229,6 +242,9 @@ log are known only from those of the others.
 Axes have a usual size, since a log of one or two joints shows few of their components: if these
 are small by chance, the others would be taken to be small too. Data sheets of consumer sensors
 state 0.5 to 2 %, those of industrial ones 0.05 deg.
+
+Axes of an accelerometer are parts of one chip, or three chips on one board: they are tenths of a
+millimetre to some millimetres apart.
 
 The rotation between the triads of the two sensors is that of two chips in one package, and no log
 shows it without the pose. It is not assumed as small as the skews of each triad, which a log shows:
@@ -283,17 +299,18 @@ def _of_each_sensor(
     return entry(0, "accel", "accelerometer"), entry(1, "gyro", "gyroscope")
 
 
-# Reasons of the numbers below. Priors: quartz keeps 50 ppm; filters of the two sensors of one chip
-# differ by some ms; biases of consumer parts drift by 3 mg and 0.2 deg/s while they warm up; mocap
-# and odometry arrive some ms late and keep lengths to 0.2 %. Limits of the healthy: the MPU-6050, a
-# hobby part, states scales to 3 %, axes to 2 %, a nonlinearity of 0.5 %, which is 2.5e-4 s²/m at 2
-# g, and responses to acceleration of 2e-4 rad s/m; its biases reach 0.8 m/s² and 0.35 rad/s, of
-# which 0.5 and 0.2 are worth a word. Clocks ten times worse than quartz are broken. Drivers of
-# phones and of IMUs at 20 Hz give one sensor 45 ms before the other, filtered by 32 ms (a phone and
-# three drones): twice as much is sound. Zeros and axes of one degree, origins of 20 mm and play of
-# 0.3 deg are another robot than the URDF's, and a gear ratio 5 % off is that of another gear. What
-# filters a joint's report by 30 ms is made for a display. By eye, a base IMU is placed to 20 mm and
-# 0.1 rad, markers, which are larger, to 50 mm and 0.2 rad. A compass beside motors is 0.1 rad off.
+# Reasons of the numbers below. Priors: quartz keeps 50 ppm; filters of the two sensors of one
+# chip differ by some ms; biases of consumer parts drift by 3 mg and 0.2 deg/s while they warm up;
+# mocap and odometry arrive some ms late and keep lengths to 0.2 %. Limits of the healthy: the
+# MPU-6050, a hobby part, states scales to 3 %, axes to 2 %, a nonlinearity of 0.5 %, which is
+# 2.5e-4 s²/m at 2 g, and responses to acceleration of 2e-4 rad s/m; its biases reach 0.8 m/s² and
+# 0.35 rad/s, of which 0.5 and 0.2 are worth a word. Axes of an accelerometer lie within its
+# package, 5 mm. Clocks ten times worse than quartz are broken. Drivers of phones and of IMUs at
+# 20 Hz give one sensor 45 ms before the other, filtered by 32 ms (a phone and three drones):
+# twice as much is sound. Zeros and axes of one degree, origins of 20 mm and play of 0.3 deg are
+# another robot than the URDF's, and a gear ratio 5 % off is that of another gear. What filters a
+# joint's report by 30 ms is made for a display. By eye, a base IMU is placed to 20 mm and 0.1
+# rad, markers, which are larger, to 50 mm and 0.2 rad. A compass beside motors is 0.1 rad off.
 # Twice the oldest position that is sold is sound; a tracker smooths as a driver does.
 ENTRIES: Final[tuple[Unknown, ...]] = (
     Unknown(
@@ -418,6 +435,15 @@ ENTRIES: Final[tuple[Unknown, ...]] = (
         healthy=5e-4,
         effect=Reading("accel", lambda s, mixing: s.accel**2 @ mixing),
         words="error of the accelerometer by the square of its reading",
+    ),
+    Unknown(
+        name="accel_place",
+        labels=tuple(f"{axis} along {along}" for axis in "yz" for along in "xyz"),
+        unit="m",
+        scale="accel_place",
+        healthy=5e-3,
+        effect=Reading("accel", _apart, _OF_Y_AND_Z),
+        words="place at which an axis of the accelerometer measures, from the middle of all three",
     ),
     Unknown(
         name="gyro_misalignment",

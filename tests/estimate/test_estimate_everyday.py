@@ -23,6 +23,7 @@ from imucalib_cli.robot.path import PoseStep, Track
 from imucalib_cli.signals.samples import GRAVITY_STD
 from tests.estimate.estimate_arm import (
     GRAVITY,
+    MOUNT,
     Flaws,
     Floats,
     Log,
@@ -235,6 +236,19 @@ def test_accelerometer_that_is_not_linear_is_corrected(seed: int) -> None:
     value, std = found.parameter("accel_square")
     assert np.all(np.abs(value - square) < 4.0 * std)
     assert std.max() < 1e-5
+
+
+@pytest.mark.parametrize("seed", slow_after(1, range(3)))
+def test_accelerometer_whose_axes_are_apart_is_corrected(seed: int) -> None:
+    """Each axis reads what a sensor at its own place reads; the pose is that of the middle."""
+    moves, places = Moves(seconds=24.0), 5e-4 * np.random.default_rng(seed).normal(size=(3, 3))
+    places -= places.mean(axis=0)
+    logs = [make_log(moves, replace(MOUNT, t=MOUNT.t + MOUNT.R @ place)) for place in places]
+    accel = np.stack([log.imu.accel[:, axis] for axis, log in enumerate(logs)], axis=1)
+    found = solve_well(make_log(moves).with_imu(accel=accel).noisy(seed, "industrial"))
+    value, std = found.parameter("accel_place")
+    assert np.all(np.abs(value - places[1:].ravel()) < 4.0 * std)
+    assert found.distance < 6e-5
 
 
 def test_a_few_windows_do_not_look_like_a_mount_that_moved() -> None:
