@@ -247,7 +247,7 @@ def _has(robot: str, name: str) -> bool:
     """Whether a robot has an unknown."""
     if name.startswith("base_"):
         return robot == RECKONED
-    if name.startswith("gravity_") or name in {"joint_sag", "payload"}:
+    if name.startswith("gravity_"):
         return robot != RECKONED
     return robot == "mixed" or not name.startswith("pose_")
 
