@@ -317,7 +317,11 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
     @property
     def has_poses(self) -> bool:
         """Whether measured poses tell some of the motion."""
-        return any(track.kind == "pose" for track in self.path.tracks)
+        kinds = (described.kind for described in self.path.tracks)
+        return any(
+            kind == "pose" and bool(np.ptp(track.values, axis=0).any())
+            for kind, track in zip(kinds, self.tracks, strict=True)
+        )
 
     @property
     def base_readings(self) -> ImuGrid | None:

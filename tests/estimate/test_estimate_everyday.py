@@ -306,7 +306,7 @@ def test_vibration_that_follows_the_motion_is_no_compliance(robot: str, seed: in
 @pytest.mark.slow
 def test_odometry_of_a_base_that_stands_changes_nothing() -> None:
     """It tells nothing of how the base tilts."""
-    log, _ = everyday("ur10e", replace(ROWS["stiffer"], ground=3e-5), 0)
+    log, _ = everyday("ur10e", replace(ROWS["stiffer"], ground=3e-5), 1)
     t = log.path.tracks[0].t[::5]
     still = np.tile([3.0, -2.0, 0.0, 0.0, 0.0, np.sin(0.4), np.cos(0.4)], (len(t), 1))
     path = replace(
@@ -315,8 +315,8 @@ def test_odometry_of_a_base_that_stands_changes_nothing() -> None:
         tracks=(*log.path.tracks, Track(name="/odom", kind="pose", t=t, values=still)),
     )
     alone, found = solve(log), solve_well(replace(log, path=path))
-    assert (np.abs(found.error - alone.error) < 0.5 * alone.sigma).all()
-    np.testing.assert_allclose(found.sigma, alone.sigma, rtol=0.1)
+    assert (np.abs(found.error - alone.error) < 0.1 * alone.sigma).all()
+    np.testing.assert_allclose(found.sigma, alone.sigma, rtol=0.05)
 
 
 def turned_positions(track: Track) -> Floats:

@@ -21,7 +21,7 @@ def test_rotors_do_not_hide_noise_of_the_tracker(seed: int) -> None:
 
 @SEEDS
 def test_windows_are_long_enough_for_a_tracker_that_smooths(seed: int) -> None:
-    found = solve_well(Flight(seed=seed, smooth=0.03).log())
+    found = solve_well(Flight(seed=seed, smooth=0.03, vibration=1.0).log())
     assert found.window.seconds > 0.4
     assert found.distance < 6e-4
 

@@ -73,9 +73,11 @@ _HELD: Final = 4096
 _MAX_BENT: Final = 0.02
 """Share by which columns that are held may differ from new ones: less than the accuracy they
 need."""
-_PASSES: Final = 16
+_PASSES: Final = 8
 """Steps at most: an answer that still moves then is said not to settle. Sound logs take two to
-four; errors of arms that bend may fall by no more than 0.6 a step."""
+four."""
+_PASSES_BENT: Final = 16
+"""The same where joints bend: errors may fall by no more than 0.6 a step."""
 _ANEW: Final = 4
 """First passes, in which scales are learnt anew; later they might alternate between two splits."""
 _SETTLED: Final = 0.1
@@ -295,7 +297,14 @@ def whole_fit(lean: Fit, options: MatchedOptions) -> Fit:
     # What bends upwards is the payload or the base, which were missing.
     state.x[layout.sags] = np.maximum(state.x[layout.sags], 0.0)
     return _fitted(
-        Model(windowing, layout), options, state, rise, more=1, few=sys.maxsize, others=others
+        Model(windowing, layout),
+        options,
+        state,
+        rise,
+        more=1,
+        few=sys.maxsize,
+        passes=_PASSES_BENT,
+        others=others,
     )
 
 
@@ -404,6 +413,7 @@ def _fitted(
     more: int,
     *,
     few: int = _FEW,
+    passes: int = _PASSES,
     rough: bool = False,
     start: Residuals | None = None,
     others: tuple[WindowPlan, ...] = (),
@@ -420,7 +430,7 @@ def _fitted(
     noise: NoiseSpectrum | None = None
     u: Floats | None = None
     held = _HeldColumns()
-    for turn in range(_PASSES):
+    for turn in range(passes):
         every = model.centres(state)
         _check_enough(windowing, every, model.shifts(state)[1][0])
         centres = thinned(every, few * more**turn)
@@ -438,7 +448,7 @@ def _fitted(
         step, std = solved.step, np.sqrt(np.diag(solved.inverse))
         settled = _settles(step, std, held.bent, curvature[layout.free])
         enough = turn and settled and last
-        if turn == _PASSES - 1 or enough or (rough and sure and not falls):
+        if turn == passes - 1 or enough or (rough and sure and not falls):
             break
         noise, u, move = solved.at.noise, solved.u, embedded(step, layout.free)
         move[clock] = np.clip(move[clock], -seconds / 2.0, seconds / 2.0)
