@@ -13,7 +13,7 @@ from imucalib_cli.estimate.model.windows import Windowing, odd_length, plan_wind
 from imucalib_cli.estimate.options import MatchedOptions, WindowChoice
 from imucalib_cli.estimate.solution.fit import Fit, lean_fit, whole_fit
 from imucalib_cli.estimate.solution.scales import DECISIVE
-from imucalib_cli.estimate.window_choice import LENGTHS, choose_window
+from imucalib_cli.estimate.window_choice import choose_window, other_lengths
 from imucalib_cli.signals.offset import coarse_time_offset
 
 if TYPE_CHECKING:
@@ -97,19 +97,28 @@ def _windowing(
     seen: SeenNoise | None = None,
 ) -> tuple[Windowing, WindowEntry]:
     """Windows as asked, or long enough for the noise, of which enough fit at a time offset."""
-    degree = options.degree
-    length, window = choose_window(options.window, grid, trajectory, degree, seen)
-    windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    while options.window == WindowChoice() and window.seconds > _SHORTEST:
+    asked, degree = options.window, options.degree
+    windowing, window = _with_windows(grid, trajectory, asked, degree, seen)
+    while asked == WindowChoice() and window.seconds > _SHORTEST:
         shorter = _SHORTER * window.seconds
         noisy = is_drowned(shorter, grid, trajectory)
         if len(windowing.centres(offset)) >= (_ENOUGH_IF_NOISY if noisy else _ENOUGH_WINDOWS):
             break
         # Too few windows fit into the log or between its gaps.
-        length, window = choose_window(WindowChoice(seconds=shorter), grid, trajectory, degree)
+        windowing, window = _with_windows(grid, trajectory, WindowChoice(seconds=shorter), degree)
         window = replace(window, reason="automatic: shortened to fit the log and between its gaps")
-        windowing = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
     return windowing, window
+
+
+def _with_windows(
+    grid: ImuGrid,
+    trajectory: Trajectory,
+    choice: WindowChoice,
+    degree: int,
+    seen: SeenNoise | None = None,
+) -> tuple[Windowing, WindowEntry]:
+    length, window = choose_window(choice, grid, trajectory, degree, seen)
+    return Windowing(grid, trajectory, plan_windows(length, degree, grid.dt)), window
 
 
 def with_longer_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> Attempt | None:
@@ -132,12 +141,10 @@ def with_surest_windows(attempt: Attempt, fit: Fit, options: MatchedOptions) -> 
     windowing = fit.model.windowing
     if options.window != WindowChoice() or not hides_noise(windowing.grid, windowing.trajectory):
         return attempt, fit
-    given, seconds = attempt, attempt.window.seconds
-    longer = [length for length in LENGTHS if length > 1.1 * seconds]
-    shorter = [length for length in LENGTHS[::-1] if length < seconds / 1.1]
-    for lengths in (longer, shorter):
-        for length in lengths:
-            surer = _surer(attempt, fit, length, options)
+    given = attempt
+    for lengths in other_lengths(given.window):
+        for seconds in lengths:
+            surer = _surer(attempt, fit, seconds, options)
             if surer is None:
                 break
             attempt, fit = surer
@@ -150,11 +157,13 @@ def _surer(
     attempt: Attempt, fit: Fit, seconds: float, options: MatchedOptions
 ) -> tuple[Attempt, Fit] | None:
     """By windows of another length, if enough fit and the pose is surer by them."""
+    if fit.seen_noise.matters(seconds):
+        return None
     windowing, offset = fit.model.windowing, fit.model.shifts(fit.state)[1][0]
-    grid, trajectory, degree = windowing.grid, windowing.trajectory, options.degree
-    length, window = choose_window(WindowChoice(seconds=seconds), grid, trajectory, degree)
-    other = Windowing(grid, trajectory, plan_windows(length, degree, grid.dt))
-    if fit.seen_noise.matters(seconds) or len(other.centres(offset)) < _ENOUGH_WINDOWS:
+    other, window = _with_windows(
+        windowing.grid, windowing.trajectory, WindowChoice(seconds=seconds), options.degree
+    )
+    if len(other.centres(offset)) < _ENOUGH_WINDOWS:
         return None
     window = replace(window, reason="automatic: the length that makes the result surest")
     found = replace(attempt, lean=lean_fit(other, options, attempt.lean), window=window)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from imucalib_cli.signals.trajectory import Trajectory
 
 
-LENGTHS = (SHORTEST, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+_LENGTHS = (SHORTEST, 0.25, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 """s: of automatic windows."""
 MAX_ATTENUATION = 1e-4
 """Share of noise in the lever arm's regressor: 0.01 mm on a 100 mm lever arm."""
@@ -56,17 +56,25 @@ def choose_window(
 def _automatic(grid: ImuGrid, trajectory: Trajectory, seen: SeenNoise | None) -> tuple[float, str]:
     """Shortest length at which the kinematics' noise no longer matters."""
     power = lever_power(grid, trajectory) if seen is None else seen.lever_power
-    for seconds in LENGTHS:
+    for seconds in _LENGTHS:
         is_lever_right = attenuation(seconds, power, trajectory) <= MAX_ATTENUATION
         is_lever_right &= seen is None or not seen.matters(seconds)
         if is_lever_right and not is_drowned(seconds, grid, trajectory):
-            if seconds == LENGTHS[0]:
+            if seconds == _LENGTHS[0]:
                 return seconds, "automatic: noise of the kinematics is small at the shortest length"
             reason = "automatic: long enough to reduce the noise of the kinematics below the IMU's"
             return seconds, reason
-    return LENGTHS[-1], "automatic: the longest, the kinematics are noisy"
+    return _LENGTHS[-1], "automatic: the longest, the kinematics are noisy"
+
+
+def other_lengths(window: WindowEntry) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Longer automatic lengths, ascending, and shorter ones, descending, s."""
+    same = 0.9  # on a grid a window is a little shorter
+    longer = tuple(seconds for seconds in _LENGTHS if window.seconds <= same * seconds)
+    shorter = tuple(seconds for seconds in reversed(_LENGTHS) if seconds < same * window.seconds)
+    return longer, shorter
 
 
 def is_longest(window: WindowEntry) -> bool:
     """Whether no automatic window is longer."""
-    return window.seconds > 0.9 * LENGTHS[-1]  # on a grid it is a little shorter
+    return not other_lengths(window)[0]

@@ -314,7 +314,7 @@ class Trajectory(Struct, frozen=True, eq=False, dict=True, weakref=True):
         delays = [track.delay_std**2 for track in self.tracks]
         return max(delays, default=0.0) + (max(jitter, default=0.0) if self.use_ticks else 0.0)
 
-    @property
+    @cached_property
     def has_poses(self) -> bool:
         """Whether measured poses tell some of the motion."""
         kinds = (described.kind for described in self.path.tracks)

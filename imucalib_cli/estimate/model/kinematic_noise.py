@@ -63,7 +63,7 @@ def is_drowned(seconds: float, grid: ImuGrid, trajectory: Trajectory) -> bool:
 def hides_noise(grid: ImuGrid, trajectory: Trajectory) -> bool:
     """Whether samples may not show how loud windows are.
 
-    A tracker smooths. A body that vibrates is louder between samples than in windows.
+    A tracker smooths. A body that vibrates is louder from sample to sample than in windows.
     """
     density = grid.noise[0] * np.sqrt(2.0 * grid.refine * grid.dt)
     return trajectory.has_poses or bool(density > _LOUDEST_IMU)
